@@ -1,0 +1,24 @@
+"""What things are: robots, furniture, PDDL text. Imports nothing else of the project."""
+
+from pathlib import Path
+
+__all__ = ["path"]
+
+_ROOT = Path(__file__).resolve().parent
+
+
+def path(relative: str) -> Path:
+    """Path of a data file shipped with the package.
+
+    Args:
+        relative: path below `assets/`, for example `"mjcf/fetch.xml"`.
+
+    Raises:
+        FileNotFoundError: no such file; the message lists the files that exist.
+    """
+    file = _ROOT / relative
+    if not file.is_file():
+        suffixes = {".xml", ".pddl"}
+        known = sorted(str(f.relative_to(_ROOT)) for f in _ROOT.rglob("*") if f.suffix in suffixes)
+        raise FileNotFoundError(f"no asset {relative!r}; known assets: {', '.join(known)}")
+    return file
