@@ -1,0 +1,63 @@
+# Everything happens in .venv; stamps make the second run start in seconds.
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
+  $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+WORKERS ?= 2
+OBJECTS ?= 15
+SOURCES := assets irm planners clutter_env scripts tests
+
+.PHONY: help setup demo test test-slow check format bench clean
+
+help:
+	@echo "make setup      virtual environment with the package, its visuals and the development tools"
+	@echo "make demo       one 15-object episode solved in physics by the expert, plan printed, pictures in outputs/"
+	@echo "make test       the fast tests;  make test-slow: all of them"
+	@echo "make check      format, lint, types, import contracts, fast tests"
+	@echo "make bench      speed, memory and rendering of the environments"
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "Python 3.11, 3.12 or 3.13 is needed; say which with make PYTHON=..."; exit 1; }
+	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { \
+	  $(PYTHON) -m venv --clear --without-pip $(VENV) && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
+
+$(VENV)/.core: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable .
+	@touch $@
+
+$(VENV)/.visuals: $(VENV)/.core
+	$(PIP) install --quiet --constraint constraints.txt --editable ".[visuals]"
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.core
+	$(PIP) install --quiet --constraint constraints.txt --editable ".[dev]"
+	@touch $@
+
+setup: $(VENV)/.visuals $(VENV)/.dev
+
+demo: $(VENV)/.visuals
+	$(BIN)/python scripts/run_episode.py --objects $(OBJECTS)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
+
+test-slow: $(VENV)/.dev
+	$(BIN)/python -m pytest -q -n $(WORKERS)
+
+check: $(VENV)/.dev
+	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(MAKE) test
+
+format: $(VENV)/.dev
+	$(BIN)/ruff format $(SOURCES)
+	$(BIN)/ruff check --fix $(SOURCES)
+
+bench: $(VENV)/.core
+	$(BIN)/python scripts/benchmark.py
+
+clean:
+	rm -rf $(VENV) outputs .pytest_cache .ruff_cache .mypy_cache
