@@ -41,6 +41,8 @@ SUPPORT = "table_top"
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
 OBJECT_PREFIX = "object_"
+AXIS_TOLERANCE = 1e-6
+"""Rounding of rotation matrices."""
 
 Shape = Literal["cylinder", "box"]
 
@@ -306,7 +308,7 @@ class Scene:
 
 
 def _is_object(model: mujoco.MjModel, body: int) -> bool:
-    return model.body(body).name.startswith(OBJECT_PREFIX)
+    return str(model.body(body).name).startswith(OBJECT_PREFIX)
 
 
 def _object(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Body:
@@ -334,7 +336,7 @@ def _furniture(model: mujoco.MjModel, data: mujoco.MjData) -> Iterable[Furniture
             continue
         name = model.geom(geom).name or f"furniture_{geom}"
         rotation = np.abs(data.geom_xmat[geom].reshape(3, 3))
-        if np.abs(rotation - rotation.round()).max() > 1e-6:
+        if np.abs(rotation - rotation.round()).max() > AXIS_TOLERANCE:
             raise SceneError(f"furniture {name!r} is not axis-aligned")
         yield FurnitureBox(name, data.geom_xpos[geom], rotation @ model.geom_size[geom])
 

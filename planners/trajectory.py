@@ -1,0 +1,83 @@
+"""Timed motions of the whole robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Phase", "Trajectory", "TrajectorySample"]
+
+
+class Phase(NamedTuple):
+    """A stretch of a trajectory: its name, when it starts [s], and what is in hand meanwhile ("" for nothing)."""
+
+    name: str
+    start: float
+    held: str
+
+
+class TrajectorySample(NamedTuple):
+    """The commanded state at one time: `base` (3,), `q` (8,), one finger [m], the phase."""
+
+    base: NDArray[np.float64]
+    q: NDArray[np.float64]
+    finger_position: float
+    phase: Phase
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Commands at control steps; linear in between.
+
+    `times` (n,) [s] from 0, `base` (n, 3) x [m], y [m], yaw [rad] (continuous, not wrapped), `q` (n, 8) torso [m] and
+    arm [rad], `finger_position` (n,) [m] of one finger, `phases` in order of time, the first starting at 0.
+    """
+
+    times: NDArray[np.float64]
+    base: NDArray[np.float64]
+    q: NDArray[np.float64]
+    finger_position: NDArray[np.float64]
+    phases: tuple[Phase, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.times)
+        for name in ("times", "base", "q", "finger_position"):
+            array = np.array(getattr(self, name), dtype=float)
+            if len(array) != n or n == 0:
+                raise ValueError(f"{name} has {len(array)} samples, times has {n}; at least one is needed")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if not self.phases or self.phases[0].start > 0:
+            raise ValueError("a trajectory needs phases from time 0 on")
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return float(self.times[-1])
+
+    @property
+    def held(self) -> str:
+        """What is in hand at the end, "" for nothing."""
+        return self.phases[-1].held
+
+    def phase(self, time: float) -> Phase:
+        """The phase that a time [s] belongs to."""
+        return [phase for phase in self.phases if phase.start <= max(time, 0.0)][-1]
+
+    def sample(self, time: float) -> TrajectorySample:
+        """The commanded state at a time [s], clipped to the trajectory's duration."""
+        time = min(max(time, 0.0), self.duration)
+        i = min(int(np.searchsorted(self.times, time, side="right")), len(self.times) - 1)
+        before = max(i - 1, 0)
+        span = self.times[i] - self.times[before]
+        s = (time - self.times[before]) / span if span > 0 else 1.0
+
+        def between(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray(values[before] + s * (values[i] - values[before]))
+
+        return TrajectorySample(
+            between(self.base), between(self.q), float(between(self.finger_position)), self.phase(time)
+        )
