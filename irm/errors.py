@@ -1,0 +1,25 @@
+"""What can be misused in this package; expected failures are values (`Status.NO`), not exceptions."""
+
+from __future__ import annotations
+
+__all__ = ["ChainError", "MapFileError", "MapMismatch", "QueryError", "ReachabilityError"]
+
+
+class ReachabilityError(ValueError):
+    """Base of every error this package raises for misuse."""
+
+
+class ChainError(ReachabilityError):
+    """The robot's chain does not have the structure that was asked of it."""
+
+
+class MapFileError(ReachabilityError):
+    """A map file is damaged, or is not a map file of this version."""
+
+
+class MapMismatch(ReachabilityError):
+    """A map belongs to another robot, or to other parameters, than those it is used with."""
+
+
+class QueryError(ReachabilityError):
+    """A query that has no meaning: not a number, an empty range, a wrong shape."""
