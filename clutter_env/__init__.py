@@ -1,0 +1,16 @@
+"""Registers the environments with Gymnasium, and nothing else."""
+
+from gymnasium.envs.registration import register
+
+__all__ = ["OBJECT_COUNTS"]
+
+OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
+
+for _count in OBJECT_COUNTS:
+    register(
+        id=f"clutter_env/Retrieve-o{_count}-v0",
+        entry_point="clutter_env.env:RetrieveEnv",
+        kwargs={"num_objects": _count},
+        # 300 s, and 20 s more for each object that may have to be cleared first.
+        max_episode_steps=6000 + 400 * _count,
+    )

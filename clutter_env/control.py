@@ -1,0 +1,219 @@
+"""Actions to joint targets: what the motors are told to follow in the next control step.
+
+The controller keeps a joint target that moves within the robot's velocity and acceleration limits; the motors (stiff
+position servos with a velocity reference) follow it. An action asks for a velocity of that target.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
+from clutter_env.errors import ActionError
+from clutter_env.model import ModelIndex
+
+__all__ = ["CONTROL_STEP", "ControlState", "JointController", "checked_action"]
+
+CONTROL_STEP = 1 / CONTROL_HZ
+"""[s]"""
+SEGMENTS = 5
+"""Steps in which the motors' command moves within one control step (100 Hz)."""
+ARENA = 4.0
+"""[m] The base target stays within this distance of the table's centre along x and y."""
+
+_BASE_LEAD = 0.10
+_TORSO_LEAD = 0.03
+_ARM_LEAD = 0.15
+"""[m], [m], [rad]: how far the target may run ahead of a blocked joint; twice what saturates the motors or less."""
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class ControlState:
+    """What the controller remembers from one control step to the next.
+
+    `target` (4 + n,) drive vector, `velocity` (4 + n,) of that target in the world frame, `finger` [m].
+    """
+
+    target: Vector
+    velocity: Vector
+    finger: float
+
+
+def checked_action(action: ArrayLike, size: int) -> Vector:
+    """The action as a float64 vector clipped to [-1, 1].
+
+    Raises:
+        ActionError: not a finite numeric vector of shape (size,).
+    """
+    try:
+        vector = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ActionError(f"the action must be {size} finite numbers in [-1, 1], not {action!r}") from None
+    if vector.shape != (size,):
+        raise ActionError(f"the action must have shape ({size},), not {vector.shape}")
+    if not np.isfinite(vector).all():
+        raise ActionError(f"the action must be {size} finite numbers in [-1, 1]; it holds NaN or infinity: {vector}")
+    return np.clip(vector, -1.0, 1.0)
+
+
+class JointController:
+    """"joint" control: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, finger position.
+
+    A full action is the joint's maximum velocity. The last number is the opening: -1 closed, 1 open; the fingers move
+    there at their own speed.
+    """
+
+    def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
+        self._index = index
+        self._robot = robot
+        arm = len(robot.chain) - 1
+        self._max_velocity = np.array(robot.max_velocity)
+        self._max_change = np.array(robot.max_acceleration) * CONTROL_STEP
+        chain = robot.chain
+        self._lower = np.array([-ARENA, -ARENA, -math.inf, *(link.lower for link in chain)])
+        self._upper = np.array([ARENA, ARENA, math.inf, *(link.upper for link in chain)])
+        self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
+        self._feedforward = _velocity_feedforward(model, index)
+        self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
+
+    @property
+    def size(self) -> int:
+        """Numbers in an action."""
+        return len(self._max_velocity) + 1
+
+    def reset(self, data: mujoco.MjData) -> None:
+        """Take the present posture as the target, at rest."""
+        self.state = ControlState(
+            target=data.qpos[self._index.drive_qpos].copy(),
+            velocity=np.zeros_like(self._max_velocity),
+            finger=float(data.qpos[self._index.finger_qpos].mean()),
+        )
+        self._write(data, self.state.target, self.state.velocity, self.state.finger)
+
+    def velocity_limit(self, is_loaded: bool) -> Vector:
+        """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
+        limit = self._max_velocity.copy()
+        if is_loaded:
+            limit[2] = min(limit[2], self._robot.max_loaded_yaw_rate)
+        return limit
+
+    def drive(self, model: mujoco.MjModel, data: mujoco.MjData, action: Vector, is_loaded: bool) -> None:
+        """Advance the physics by one control step under a checked action (4 + n + 1,)."""
+        velocity = action[:-1] * self._max_velocity
+        self.follow(model, data, velocity, float(action[-1]), is_loaded)
+
+    def follow(
+        self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grip: float, is_loaded: bool
+    ) -> None:
+        """Advance the physics while the target moves as asked, as far as the limits allow.
+
+        Args:
+            model: the model.
+            data: its data, stepped `PHYSICS_STEPS` times.
+            velocity: (4 + n,) wanted, base x and y in the base's frame.
+            grip: wanted finger position, -1 closed to 1 open.
+            is_loaded: whether something is held.
+        """
+        before, finger_before = self.state.target, self.state.finger
+        self._advance_target(data, velocity, is_loaded)
+        self._advance_finger(grip)
+        step, finger_step = self.state.target - before, self.state.finger - finger_before
+        for segment in range(1, SEGMENTS + 1):
+            share = segment / SEGMENTS
+            self._write(data, before + share * step, self.state.velocity, finger_before + share * finger_step)
+            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
+
+    def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
+        """The action that brings the target to `q_target` (4 + n,) in the next control step.
+
+        Where that is out of reach within the limits, the action that approaches it without running past it.
+
+        Raises:
+            ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.
+        """
+        goal = _checked_vector("q_target", q_target, len(self._max_velocity))
+        velocity = self.velocity_towards(goal, is_loaded)
+        return np.append(np.clip(velocity / self._max_velocity, -1.0, 1.0), self.grip_action(gripper_width))
+
+    def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
+        """Velocity (4 + n,), base part in the base's frame, that a step to the drive vector `goal` needs."""
+        rotation = self._base_rotation()
+        error = goal - self.state.target
+        error[:2] = rotation.T @ error[:2]
+        present = self.state.velocity.copy()
+        present[:2] = rotation.T @ present[:2]
+        wanted = error / CONTROL_STEP
+        limit = self.velocity_limit(is_loaded)
+        tolerance = 1 + 1e-9
+        is_reachable = (np.abs(wanted) <= limit * tolerance) & (
+            np.abs(wanted - present) <= self._max_change * tolerance
+        )
+        half = self._max_change / 2
+        braking = np.sqrt(half**2 + 2 * self._max_change * np.abs(error) / CONTROL_STEP) - half
+        return np.where(is_reachable, wanted, np.sign(error) * np.minimum(np.minimum(braking, np.abs(wanted)), limit))
+
+    def grip_action(self, gripper_width: float) -> float:
+        """The action's last number for pads `gripper_width` [m] apart.
+
+        Raises:
+            ActionError: not a finite number.
+        """
+        width = _checked_vector("gripper_width", [gripper_width], 1)[0]
+        return 2 * self._robot.finger_position(float(width)) / self._robot.max_finger_position - 1
+
+    def _base_rotation(self) -> Vector:
+        """(2, 2) base to world, at the target yaw."""
+        cosine, sine = math.cos(self.state.target[2]), math.sin(self.state.target[2])
+        return np.array([[cosine, -sine], [sine, cosine]])
+
+    def _advance_target(self, data: mujoco.MjData, velocity: Vector, is_loaded: bool) -> None:
+        state = self.state
+        rotation = self._base_rotation()
+        present = state.velocity.copy()
+        present[:2] = rotation.T @ present[:2]
+        limit = self.velocity_limit(is_loaded)
+        allowed = np.clip(velocity, -limit, limit)
+        allowed = np.clip(allowed, present - self._max_change, present + self._max_change)
+        allowed[:2] = rotation @ allowed[:2]
+        actual = data.qpos[self._index.drive_qpos]
+        target = state.target + allowed * CONTROL_STEP
+        bounded = np.clip(np.clip(target, actual - self._lead, actual + self._lead), self._lower, self._upper)
+        moved = np.clip((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
+        velocity_kept = np.where(bounded == target, allowed, moved)
+        self.state = ControlState(target=bounded, velocity=velocity_kept, finger=state.finger)
+
+    def _advance_finger(self, grip: float) -> None:
+        wanted = (grip + 1) / 2 * self._robot.max_finger_position
+        step = self._robot.max_finger_velocity * CONTROL_STEP
+        self.state.finger += min(max(wanted - self.state.finger, -step), step)
+
+    def _write(self, data: mujoco.MjData, target: Vector, velocity: Vector, finger: float) -> None:
+        data.ctrl[self._index.drive_actuators] = target + self._feedforward * velocity
+        data.ctrl[self._index.finger_actuators] = finger
+        data.ctrl[self._index.head_actuators] = self._robot.head_posture
+
+
+def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
+    """[s] (4 + n,): added to a servo's position command per unit of velocity, it cancels the drag of its damping."""
+    gain = model.actuator_gainprm[index.drive_actuators, 0]
+    damping = -model.actuator_biasprm[index.drive_actuators, 2]
+    joint_damping = np.array([model.dof_damping[dof].ravel()[0] for dof in index.drive_dof])
+    return (damping + joint_damping) / gain
+
+
+def _checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ActionError(f"{name} must be {size} finite numbers, not {value!r}") from None
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise ActionError(f"{name} must be {size} finite numbers, not {value!r}")
+    return vector

@@ -1,0 +1,109 @@
+"""End-effector actions: TCP velocities become torso and arm velocities through mink on a robot-only model."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.control import CONTROL_STEP
+
+__all__ = ["EndEffectorController"]
+
+Vector = NDArray[np.float64]
+
+POSITION_LEAD, ROTATION_LEAD = 0.05, 0.25
+"""[m], [rad]: how far the wanted TCP pose may run ahead of the one that the joints are told to reach."""
+_POSTURE_COST = 1e-2
+"""Against 1 for the TCP: enough to choose among redundant postures, too little to be seen at the TCP."""
+_FRAME_DAMPING = 1e-3
+_SOLVER_DAMPING = 1e-6
+_LIMIT_MARGIN = 1e-6
+"""[rad], [m] The start of a solve is kept this far inside the joint limits."""
+
+
+class EndEffectorController:
+    """Keeps a wanted TCP pose in the base frame and follows it with the torso and the arm.
+
+    The pose moves as the action says, but stays near what the joints can do, so that a target out of reach is
+    approached and left again without delay.
+    """
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self._model = _arm_model(robot)
+        self._robot = robot
+        self._configuration = mink.Configuration(self._model)
+        self._frame_task = mink.FrameTask(
+            robot.tcp_site, "site", position_cost=1.0, orientation_cost=1.0, lm_damping=_FRAME_DAMPING
+        )
+        posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST)
+        posture_task.set_target(np.array(robot.home))
+        self._tasks = [self._frame_task, posture_task]
+        speeds = dict(zip((link.joint for link in robot.chain), robot.max_velocity[3:], strict=True))
+        self._limits = [mink.ConfigurationLimit(self._model), mink.VelocityLimit(self._model, speeds)]
+        self._speed = np.repeat(robot.max_tcp_velocity, 3)
+        self._lower = np.array([link.lower for link in robot.chain]) + _LIMIT_MARGIN
+        self._upper = np.array([link.upper for link in robot.chain]) - _LIMIT_MARGIN
+        self.wanted = np.array([1.0, 0, 0, 0, 0, 0, 0])
+
+    def reset(self, q: Vector) -> None:
+        """Want what the joints (1 + n,) do."""
+        self.wanted = self._tcp_at(q).wxyz_xyz.copy()
+
+    def joint_velocity(self, twist: Vector, q: Vector) -> Vector:
+        """Torso and arm velocities (1 + n,) for the next control step.
+
+        Args:
+            twist: (6,) linear and angular TCP velocity in the base frame, each in [-1, 1] of the maximum.
+            q: (1 + n,) the joint targets from which the step starts.
+        """
+        present = self._tcp_at(q)
+        moved = _moved(mink.SE3(self.wanted), twist * self._speed * CONTROL_STEP)
+        self.wanted = _near(present, moved).wxyz_xyz.copy()
+        self._frame_task.set_target(mink.SE3(self.wanted))
+        try:
+            velocity = mink.solve_ik(
+                self._configuration, self._tasks, CONTROL_STEP, solver="daqp", damping=_SOLVER_DAMPING, limits=self._limits
+            )
+        except mink.NoSolutionFound:
+            return np.zeros_like(q)
+        return np.asarray(velocity)
+
+    def twist_towards(self, T_base_tcp: Vector) -> Vector:
+        """The (6,) part of an action that moves the wanted pose to `T_base_tcp` (4, 4), slower where it is too far."""
+        goal, wanted = mink.SE3.from_matrix(T_base_tcp), mink.SE3(self.wanted)
+        linear = goal.translation() - wanted.translation()
+        angular = (goal.rotation() @ wanted.rotation().inverse()).log()
+        twist = np.concatenate((linear, angular)) / (self._speed * CONTROL_STEP)
+        return twist / max(1.0, float(np.abs(twist).max()))
+
+    def _tcp_at(self, q: Vector) -> mink.SE3:
+        self._configuration.update(np.clip(q, self._lower, self._upper))
+        return self._configuration.get_transform_frame_to_world(self._robot.tcp_site, "site")
+
+
+def _moved(pose: mink.SE3, step: Vector) -> mink.SE3:
+    """The pose after a displacement (6,) of its origin [m] and a rotation vector [rad], both in the base frame."""
+    rotation = mink.SO3.exp(step[3:]) @ pose.rotation()
+    return mink.SE3.from_rotation_and_translation(rotation, pose.translation() + step[:3])
+
+
+def _near(present: mink.SE3, wanted: mink.SE3) -> mink.SE3:
+    """`wanted`, drawn towards `present` until it leads by no more than the allowed distance and angle."""
+    linear = wanted.translation() - present.translation()
+    angular = (wanted.rotation() @ present.rotation().inverse()).log()
+    linear *= min(1.0, POSITION_LEAD / max(float(np.linalg.norm(linear)), POSITION_LEAD))
+    angular *= min(1.0, ROTATION_LEAD / max(float(np.linalg.norm(angular)), ROTATION_LEAD))
+    return _moved(present, np.concatenate((linear, angular)))
+
+
+def _arm_model(robot: RobotSpec) -> mujoco.MjModel:
+    """The robot alone, its base, head and fingers fixed: q is torso and arm, as in `RobotSpec`."""
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    for part in [*spec.actuators, *spec.equalities]:
+        spec.delete(part)
+    for joint in (*robot.base_joints, *robot.head_joints, *robot.finger_joints):
+        spec.delete(spec.joint(joint))
+    return spec.compile()

@@ -1,0 +1,334 @@
+"""The MuJoCo model: robot, furniture and objects; compiled once, then refitted to each new scene.
+
+A reset writes sizes, masses, inertias, colours and start poses into the compiled model. Every such entry is written
+every time, so that what follows depends on the scene alone and not on the scenes before it.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.config import TIMESTEP
+from clutter_env.layout import TABLE_HEIGHT, Layout, TableScene, furniture, object_name
+
+__all__ = ["ModelIndex", "build_spec", "compile_model", "fit_scene", "has_visuals", "mesh_folder"]
+
+PARKED_X = -3.0
+"""[m] where the base stands in the model's reference posture: clear of everything, so that objects may start asleep."""
+ENVIRONMENT_BITS = (1, 3)
+"""contype, conaffinity of furniture and objects; the robot has 2, 0 and thus never meets itself."""
+VISUAL_GROUP, HIDDEN_GROUP = 1, 3
+"""Geom groups of the meshes shown and of the primitives that they replace."""
+
+_OBJECT_FRICTION = (0.8, 0.005, 0.0005)
+_OBJECT_SOLREF = (0.01, 1.0)
+_TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
+_FURNITURE_COLOURS = {
+    "table": (0.80, 0.68, 0.53, 1.0),
+    "counter": (0.83, 0.84, 0.85, 1.0),
+    "wall": (0.90, 0.90, 0.88, 1.0),
+    "shelf": (0.66, 0.54, 0.41, 1.0),
+}
+_SHELF_BOARD_ALPHA = 0.35
+"""The board above the objects is drawn see-through."""
+_HUES = (0.07, 0.93)
+"""Hues of what is not the target: all but the reds."""
+_GOLDEN_RATIO = 0.6180339887
+
+
+@dataclass(frozen=True)
+class ModelIndex:
+    """Where things are in a compiled model; arrays are read-only."""
+
+    base_body: int
+    tcp_site: int
+    drive_qpos: NDArray[np.intp]
+    drive_dof: NDArray[np.intp]
+    drive_actuators: NDArray[np.intp]
+    finger_qpos: NDArray[np.intp]
+    finger_actuators: NDArray[np.intp]
+    finger_geoms: tuple[int, int]
+    head_qpos: NDArray[np.intp]
+    head_actuators: NDArray[np.intp]
+    object_bodies: slice
+    object_geoms: NDArray[np.intp]
+    object_qpos: slice
+    object_dof: slice
+    num_objects: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, robot: RobotSpec, num_objects: int) -> ModelIndex:
+        """The index of a model that `compile_model` made."""
+
+        def qpos(joints: tuple[str, ...]) -> NDArray[np.intp]:
+            return _frozen([model.joint(name).qposadr[0] for name in joints])
+
+        def actuators(joints: tuple[str, ...]) -> NDArray[np.intp]:
+            return _frozen([model.actuator(name).id for name in joints])
+
+        first = model.body(object_name(0)).id if num_objects else model.nbody
+        return cls(
+            base_body=model.body(robot.base_body).id,
+            tcp_site=model.site(robot.tcp_site).id,
+            drive_qpos=qpos(robot.drive_joints),
+            drive_dof=_frozen([model.joint(name).dofadr[0] for name in robot.drive_joints]),
+            drive_actuators=actuators(robot.drive_joints),
+            finger_qpos=qpos(robot.finger_joints),
+            finger_actuators=actuators(robot.finger_joints),
+            finger_geoms=(model.geom(robot.finger_geoms[0]).id, model.geom(robot.finger_geoms[1]).id),
+            head_qpos=qpos(robot.head_joints),
+            head_actuators=actuators(robot.head_joints),
+            object_bodies=slice(first, first + num_objects),
+            object_geoms=_frozen([model.geom(object_name(i)).id for i in range(num_objects)]),
+            object_qpos=slice(model.nq - 7 * num_objects, model.nq),
+            object_dof=slice(model.nv - 6 * num_objects, model.nv),
+            num_objects=num_objects,
+        )
+
+
+def _frozen(values: list[int]) -> NDArray[np.intp]:
+    array = np.array(values, dtype=np.intp)
+    array.setflags(write=False)
+    return array
+
+
+def compile_model(
+    robot: RobotSpec, layout: Layout, shapes: tuple[str, ...], picture: tuple[int, int] = (480, 480), show_meshes: bool = False
+) -> mujoco.MjModel:
+    """Robot, furniture and one body per entry of `shapes`.
+
+    Args:
+        robot: which robot.
+        layout: which table.
+        shapes: "cylinder" or "box" for each object.
+        picture: width and height [pixels] of the largest picture to be drawn.
+        show_meshes: show the robot's meshes instead of its primitives, where they are installed.
+    """
+    spec = build_spec(robot, layout, shapes)
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = picture
+    if show_meshes and has_visuals(robot):
+        _show_meshes(spec, robot)
+    return spec.compile()
+
+
+def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> mujoco.MjSpec:
+    """The editable model; see `compile_model`."""
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    spec.modelname = f"{robot.name}_{layout.name}"
+    _set_physics(spec)
+    _park_robot(spec, robot)
+    _add_surroundings(spec, layout)
+    for index, shape in enumerate(shapes):
+        _add_object(spec, index, shape)
+    return spec
+
+
+def _set_physics(spec: mujoco.MjSpec) -> None:
+    """The settings under which side grasps hold: elliptic cone, impratio 10, stiff pads; bodies at rest sleep."""
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+
+
+def _park_robot(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Move the reference posture away from the table while joint positions stay world coordinates."""
+    base = spec.body(robot.base_body)
+    base.pos = [PARKED_X, 0.0, 0.0]
+    spec.joint(robot.base_joints[0]).ref = PARKED_X
+
+
+def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
+    world = spec.worldbody
+    world.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.5], rgba=[0.93, 0.94, 0.95, 1], contype=1, conaffinity=1
+    )
+    contype, conaffinity = ENVIRONMENT_BITS
+    for box in furniture(layout):
+        colour = list(_FURNITURE_COLOURS[box.name.split("_")[0]])
+        if box.name == "shelf_board":
+            colour[3] = _SHELF_BOARD_ALPHA
+        world.add_geom(
+            name=box.name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=box.position,
+            size=box.half_extents,
+            rgba=colour,
+            contype=contype,
+            conaffinity=conaffinity,
+        )
+    _add_lights_and_cameras(spec, layout)
+
+
+def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
+    """Soft light, a pale sky, the cameras "scene" (from the robot's left, behind it) and "top"."""
+    spec.visual.quality.offsamples = 0
+    spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
+    spec.visual.headlight.diffuse = [0.32, 0.32, 0.32]
+    spec.visual.headlight.specular = [0.05, 0.05, 0.05]
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.97, 0.98, 1.0],
+        rgb2=[0.86, 0.90, 0.94],
+        width=64,
+        height=384,
+    )
+    world = spec.worldbody
+    world.add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[-1.5, 1.5, 4],
+        dir=[0.45, -0.35, -1],
+        diffuse=[0.45, 0.45, 0.45],
+        castshadow=False,
+    )
+    scene = _look_at(np.array([-1.75, 1.9, 2.1]), np.array([-0.25, 0.0, 0.72]))
+    world.add_camera(name="scene", pos=[-1.75, 1.9, 2.1], xyaxes=scene, fovy=42)
+    height = TABLE_HEIGHT + 1.25 * max(layout.width, layout.depth + 0.6)
+    world.add_camera(name="top", pos=[-0.15, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=48)
+
+
+def _look_at(eye: NDArray[np.float64], point: NDArray[np.float64]) -> list[float]:
+    """The camera's x and y axes (6 numbers) that make it look from `eye` at `point`, upright."""
+    back = (eye - point) / np.linalg.norm(eye - point)
+    right = np.cross((0.0, 0.0, 1.0), back)
+    right /= np.linalg.norm(right)
+    return [*right, *np.cross(back, right)]
+
+
+def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
+    """A free body at the origin of nothing in particular: `fit_scene` gives it its size and place."""
+    body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])
+    body.add_freejoint(name=f"{object_name(index)}_joint")
+    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+    contype, conaffinity = ENVIRONMENT_BITS
+    body.explicitinertial = True
+    body.mass, body.inertia = 0.2, [1e-3, 1e-3, 1e-3]
+    is_box = shape == "box"
+    body.add_geom(
+        name=object_name(index),
+        type=mujoco.mjtGeom.mjGEOM_BOX if is_box else mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[0.03, 0.03, 0.08] if is_box else [0.03, 0.08, 0],
+        friction=_OBJECT_FRICTION,
+        solref=_OBJECT_SOLREF,
+        contype=contype,
+        conaffinity=conaffinity,
+    )
+
+
+def mesh_folder(robot: RobotSpec) -> Path | None:
+    """Where the robot's meshes are installed (found without importing their package), None if they are not."""
+    spec = importlib.util.find_spec(robot.mesh_package) if robot.mesh_package else None
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    folder = Path(spec.submodule_search_locations[0]) / robot.mesh_folder
+    return folder if folder.is_dir() else None
+
+
+def has_visuals(robot: RobotSpec) -> bool:
+    """Whether every mesh of the robot is installed."""
+    folder = mesh_folder(robot)
+    return folder is not None and bool(robot.meshes) and all((folder / mesh.file).is_file() for mesh in robot.meshes)
+
+
+def _show_meshes(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Add massless, untouchable meshes and hide the primitives of the bodies that they stand for."""
+    folder = mesh_folder(robot)
+    assert folder is not None
+    covered = {mesh.body for mesh in robot.meshes}
+    for name in covered:
+        for geom in spec.body(name).geoms:
+            geom.group = HIDDEN_GROUP
+    for index, mesh in enumerate(robot.meshes):
+        name = f"visual_{index}"
+        spec.add_mesh(name=name, file=str(folder / mesh.file))
+        spec.body(mesh.body).add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            pos=mesh.position,
+            quat=mesh.quaternion,
+            rgba=mesh.rgba,
+            mass=0,
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+        )
+
+
+def fit_scene(model: mujoco.MjModel, data: mujoco.MjData, index: ModelIndex, scene: TableScene) -> None:
+    """Give the objects of a compiled model the sizes, masses, colours and start poses of `scene`.
+
+    `data` is scratch space; reset it afterwards: the objects then start at rest, asleep, on the table.
+    """
+    if scene.num_objects:
+        _fit_shapes(model, index, scene)
+        model.body_mass[index.object_bodies] = scene.masses
+        model.body_inertia[index.object_bodies] = _inertias(scene)
+        model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
+    mujoco.mj_setConst(model, data)
+
+
+def _fit_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
+    half, is_box = scene.half_extents, scene.is_box[:, None]
+    cylinder_size = np.column_stack((half[:, 0], half[:, 2], np.zeros(scene.num_objects)))
+    model.geom_size[index.object_geoms] = np.where(is_box, half, cylinder_size)
+    model.geom_aabb[index.object_geoms, 3:] = half
+    model.bvh_aabb[model.body_bvhadr[index.object_bodies], 3:] = half
+    model.geom_rbound[index.object_geoms] = np.where(
+        scene.is_box, np.linalg.norm(half, axis=1), np.hypot(half[:, 0], half[:, 2])
+    )
+    model.geom_rgba[index.object_geoms] = _colours(scene)
+
+
+def _inertias(scene: TableScene) -> NDArray[np.float64]:
+    """Principal moments (n, 3) of homogeneous cylinders and boxes."""
+    x2, y2, z2 = (scene.half_extents**2).T
+    box = np.column_stack((y2 + z2, x2 + z2, x2 + y2)) / 3
+    side = x2 / 4 + z2 / 3
+    cylinder = np.column_stack((side, side, x2 / 2))
+    return scene.masses[:, None] * np.where(scene.is_box[:, None], box, cylinder)
+
+
+def _start_poses(scene: TableScene) -> NDArray[np.float64]:
+    """Free-joint positions (n, 7): standing on the table, exactly touching it."""
+    zeros = np.zeros(scene.num_objects)
+    return np.column_stack(
+        (
+            scene.positions,
+            TABLE_HEIGHT + scene.half_extents[:, 2],
+            np.cos(scene.yaws / 2),
+            zeros,
+            zeros,
+            np.sin(scene.yaws / 2),
+        )
+    )
+
+
+def _colours(scene: TableScene) -> NDArray[np.float64]:
+    """Colours (n, 4): the target red, the others distinct and not red."""
+    colours = np.array([_slot_colour(slot) for slot in range(scene.num_objects)])
+    if 0 <= scene.target < scene.num_objects:
+        colours[scene.target] = _TARGET_COLOUR
+    return colours
+
+
+def _slot_colour(slot: int) -> tuple[float, float, float, float]:
+    """Hues step by the golden ratio, so that neighbours in number differ most; lightness cycles with a period of three."""
+    hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)
+    lightness = (0.50, 0.66, 0.38)[slot % 3]
+    red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.55)
+    return red, green, blue, 1.0

@@ -1,0 +1,124 @@
+"""One simulated world: the model, its data, the controller's memory, and what can be measured in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.control import JointController
+from clutter_env.layout import TABLE_HEIGHT, Layout, TableScene, object_name
+from clutter_env.model import ModelIndex, compile_model, fit_scene
+
+__all__ = ["Measurements", "World"]
+
+TOPPLED_COSINE = np.cos(np.radians(45.0))
+"""An object whose axis leans farther than this from the vertical has toppled."""
+FALLEN_BELOW = TABLE_HEIGHT - 0.01
+"""[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
+
+_RIGHT_PAD, _LEFT_PAD, _OTHER = -1, -2, -3
+"""Marks of the finger geoms, and of all that is neither a finger nor an object, among the object slots 0, 1, …"""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What observation, reward and success are made from, after a control step.
+
+    `poses` (n, 7) world poses of the objects, `lowest` (n,) [m] height of their lowest points, `is_fallen` (n,)
+    toppled or off the table, `is_off` (n,) below the table top, `held` slot between both fingers or -1.
+    """
+
+    poses: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    is_fallen: NDArray[np.bool_]
+    is_off: NDArray[np.bool_]
+    held: int
+
+
+class World:
+    """Physics of one robot, one table and a fixed number of objects; `reset` refits it to a scene."""
+
+    def __init__(
+        self,
+        robot: RobotSpec,
+        layout: Layout,
+        shapes: tuple[str, ...],
+        picture: tuple[int, int] = (480, 480),
+        show_meshes: bool = False,
+    ) -> None:
+        self.robot = robot
+        self.shapes = shapes
+        self.model = compile_model(robot, layout, shapes, picture, show_meshes)
+        self.data = mujoco.MjData(self.model)
+        self.index = ModelIndex.of(self.model, robot, len(shapes))
+        self.controller = JointController(self.model, self.index, robot)
+        self.names = tuple(object_name(slot) for slot in range(len(shapes)))
+        self._slot_of_geom = np.full(self.model.ngeom, _OTHER)
+        self._slot_of_geom[self.index.object_geoms] = np.arange(len(shapes))
+        self._slot_of_geom[list(self.index.finger_geoms)] = _RIGHT_PAD, _LEFT_PAD
+        self.scene: TableScene | None = None
+
+    def fit(self, scene: TableScene) -> None:
+        """Give the model's objects the sizes, masses and colours of `scene`; the data are left undefined."""
+        self.scene = scene
+        fit_scene(self.model, self.data, self.index, scene)
+
+    def reset(self, scene: TableScene, posture: tuple[float, ...] | None = None) -> None:
+        """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose.
+
+        Args:
+            scene: what stands where.
+            posture: torso and arm joints (1 + n,), the robot's home posture without it.
+        """
+        self.fit(scene)
+        model, data, index = self.model, self.data, self.index
+        mujoco.mj_resetData(model, data)
+        data.qpos[index.drive_qpos] = (*scene.base, *(self.robot.home if posture is None else posture))
+        data.qpos[index.finger_qpos] = self.robot.max_finger_position
+        data.qpos[index.head_qpos] = self.robot.head_posture
+        self.controller.reset(data)
+        mujoco.mj_forward(model, data)
+
+    def settle_kinematics(self) -> None:
+        """Bring body and site poses up to date with the positions that the last physics step reached."""
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def measure(self, held: int | None = None) -> Measurements:
+        """The present state of the objects; `held` where it is already known."""
+        poses = self.data.qpos[self.index.object_qpos].reshape(-1, 7).copy()
+        held = self._held_slot() if held is None else held
+        lowest, upright = self._lowest_points(poses)
+        is_off = poses[:, 2] < FALLEN_BELOW
+        is_fallen = is_off | (upright < TOPPLED_COSINE)
+        if held >= 0:
+            is_fallen[held] = False
+        return Measurements(poses, lowest, is_fallen, is_off, held)
+
+    def _lowest_points(self, poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Heights (n,) of the lowest points and cosines (n,) of the axes with the vertical."""
+        assert self.scene is not None
+        w, x, y, z = poses[:, 3:].T
+        down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        half = self.scene.half_extents
+        round_reach = half[:, 0] * np.sqrt(np.maximum(1 - down_z * down_z, 0.0))
+        flat_reach = half[:, 0] * np.abs(down_x) + half[:, 1] * np.abs(down_y)
+        reach = np.where(self.scene.is_box, flat_reach, round_reach) + half[:, 2] * np.abs(down_z)
+        return poses[:, 2] - reach, down_z
+
+    def _held_slot(self) -> int:
+        """The object that both fingers touch, -1 without one."""
+        contacts = self.data.contact
+        if not len(contacts):
+            return -1
+        slots = self._slot_of_geom[contacts.geom]
+        others = slots.max(axis=1)
+        on_right = others[(slots == _RIGHT_PAD).any(axis=1)]
+        if not on_right.size:
+            return -1
+        on_left = others[(slots == _LEFT_PAD).any(axis=1)]
+        both = on_right[(on_right >= 0) & np.isin(on_right, on_left)]
+        return int(both.min()) if both.size else -1
