@@ -160,7 +160,7 @@ def search(
     frames: Array,
     registers: Array,
     node_limit: int,
-) -> tuple[int, int]:
+) -> tuple[int, Mask]:
     """Next self-clearable set with exactly `budget` objects, the target included.
 
     Depth first over sets; siblings exclude what was tried before them, so no set is visited twice. A set that is
@@ -180,9 +180,9 @@ def search(
             registers[0] = depth
             return PAUSED, _NONE
         registers[1] += 1
-        bit = frames[depth, 2] & -frames[depth, 2]
+        bit: Mask = frames[depth, 2] & -frames[depth, 2]
         frames[depth, 2] ^= bit
-        committed = frames[depth, 0] | bit
+        committed: Mask = frames[depth, 0] | bit
         excluded = frames[depth, 1]
         frames[depth, 1] |= bit
         size = bit_count(committed)

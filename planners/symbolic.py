@@ -1,0 +1,288 @@
+"""The symbolic side of the planner: facts with references, the task-planning problem, and what a task planner returns.
+
+Symbols such as `robot_gp_object_36` are references (Lee & Kim 2019, section 3.2): names for poses and paths that are
+assumed to exist until motion planning binds or refutes them. Names follow the paper's Fig. 13.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Literal, NamedTuple, Protocol, TypeAlias
+
+from assets import path
+
+__all__ = [
+    "GRIPPER",
+    "ROBOT_INIT_LOC",
+    "Atom",
+    "GroundAction",
+    "NoPlan",
+    "Reason",
+    "SymbolError",
+    "SymbolicState",
+    "TaskPlan",
+    "TaskPlanner",
+    "TaskProblem",
+    "domain_text",
+    "format_atom",
+    "format_plan",
+]
+
+Atom: TypeAlias = tuple[str, ...]
+"""A ground fact: predicate, then symbols."""
+
+GRIPPER = "robot_gripper"
+ROBOT_INIT_LOC = "robot_init_loc"
+"""The base pose the robot starts from."""
+
+_ARGUMENT_TYPES: Mapping[str, tuple[str, ...]] = {
+    "empty": ("gripper",),
+    "robotAt": ("base-pose",),
+    "objectAt": ("obj", "loc"),
+    "occupied": ("loc",),
+    "graspedBy": ("obj", "gripper"),
+    "isGrasp": ("arm-pose", "obj", "loc"),
+    "isPlacementLocation": ("loc", "obj"),
+    "isClearanceLocation": ("loc", "obj", "obj"),
+    "isMotion": ("arm-traj", "base-pose", "arm-pose"),
+    "isBaseMotion": ("base-traj", "base-pose"),
+    "obstructs": ("obj", "arm-traj", "obj"),
+    "obstacle": ("obj",),
+}
+"""Argument types of the domain's predicates; they give the type of every symbol in the problem text."""
+
+_LEGAL_SYMBOL = re.compile(r"[a-z][a-z0-9_-]*")
+
+
+class SymbolError(ValueError):
+    """A fact or name that PDDL cannot hold."""
+
+
+@dataclass(frozen=True)
+class SymbolicState:
+    """The facts that hold, and the location symbols that must not be offered again.
+
+    Attributes:
+        facts: ground atoms; whatever is absent is false.
+        retired: locations used or refuted; a new location gets a new symbol.
+    """
+
+    facts: frozenset[Atom]
+    retired: frozenset[str] = frozenset()
+
+    @cached_property
+    def _by_predicate(self) -> dict[str | None, list[Atom]]:
+        found: dict[str | None, list[Atom]] = defaultdict(list)
+        for fact in sorted(self.facts):
+            found[fact[0]].append(fact)
+        return found
+
+    def find(self, *pattern: str | None) -> list[Atom]:
+        """Facts that match a predicate and its arguments, None standing for any argument; sorted."""
+        return [
+            fact
+            for fact in self._by_predicate.get(pattern[0], ())
+            if all(wanted is None or wanted == symbol for wanted, symbol in zip(pattern, fact, strict=True))
+        ]
+
+    def changed(self, add: Iterable[Atom] = (), remove: Iterable[Atom] = ()) -> SymbolicState:
+        """The state without the facts of `remove` and with those of `add`."""
+        return replace(self, facts=(self.facts - frozenset(remove)) | frozenset(add))
+
+    @property
+    def held(self) -> str | None:
+        """The object in the gripper."""
+        return next((fact[1] for fact in self.find("graspedBy", None, None)), None)
+
+    @property
+    def robot_at(self) -> str:
+        """The base pose the robot is at."""
+        return self.find("robotAt", None)[0][1]
+
+    def blockers(self) -> dict[str, dict[str, set[str]]]:
+        """Objects in the way: blocked object → arm trajectory → blocking objects."""
+        found: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
+        for _, blocker, trajectory, name in self.find("obstructs", None, None, None):
+            found[name][trajectory].add(blocker)
+        return {blocked: dict(by_trajectory) for blocked, by_trajectory in found.items()}
+
+
+@dataclass(frozen=True)
+class TaskProblem:
+    """Reach a state in which the gripper holds the target."""
+
+    state: SymbolicState
+    target: str
+
+    @property
+    def goal(self) -> Atom:
+        """The one fact wanted."""
+        return ("graspedBy", self.target, GRIPPER)
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the goal holds already."""
+        return self.goal in self.state.facts
+
+    def relevant_objects(self) -> frozenset[str]:
+        """The target, what obstructs it however indirectly, and what is held."""
+        blockers = self.state.blockers()
+        relevant = {self.target}
+        frontier = [self.target]
+        if self.state.held is not None:
+            relevant.add(self.state.held)
+            frontier.append(self.state.held)
+        while frontier:
+            for names in blockers.get(frontier.pop(), {}).values():
+                frontier.extend(names - relevant)
+                relevant |= names
+        return frozenset(relevant)
+
+    def pruned(self) -> TaskProblem:
+        """The same problem without the objects that do not matter; it has the same shortest plans."""
+        relevant = self.relevant_objects()
+        grasps = {fact for fact in self.state.facts if fact[0] == "isGrasp" and fact[2] in relevant}
+        arm_poses = {fact[1] for fact in grasps}
+        locations = {fact[3] for fact in grasps}
+        motions = {fact for fact in self.state.facts if fact[0] == "isMotion" and fact[3] in arm_poses}
+        base_poses = {fact[2] for fact in motions}
+
+        def matters(fact: Atom) -> bool:
+            match fact[0]:
+                case "isGrasp" | "isMotion":
+                    return fact in grasps or fact in motions
+                case "isBaseMotion":
+                    return fact[2] in base_poses
+                case "occupied":
+                    return fact[1] in locations
+                case "objectAt" | "obstacle":
+                    return fact[1] in relevant
+                case "isPlacementLocation" | "isClearanceLocation":
+                    return fact[2] in relevant
+                case "obstructs":
+                    return fact[3] in relevant
+                case _:
+                    return True
+
+        facts = frozenset(fact for fact in self.state.facts if matters(fact))
+        return replace(self, state=replace(self.state, facts=facts))
+
+    def text(self) -> str:
+        """The problem in PDDL, against `assets/pddl/domain.pddl`.
+
+        Raises:
+            SymbolError: a fact that the domain does not know, or a name PDDL cannot hold.
+        """
+        objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in sorted(self._symbols().items()))
+        facts = "\n".join(f"    {format_atom(fact)}" for fact in sorted(self.state.facts))
+        return (
+            "(define (problem take-target)\n  (:domain obstructed-grasp)\n"
+            f"  (:objects\n{objects})\n  (:init\n{facts})\n  (:goal {format_atom(self.goal)}))\n"
+        )
+
+    def _symbols(self) -> dict[str, list[str]]:
+        kinds: dict[str, str] = {}
+        for predicate, *arguments in (*self.state.facts, self.goal):
+            types = _ARGUMENT_TYPES.get(predicate, ())
+            if len(types) != len(arguments):
+                raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {_ARGUMENT_TYPES}")
+            for symbol, kind in zip(arguments, types, strict=True):
+                if not _LEGAL_SYMBOL.fullmatch(symbol):
+                    raise SymbolError(f"{symbol!r} is no PDDL name: lower-case letters, digits, _ and - only")
+                if kinds.setdefault(symbol, kind) != kind:
+                    raise SymbolError(f"{symbol!r} is used both as {kinds[symbol]} and as {kind}")
+        by_kind: dict[str, list[str]] = defaultdict(list)
+        for symbol in sorted(kinds):
+            by_kind[kinds[symbol]].append(symbol)
+        return by_kind
+
+
+class GroundAction(NamedTuple):
+    """An action of the domain with its arguments, in the order of Fig. 4.
+
+    MoveBase(pose1, pose2, traj); PickUp(obj, gripper, pose1, pose2, traj, objLoc);
+    PutDownGeneral(obj, gripper, pose1, pose2, traj, targetLoc);
+    PutDownForClearance(obs, tar, gripper, pose1, pose2, traj, targetLoc).
+    """
+
+    name: str
+    args: tuple[str, ...]
+
+    @property
+    def object(self) -> str | None:
+        """The object taken or put down; None for a base motion."""
+        return None if self.name == "MoveBase" else self.args[0]
+
+    @property
+    def location(self) -> str | None:
+        """Where the object is taken from or put; None for a base motion."""
+        return None if self.name == "MoveBase" else self.args[-1]
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.args)})"
+
+
+@dataclass(frozen=True)
+class TaskPlan:
+    """Actions that lead to the goal, if every reference in them can be bound."""
+
+    actions: tuple[GroundAction, ...]
+    engine: str
+
+
+Reason: TypeAlias = Literal["cyclic", "no grasp", "no location", "unsolvable", "gave up"]
+
+
+@dataclass(frozen=True)
+class NoPlan:
+    """Why a task planner returned no plan.
+
+    Attributes:
+        reason: "cyclic": the objects of `evidence` wait for one another, whatever is done first; "no grasp": those of
+            `evidence` cannot be grasped at all; "no location": those of `evidence` must go but have nowhere to be
+            put; "unsolvable": proved, for another reason; "gave up": not proved, by the time limit or because the
+            engine is incomplete.
+        evidence: names of the objects concerned.
+        engine: who says so.
+    """
+
+    reason: Reason
+    evidence: tuple[str, ...]
+    engine: str
+
+
+class TaskPlanner(Protocol):
+    """Anything that solves a `TaskProblem`."""
+
+    @property
+    def name(self) -> str:
+        """The name it is chosen by."""
+        ...
+
+    def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
+        """A plan for the problem, found within `time_limit` [s]."""
+        ...
+
+
+@cache
+def domain_text() -> str:
+    """The PDDL domain."""
+    return path("pddl/domain.pddl").read_text(encoding="utf-8")
+
+
+def format_atom(atom: Atom) -> str:
+    """A fact as PDDL writes it."""
+    return f"({' '.join(atom)})"
+
+
+def format_plan(actions: Iterable[GroundAction], robot: str = "fetch") -> str:
+    """A plan as the paper prints it (Fig. 13): number and action in capitals, arguments on the next line."""
+    lines = []
+    for number, action in enumerate(actions, start=1):
+        lines.append(f"{number} {action.name.upper()}_{robot.upper()}")
+        lines.append(f"({' '.join(action.args).upper()})")
+    return "\n".join(lines)
