@@ -14,3 +14,6 @@ for _count in OBJECT_COUNTS:
         # 300 s, and 20 s more for each object that may have to be cleared first.
         max_episode_steps=6000 + 400 * _count,
     )
+
+register(id="clutter_env/Reach-v0", entry_point="clutter_env.goal_env:ReachEnv", max_episode_steps=100)
+register(id="clutter_env/Pick-v0", entry_point="clutter_env.goal_env:PickEnv", max_episode_steps=100)

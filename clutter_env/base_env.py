@@ -44,7 +44,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._home_world = self._make_world(slot_shapes(config.shapes, config.num_objects))
         self.world = self._home_world
         self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
-        self._observer = Observer(self.world, config.num_objects, self._shows_objects)
+        self._observer = self._make_observer()
         self._has_started = False
         self.seen: Measurements
         self.action_space = spaces.Box(-1.0, 1.0, (self._action_size,), np.float32)
@@ -80,10 +80,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _recall(self, memory: dict[str, Any]) -> None:
         """Take up bookkeeping that `_memory` returned."""
 
-    @property
-    def _shows_objects(self) -> bool:
-        """Whether observations hold the objects' states."""
-        return self.config.obs_mode == "state"
+    def _make_observer(self) -> Observer:
+        """What makes the vectors of the observations; images come without the objects' states."""
+        shows_objects = self.config.obs_mode == "state"
+        return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=shows_objects)
 
     def _start_posture(self) -> tuple[float, ...]:
         """Torso and arm at the start."""

@@ -27,6 +27,8 @@ SEGMENTS = 5
 ARENA = 4.0
 """[m] The base target stays within this distance of the table's centre along x and y."""
 
+_SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
+
 _BASE_LEAD = 0.10
 _TORSO_LEAD = 0.03
 _ARM_LEAD = 0.15
@@ -61,7 +63,7 @@ def checked_action(action: ArrayLike, size: int) -> Vector:
         raise ActionError(f"the action must have shape ({size},), not {vector.shape}")
     if not np.isfinite(vector).all():
         raise ActionError(f"the action must be {size} finite numbers in [-1, 1]; it holds NaN or infinity: {vector}")
-    return np.clip(vector, -1.0, 1.0)
+    return np.minimum(np.maximum(vector, -1.0), 1.0)
 
 
 class JointController:
@@ -82,6 +84,8 @@ class JointController:
         self._upper = np.array([ARENA, ARENA, math.inf, *(link.upper for link in chain)])
         self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
         self._feedforward = _velocity_feedforward(model, index)
+        self._head_command = np.zeros(model.nu)
+        self._head_command[index.head_actuators] = robot.head_posture
         self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
 
     @property
@@ -96,7 +100,7 @@ class JointController:
             velocity=np.zeros_like(self._max_velocity),
             finger=float(data.qpos[self._index.finger_qpos].mean()),
         )
-        self._write(data, self.state.target, self.state.velocity, self.state.finger)
+        data.ctrl[:] = self._posture_command()
 
     def velocity_limit(self, is_loaded: bool) -> Vector:
         """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
@@ -122,13 +126,12 @@ class JointController:
             grip: wanted finger position, -1 closed to 1 open.
             is_loaded: whether something is held.
         """
-        before, finger_before = self.state.target, self.state.finger
+        before = self._posture_command()
         self._advance_target(data, velocity, is_loaded)
         self._advance_finger(grip)
-        step, finger_step = self.state.target - before, self.state.finger - finger_before
-        for segment in range(1, SEGMENTS + 1):
-            share = segment / SEGMENTS
-            self._write(data, before + share * step, self.state.velocity, finger_before + share * finger_step)
+        after = self._posture_command()
+        for command in before + _SHARES * (after - before) + self._reference(self.state.velocity):
+            data.ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
 
     def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
@@ -178,15 +181,16 @@ class JointController:
         state = self.state
         rotation = self._base_rotation()
         present = state.velocity.copy()
-        present[:2] = rotation.T @ present[:2]
+        present[:2] = present[:2] @ rotation
         limit = self.velocity_limit(is_loaded)
-        allowed = np.clip(velocity, -limit, limit)
-        allowed = np.clip(allowed, present - self._max_change, present + self._max_change)
+        allowed = _clipped(velocity, -limit, limit)
+        allowed = _clipped(allowed, present - self._max_change, present + self._max_change)
         allowed[:2] = rotation @ allowed[:2]
         actual = data.qpos[self._index.drive_qpos]
         target = state.target + allowed * CONTROL_STEP
-        bounded = np.clip(np.clip(target, actual - self._lead, actual + self._lead), self._lower, self._upper)
-        moved = np.clip((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
+        bounded = _clipped(target, actual - self._lead, actual + self._lead)
+        bounded = _clipped(bounded, self._lower, self._upper)
+        moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
         velocity_kept = np.where(bounded == target, allowed, moved)
         self.state = ControlState(target=bounded, velocity=velocity_kept, finger=state.finger)
 
@@ -195,10 +199,18 @@ class JointController:
         step = self._robot.max_finger_velocity * CONTROL_STEP
         self.state.finger += min(max(wanted - self.state.finger, -step), step)
 
-    def _write(self, data: mujoco.MjData, target: Vector, velocity: Vector, finger: float) -> None:
-        data.ctrl[self._index.drive_actuators] = target + self._feedforward * velocity
-        data.ctrl[self._index.finger_actuators] = finger
-        data.ctrl[self._index.head_actuators] = self._robot.head_posture
+    def _posture_command(self) -> Vector:
+        """Motor commands (nu,) of the present targets at rest."""
+        command = self._head_command.copy()
+        command[self._index.drive_actuators] = self.state.target
+        command[self._index.finger_actuators] = self.state.finger
+        return command
+
+    def _reference(self, velocity: Vector) -> Vector:
+        """What is added to the motor commands (nu,) of targets that move."""
+        command = np.zeros_like(self._head_command)
+        command[self._index.drive_actuators] = self._feedforward * velocity
+        return command
 
 
 def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
@@ -207,6 +219,11 @@ def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
     damping = -model.actuator_biasprm[index.drive_actuators, 2]
     joint_damping = np.array([model.dof_damping[dof].ravel()[0] for dof in index.drive_dof])
     return (damping + joint_damping) / gain
+
+
+def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:
+    """`np.clip` without its overhead on short vectors."""
+    return np.minimum(np.maximum(values, lowest), highest)
 
 
 def _checked_vector(name: str, value: ArrayLike, size: int) -> Vector:

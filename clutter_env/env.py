@@ -7,8 +7,8 @@ from typing import Any
 
 from clutter_env.base_env import BaseEnv
 from clutter_env.config import EnvConfig, check_integer
-from clutter_env.layout import TableScene, sample_scene
-from clutter_env.options import ResetOptions, explicit_scene
+from clutter_env.layout import TableScene
+from clutter_env.options import ResetOptions, draw_scene
 from clutter_env.reward import HOLD_STEPS, LIFT_HEIGHT, Progress, reward
 
 __all__ = ["RetrieveEnv"]
@@ -37,19 +37,13 @@ class RetrieveEnv(BaseEnv):
         super().__init__(config)
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
-        rng, count = self.np_random, self.config.num_objects
-        if options.objects is None:
-            scene = sample_scene(rng, self.layout, count, self.config.shapes)
-        else:
-            scene = explicit_scene(rng, self.layout, options.objects, count)
-        wanted = options.target_index(scene.num_objects)
-        return scene if wanted is None else scene.with_target(wanted)
+        return draw_scene(self.np_random, self.layout, self.config, options)
 
     def _begin(self) -> None:
-        self._progress = Progress().after(self.seen, self.target_slot)
+        self._progress = Progress().after(self.world, self.seen, self.target_slot)
 
     def _advance(self) -> tuple[float, bool]:
-        self._progress = self._progress.after(self.seen, self.target_slot)
+        self._progress = self._progress.after(self.world, self.seen, self.target_slot)
         value = reward(self.config.reward_mode, self.world, self.seen, self._progress, self.target_slot)
         return value, self._progress.is_success or self._progress.is_target_lost
 

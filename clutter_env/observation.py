@@ -48,9 +48,9 @@ def base_frame(world: World) -> BaseFrame:
 
 
 class Observer:
-    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, with objects, "objects" and "goal"."""
+    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal"."""
 
-    def __init__(self, world: World, num_slots: int, shows_objects: bool = True) -> None:
+    def __init__(self, world: World, num_slots: int, shows_objects: bool, shows_goal: bool) -> None:
         joints = len(world.robot.drive_joints)
         self._num_slots = num_slots
         self._sizes = {"robot": 4 + (joints - 3) + joints, "tcp": 7, "gripper": 2}
@@ -62,18 +62,31 @@ class Observer:
             *(1.0, 1.0),
         ]
         if shows_objects:
-            self._sizes |= {"objects": num_slots * len(OBJECT_FIELDS), "goal": 5}
-            bounds += [*_object_row_bounds() * num_slots, *([POSITION_BOUND] * 4 + [1.0])]
-        self._shows_objects = shows_objects
+            self._sizes["objects"] = num_slots * len(OBJECT_FIELDS)
+            bounds += _object_row_bounds() * num_slots
+        if shows_goal:
+            self._sizes["goal"] = 5
+            bounds += [POSITION_BOUND] * 4 + [1.0]
+        self._shows_objects, self._shows_goal = shows_objects, shows_goal
         self._bounds = np.array(bounds)
         self._edges = np.cumsum([0, *self._sizes.values()])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The entries of an observation, in order."""
+        return tuple(self._sizes)
+
+    @property
+    def bounds(self) -> NDArray[np.float32]:
+        """What no number of an observation exceeds; all entries, one after the other."""
+        return self._bounds.astype(np.float32)
 
     @property
     def space(self) -> spaces.Dict:
         """One symmetric Box of float32 per entry."""
         parts = {}
         for (name, size), start in zip(self._sizes.items(), self._edges, strict=False):
-            bound = self._bounds[start : start + size].astype(np.float32)
+            bound = self.bounds[start : start + size]
             parts[name] = spaces.Box(-bound, bound, dtype=np.float32)
         return spaces.Dict(parts)
 
@@ -88,27 +101,31 @@ class Observer:
             lift_left: height [m] by which the target must still rise.
         """
         frame = base_frame(world)
-        tcp = _tcp_in_base(world, frame)
+        poses = _poses_in_base(frame, np.concatenate((_tcp_pose(world), seen.poses)))
+        tcp = poses[0]
         parts = [_robot_vector(world, frame), tcp, _gripper_vector(world)]
         if self._shows_objects:
-            rows = self._object_rows(world, frame, seen, target)
-            parts += [rows.ravel(), rows[target, 2:5] - tcp[:3], (lift_left, hold_progress)]
+            rows = self._object_rows(world, seen, target, poses[1:])
+            parts.append(rows.ravel())
+        if self._shows_goal:
+            parts += [poses[1 + target, :3] - tcp[:3], (lift_left, hold_progress)]
         flat = np.concatenate(parts)
-        flat = np.clip(flat, -self._bounds, self._bounds, out=flat).astype(np.float32)
+        flat = np.minimum(np.maximum(flat, -self._bounds), self._bounds).astype(np.float32)
         return {
             name: flat[start : start + size].copy()
             for (name, size), start in zip(self._sizes.items(), self._edges, strict=False)
         }
 
-    def _object_rows(self, world: World, frame: BaseFrame, seen: Measurements, target: int) -> Vector:
+    def _object_rows(self, world: World, seen: Measurements, target: int, poses: Vector) -> Vector:
         """(num_slots, 14); rows of absent objects are zero."""
         scene = world.scene
         assert scene is not None
         rows = np.zeros((self._num_slots, len(OBJECT_FIELDS)))
         present = rows[: scene.num_objects]
         present[:, 0] = 1.0
-        present[target, 1] = 1.0
-        _poses_in_base(frame, seen.poses, present[:, 2:9])
+        if target >= 0:
+            present[target, 1] = 1.0
+        present[:, 2:9] = poses
         present[:, 9:12] = scene.half_extents
         present[:, 12] = scene.is_box
         if seen.held >= 0:
@@ -136,26 +153,33 @@ def _gripper_vector(world: World) -> tuple[float, float]:
     return float(fingers[0] + fingers[1]) + gap, 2 * world.controller.state.finger + gap
 
 
-def _tcp_in_base(world: World, frame: BaseFrame) -> Vector:
-    """Position [m] and quaternion of the TCP in the base frame, (7,)."""
+def _tcp_pose(world: World) -> Vector:
+    """Position [m] and quaternion of the TCP in the world, (1, 7)."""
     pose = np.empty((1, 7))
     pose[0, :3] = world.data.site_xpos[world.index.tcp_site]
     mujoco.mju_mat2Quat(pose[0, 3:], world.data.site_xmat[world.index.tcp_site])
-    out = np.empty((1, 7))
-    _poses_in_base(frame, pose, out)
-    return out[0]
+    return pose
 
 
-def _poses_in_base(frame: BaseFrame, poses: Vector, out: Vector) -> None:
-    """Write world poses (n, 7) relative to the base into `out` (n, 7); quaternions get w >= 0."""
-    dx, dy = poses[:, 0] - frame.x, poses[:, 1] - frame.y
-    out[:, 0] = frame.cosine * dx + frame.sine * dy
-    out[:, 1] = frame.cosine * dy - frame.sine * dx
-    out[:, 2] = poses[:, 2]
-    cosine, sine = frame.half_cosine, frame.half_sine
-    w, x, y, z = poses[:, 3], poses[:, 4], poses[:, 5], poses[:, 6]
-    out[:, 3] = cosine * w + sine * z
-    out[:, 4] = cosine * x + sine * y
-    out[:, 5] = cosine * y - sine * x
-    out[:, 6] = cosine * z - sine * w
-    out[:, 3:] *= np.where(out[:, 3:4] < 0, -1.0, 1.0)
+def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
+    """World poses (n, 7) relative to the base, (n, 7); quaternions get w >= 0.
+
+    A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it.
+    """
+    c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
+    turn = np.array(
+        [
+            (c, -s, 0, 0, 0, 0, 0),
+            (s, c, 0, 0, 0, 0, 0),
+            (0, 0, 1, 0, 0, 0, 0),
+            (0, 0, 0, hc, 0, 0, -hs),
+            (0, 0, 0, 0, hc, -hs, 0),
+            (0, 0, 0, 0, hs, hc, 0),
+            (0, 0, 0, hs, 0, 0, hc),
+        ]
+    )
+    relative = poses @ turn
+    relative[:, 0] -= c * frame.x + s * frame.y
+    relative[:, 1] -= c * frame.y - s * frame.x
+    relative[:, 3:] *= np.where(relative[:, 3:4] < 0, -1.0, 1.0)
+    return relative

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clutter_env.config import EnvConfig
 from clutter_env.errors import OptionError
-from clutter_env.layout import Layout, TableScene, object_name, sample_base
+from clutter_env.layout import Layout, TableScene, object_name, sample_base, sample_scene
 
-__all__ = ["ResetOptions", "explicit_scene"]
+__all__ = ["ResetOptions", "draw_scene", "explicit_scene"]
 
 OPTION_NAMES = ("target", "objects", "state")
 _COMMON_KEYS = ("shape", "position", "height", "yaw", "mass")
@@ -84,6 +85,20 @@ def _descriptions(objects: object) -> tuple[Mapping[str, Any], ...] | None:
         if not isinstance(entry, Mapping):
             raise OptionError(f"option 'objects' must be a list of dictionaries; it holds {entry!r}")
     return tuple(objects)
+
+
+def draw_scene(rng: np.random.Generator, layout: Layout, config: EnvConfig, options: ResetOptions) -> TableScene:
+    """The scene that the options describe, random where they leave it open.
+
+    Raises:
+        OptionError: see `explicit_scene`; or there is no object of the wanted target's name.
+    """
+    if options.objects is None:
+        scene = sample_scene(rng, layout, config.num_objects, config.shapes)
+    else:
+        scene = explicit_scene(rng, layout, options.objects, config.num_objects)
+    wanted = options.target_index(scene.num_objects)
+    return scene if wanted is None else scene.with_target(wanted)
 
 
 def explicit_scene(

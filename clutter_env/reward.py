@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
 from clutter_env.config import CONTROL_HZ
 from clutter_env.layout import TABLE_HEIGHT
 from clutter_env.world import Measurements, World
@@ -50,9 +48,9 @@ class Progress:
         """The target has been held high enough for long enough."""
         return self.steps_held >= HOLD_STEPS
 
-    def after(self, seen: Measurements, target: int) -> Progress:
+    def after(self, world: World, seen: Measurements, target: int) -> Progress:
         """The progress one control step later."""
-        lift = float(seen.lowest[target]) - TABLE_HEIGHT
+        lift = world.lowest_point(seen, target) - TABLE_HEIGHT
         is_held = seen.held == target
         fallen = int(seen.is_fallen.sum())
         return Progress(
@@ -89,6 +87,5 @@ def dense_terms(world: World, seen: Measurements, progress: Progress, target: in
 def _grasp_distance(world: World, seen: Measurements, target: int) -> float:
     """[m] from the TCP to the point on the target's axis where a side grasp holds it."""
     assert world.scene is not None
-    point = seen.poses[target, :3].copy()
-    point[2] += world.robot.grasp_height - world.scene.half_extents[target, 2]
-    return float(np.linalg.norm(world.data.site_xpos[world.index.tcp_site] - point))
+    x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - seen.poses[target, :3])
+    return math.hypot(x, y, z + float(world.scene.half_extents[target, 2]) - world.robot.grasp_height)

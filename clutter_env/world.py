@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -15,8 +16,8 @@ from clutter_env.model import ModelIndex, compile_model, fit_scene
 
 __all__ = ["Measurements", "World"]
 
-TOPPLED_COSINE = np.cos(np.radians(45.0))
-"""An object whose axis leans farther than this from the vertical has toppled."""
+TOPPLED_TILT = (1 - math.cos(math.radians(45.0))) / 2
+"""Bound of qx² + qy²: an object whose axis leans farther than 45° from the vertical has toppled."""
 FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
 
@@ -28,12 +29,11 @@ _RIGHT_PAD, _LEFT_PAD, _OTHER = -1, -2, -3
 class Measurements:
     """What observation, reward and success are made from, after a control step.
 
-    `poses` (n, 7) world poses of the objects, `lowest` (n,) [m] height of their lowest points, `is_fallen` (n,)
-    toppled or off the table, `is_off` (n,) below the table top, `held` slot between both fingers or -1.
+    `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
+    top, `held` slot between both fingers or -1.
     """
 
     poses: NDArray[np.float64]
-    lowest: NDArray[np.float64]
     is_fallen: NDArray[np.bool_]
     is_off: NDArray[np.bool_]
     held: int
@@ -91,23 +91,23 @@ class World:
         """The present state of the objects; `held` where it is already known."""
         poses = self.data.qpos[self.index.object_qpos].reshape(-1, 7).copy()
         held = self._held_slot() if held is None else held
-        lowest, upright = self._lowest_points(poses)
         is_off = poses[:, 2] < FALLEN_BELOW
-        is_fallen = is_off | (upright < TOPPLED_COSINE)
+        is_fallen = is_off | (poses[:, 4] ** 2 + poses[:, 5] ** 2 > TOPPLED_TILT)
         if held >= 0:
             is_fallen[held] = False
-        return Measurements(poses, lowest, is_fallen, is_off, held)
+        return Measurements(poses, is_fallen, is_off, held)
 
-    def _lowest_points(self, poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Heights (n,) of the lowest points and cosines (n,) of the axes with the vertical."""
+    def lowest_point(self, seen: Measurements, slot: int) -> float:
+        """Height [m] of an object's lowest point above the floor."""
         assert self.scene is not None
-        w, x, y, z = poses[:, 3:].T
+        height, w, x, y, z = (float(value) for value in seen.poses[slot, 2:])
         down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-        half = self.scene.half_extents
-        round_reach = half[:, 0] * np.sqrt(np.maximum(1 - down_z * down_z, 0.0))
-        flat_reach = half[:, 0] * np.abs(down_x) + half[:, 1] * np.abs(down_y)
-        reach = np.where(self.scene.is_box, flat_reach, round_reach) + half[:, 2] * np.abs(down_z)
-        return poses[:, 2] - reach, down_z
+        half_x, half_y, half_z = (float(value) for value in self.scene.half_extents[slot])
+        if self.scene.is_box[slot]:
+            side = half_x * abs(down_x) + half_y * abs(down_y)
+        else:
+            side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
+        return height - side - half_z * abs(down_z)
 
     def _held_slot(self) -> int:
         """The object that both fingers touch, -1 without one."""
