@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from planners.clearance_search import EXHAUSTED, FOUND, SearchStack, disjoint_landmarks, search
-from planners.scene import Scene
-from planners.self_clearable import MAX_OBJECTS, OptionMasks, OptionTable, Removal, bits, removal_orders
+from planners.scene import MAX_OBJECTS, Scene
+from planners.self_clearable import OptionMasks, OptionTable, Removal, bits, removal_orders
 
 __all__ = [
     "NO_SELF_CLEARABLE_SET",
@@ -81,7 +81,7 @@ def minimum_clearances(options: OptionMasks, target: int, limits: FloorLimits | 
     asked for once a set that would be smallest relies on them. So the answer is exact for all declared options.
 
     Args:
-        options: blocker masks per object; objects are bits 0 … 59, masks with higher bits are never usable.
+        options: blocker masks per object; see `OptionMasks`.
         target: index of the target.
         limits: when to give up the proof; the result then says `proved=False` and carries both bounds.
 

@@ -13,9 +13,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from planners.clearance_search import closure
+from planners.scene import MAX_OBJECTS
 
 __all__ = [
-    "MAX_OBJECTS",
     "FloorOptionsError",
     "OptionMasks",
     "OptionTable",
@@ -25,11 +25,11 @@ __all__ = [
     "usable_options",
 ]
 
-MAX_OBJECTS = 60
-"""Objects are bits 0 … 59 of a mask; an option that hits a higher bit (furniture, the robot itself) is never usable."""
-
 OptionMasks: TypeAlias = Mapping[int, Sequence[int]] | Callable[[int], Sequence[int]]
-"""Blocker masks of every option of an object, by object index; a callable is asked once per object that matters."""
+"""Blocker masks of every option of an object, by object index; a callable is asked once per object that matters.
+
+Objects are bits 0 … MAX_OBJECTS - 1; an option that hits a higher bit (furniture, the robot itself) is never usable.
+"""
 
 
 class FloorOptionsError(ValueError):
