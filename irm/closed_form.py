@@ -91,8 +91,8 @@ def ik_arm(
 ) -> int:
     """Every solution for a TCP at `R`, `p` with the torso and the upper-arm roll given.
 
-    The wrist centre seen from the lift axis is v = Ry(q2) u with u = (L1 + L2 c4, L2 s3 s4, -L2 c3 s4). Equating lengths
-    gives v_x as a linear function of c4, and v_x² + v_z² = u_x² + u_z² a quadratic in c4.
+    The wrist centre seen from the lift axis is v = Ry(q2) u with u = (L1 + L2 c4, L2 s3 s4, -L2 c3 s4). Equating
+    lengths gives v_x as a linear function of c4, and v_x² + v_z² = u_x² + u_z² a quadratic in c4.
 
     Args:
         links: (7,) lengths of the arm, see the module.

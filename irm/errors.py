@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["ChainError", "MapFileError", "MapMismatch", "QueryError", "ReachabilityError"]
+__all__ = ["ChainError", "MapFileError", "MapMismatchError", "QueryError", "ReachabilityError"]
 
 
 class ReachabilityError(ValueError):
@@ -17,7 +17,7 @@ class MapFileError(ReachabilityError):
     """A map file is damaged, or is not a map file of this version."""
 
 
-class MapMismatch(ReachabilityError):
+class MapMismatchError(ReachabilityError):
     """A map belongs to another robot, or to other parameters, than those it is used with."""
 
 

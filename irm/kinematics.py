@@ -112,11 +112,13 @@ def _closed_form_links(robot: RobotSpec, axes: Integers) -> Floats:
         and not offset[:3, 1].any()
         and offset[2, 0] > 0.0
         and bool(np.allclose(limits[[4, 6], 0], -limits[[4, 6], 1]))
+        and bool(np.all(limits[[3, 5, 7], 0] <= -np.pi))
+        and bool(np.all(limits[[3, 5, 7], 1] >= np.pi))
     )
     if not fits:
         raise ChainError(
             f"{robot.name}: the closed form 'fetch' needs a vertical slide, then axes z y x y x y x with every offset "
-            "after the shoulder along x, nothing beside it, and symmetric limits of elbow and wrist flex"
+            "after the shoulder along x and none to the side, symmetric limits of elbow and wrist flex, and free rolls"
         )
     return np.array(
         [
