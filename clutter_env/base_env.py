@@ -275,7 +275,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             controller.drive(model, data, action, self._is_loaded)
             return
         base = action[:_BASE] * self.robot.max_velocity[:_BASE]
-        arm = self._end_effector.joint_velocity(action[_BASE : _BASE + _TWIST], controller.state.target[_BASE:])
+        state = controller.state
+        twist = action[_BASE : _BASE + _TWIST]
+        arm = self._end_effector.joint_velocity(twist, state.target[_BASE:], state.velocity[_BASE:])
         controller.follow(model, data, np.concatenate((base, arm)), float(action[-1]), self._is_loaded)
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:

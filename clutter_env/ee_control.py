@@ -18,6 +18,8 @@ POSITION_LEAD, ROTATION_LEAD = 0.05, 0.25
 """[m], [rad]: how far the wanted TCP pose may run ahead of the one that the joints are told to reach."""
 _POSTURE_COST = 1e-2
 """Against 1 for the TCP: enough to choose among redundant postures, too little to be seen at the TCP."""
+_FRAME_GAIN, _POSTURE_GAIN = 0.6, 0.05
+"""Share of the error to remove in one step; joints of limited acceleration overshoot when asked for all of it."""
 _FRAME_DAMPING = 1e-3
 _SOLVER_DAMPING = 1e-6
 _LIMIT_MARGIN = 1e-6
@@ -36,13 +38,17 @@ class EndEffectorController:
         self._robot = robot
         self._configuration = mink.Configuration(self._model)
         self._frame_task = mink.FrameTask(
-            robot.tcp_site, "site", position_cost=1.0, orientation_cost=1.0, lm_damping=_FRAME_DAMPING
+            robot.tcp_site,
+            "site",
+            position_cost=1.0,
+            orientation_cost=1.0,
+            gain=_FRAME_GAIN,
+            lm_damping=_FRAME_DAMPING,
         )
-        posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST)
+        posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST, gain=_POSTURE_GAIN)
         posture_task.set_target(np.array(robot.home))
         self._tasks = [self._frame_task, posture_task]
-        speeds = dict(zip((link.joint for link in robot.chain), robot.max_velocity[3:], strict=True))
-        self._limits = [mink.ConfigurationLimit(self._model), mink.VelocityLimit(self._model, speeds)]
+        self._limit = _MotionLimit(robot)
         self._speed = np.repeat(robot.max_tcp_velocity, 3)
         self._lower = np.array([link.lower for link in robot.chain]) + _LIMIT_MARGIN
         self._upper = np.array([link.upper for link in robot.chain]) - _LIMIT_MARGIN
@@ -52,20 +58,22 @@ class EndEffectorController:
         """Want what the joints (1 + n,) do."""
         self.wanted = self._tcp_at(q).wxyz_xyz.copy()
 
-    def joint_velocity(self, twist: Vector, q: Vector) -> Vector:
+    def joint_velocity(self, twist: Vector, q: Vector, qd: Vector) -> Vector:
         """Torso and arm velocities (1 + n,) for the next control step.
 
         Args:
             twist: (6,) linear and angular TCP velocity in the base frame, each in [-1, 1] of the maximum.
             q: (1 + n,) the joint targets from which the step starts.
+            qd: (1 + n,) their velocities.
         """
         present = self._tcp_at(q)
         moved = _moved(mink.SE3(self.wanted), twist * self._speed * CONTROL_STEP)
         self.wanted = _near(present, moved).wxyz_xyz.copy()
         self._frame_task.set_target(mink.SE3(self.wanted))
+        self._limit.velocity = qd
         try:
             velocity = mink.solve_ik(
-                self._configuration, self._tasks, CONTROL_STEP, solver="daqp", damping=_SOLVER_DAMPING, limits=self._limits
+                self._configuration, self._tasks, CONTROL_STEP, solver="daqp", damping=_SOLVER_DAMPING, limits=[self._limit]
             )
         except mink.NoSolutionFound:
             return np.zeros_like(q)
@@ -82,6 +90,32 @@ class EndEffectorController:
     def _tcp_at(self, q: Vector) -> mink.SE3:
         self._configuration.update(np.clip(q, self._lower, self._upper))
         return self._configuration.get_transform_frame_to_world(self._robot.tcp_site, "site")
+
+
+class _MotionLimit(mink.Limit):
+    """Joint velocities that keep the limits of position, velocity and acceleration, and leave room to brake."""
+
+    def __init__(self, robot: RobotSpec) -> None:
+        chain = robot.chain
+        self._lower = np.array([link.lower for link in chain])
+        self._upper = np.array([link.upper for link in chain])
+        self._max_velocity = np.array(robot.max_velocity[3:])
+        self._max_acceleration = np.array(robot.max_acceleration[3:])
+        self._rows = np.vstack((np.eye(len(chain)), -np.eye(len(chain))))
+        self.velocity = np.zeros(len(chain))
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        """Bounds on the displacement, (2 (1 + n), 1 + n) and (2 (1 + n),)."""
+        change = self._max_acceleration * dt
+        highest = np.minimum(self.velocity + change, self._fastest(self._upper - configuration.q, dt))
+        lowest = np.maximum(self.velocity - change, -self._fastest(configuration.q - self._lower, dt))
+        return mink.Constraint(self._rows, np.concatenate((np.maximum(highest, lowest), -lowest)) * dt)
+
+    def _fastest(self, distance: Vector, dt: float) -> Vector:
+        """The velocity from which the joint can still stop within this distance."""
+        half = self._max_acceleration * dt / 2
+        braking = np.sqrt(half**2 + 2 * self._max_acceleration * np.maximum(distance, 0.0)) - half
+        return np.minimum(braking, self._max_velocity)
 
 
 def _moved(pose: mink.SE3, step: Vector) -> mink.SE3:

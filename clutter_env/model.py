@@ -217,6 +217,7 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
     contype, conaffinity = ENVIRONMENT_BITS
     body.explicitinertial = True
     body.mass, body.inertia = 0.2, [1e-3, 1e-3, 1e-3]
+    body.ipos, body.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
     is_box = shape == "box"
     body.add_geom(
         name=object_name(index),
@@ -279,7 +280,16 @@ def fit_scene(model: mujoco.MjModel, data: mujoco.MjData, index: ModelIndex, sce
         model.body_mass[index.object_bodies] = scene.masses
         model.body_inertia[index.object_bodies] = _inertias(scene)
         model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
+    _set_constants(model, data)
+
+
+def _set_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Derive the model's constants with every body awake: `mj_setConst` leaves those of sleeping bodies as they were."""
+    sleep = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    model.opt.enableflags &= ~sleep
+    mujoco.mj_resetData(model, data)
     mujoco.mj_setConst(model, data)
+    model.opt.enableflags |= sleep
 
 
 def _fit_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
