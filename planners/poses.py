@@ -196,7 +196,7 @@ def _yaws(body: Body, config: GraspConfig) -> tuple[Array, Array]:
     The fingers close along the horizontal normal of the approach.
     """
     if body.shape == "cylinder" and body.is_upright:
-        steps = np.arange(config.directions) * (2 * math.pi / config.directions)
+        steps = np.linspace(0.0, 2 * math.pi, config.directions, endpoint=False)
         yaws = _wrapped(config.first_yaw + steps)
         return yaws, np.full(len(yaws), body.half_width)
     rotation = body.rotation
