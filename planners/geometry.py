@@ -9,12 +9,15 @@ bounds the distance from above, its separating plane from below, and "free" is a
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["BOX", "CYLINDER", "are_within", "core_height", "sphere_near_box"]
+__all__ = ["BOX", "CYLINDER", "Solids", "are_within", "core_distance", "height"]
+
+Array = NDArray[np.float64]
 
 BOX, CYLINDER = 0, 1
 """Kinds of cores. A box has half extents (3,); a cylinder along its z axis has (radius, radius, half height)."""
@@ -26,49 +29,66 @@ _RELATIVE_GAP = 1e-7
 _TOUCHING = 1e-7
 """[m] Nearer than this, cores intersect."""
 
-Array = NDArray[np.float64]
+
+class Solids(NamedTuple):
+    """n primitives in the world. Lengths in metres.
+
+    Attributes:
+        core: (n,) BOX or CYLINDER; `half` (n, 3) its half extents; `radius` (n,) by which it is grown.
+        bound: (n,) radius of the sphere about the primitive's centre that contains it.
+        position: (n, 3), `rotation` (n, 3, 3).
+    """
+
+    core: NDArray[np.int64]
+    half: Array
+    radius: Array
+    bound: Array
+    position: Array
+    rotation: Array
 
 
 @njit(cache=True)
-def _support(
-    kind: int, half: Array, position: Array, rotation: Array, x: float, y: float, z: float
-) -> tuple[float, float, float]:
-    """The core's farthest point in the world direction (x, y, z)."""
-    a = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
-    b = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
-    c = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
-    if kind == 0:
-        a = half[0] if a > 0.0 else -half[0]
-        b = half[1] if b > 0.0 else -half[1]
+def _support(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The farthest point of core i in the direction (x, y, z)."""
+    half, R = solids.half, solids.rotation
+    a = R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z
+    b = R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z
+    c = R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z
+    if solids.core[i] == BOX:
+        a = half[i, 0] if a > 0.0 else -half[i, 0]
+        b = half[i, 1] if b > 0.0 else -half[i, 1]
     else:
         norm = math.sqrt(a * a + b * b)
-        scale = half[0] / norm if norm > 0.0 else 0.0
+        scale = half[i, 0] / norm if norm > 0.0 else 0.0
         a *= scale
         b *= scale
-    c = half[2] if c > 0.0 else -half[2]
+    c = half[i, 2] if c > 0.0 else -half[i, 2]
     return (
-        position[0] + rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c,
-        position[1] + rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c,
-        position[2] + rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c,
+        solids.position[i, 0] + R[i, 0, 0] * a + R[i, 0, 1] * b + R[i, 0, 2] * c,
+        solids.position[i, 1] + R[i, 1, 0] * a + R[i, 1, 1] * b + R[i, 1, 2] * c,
+        solids.position[i, 2] + R[i, 2, 0] * a + R[i, 2, 1] * b + R[i, 2, 2] * c,
     )
 
 
 @njit(cache=True)
-def core_height(kind: int, half: Array, rotation: Array) -> float:
-    """[m] from a core's centre up to its highest point."""
-    if kind == 0:
-        return abs(rotation[2, 0]) * half[0] + abs(rotation[2, 1]) * half[1] + abs(rotation[2, 2]) * half[2]
-    lying = math.sqrt(rotation[2, 0] * rotation[2, 0] + rotation[2, 1] * rotation[2, 1])
-    return lying * half[0] + abs(rotation[2, 2]) * half[2]
+def height(solids: Solids, i: int) -> float:
+    """[m] from the centre of primitive i up to its highest point."""
+    half, R = solids.half, solids.rotation
+    upright = solids.radius[i] + abs(R[i, 2, 2]) * half[i, 2]
+    if solids.core[i] == BOX:
+        return float(upright + abs(R[i, 2, 0]) * half[i, 0] + abs(R[i, 2, 1]) * half[i, 1])
+    return float(upright + math.sqrt(R[i, 2, 0] * R[i, 2, 0] + R[i, 2, 1] * R[i, 2, 1]) * half[i, 0])
 
 
 @njit(cache=True)
-def sphere_near_box(x: float, y: float, z: float, reach: float, lower: Array, upper: Array) -> bool:
-    """Whether a point is nearer than `reach` [m] to an axis-aligned box given by two corners (3,)."""
-    dx = max(lower[0] - x, 0.0, x - upper[0])
-    dy = max(lower[1] - y, 0.0, y - upper[1])
-    dz = max(lower[2] - z, 0.0, z - upper[2])
-    return dx * dx + dy * dy + dz * dz < reach * reach
+def core_distance(solids: Solids, i: int, x: float, y: float, z: float) -> float:
+    """[m] from a point to the oriented box around core i: never more than to the core itself."""
+    half, R = solids.half, solids.rotation
+    x, y, z = x - solids.position[i, 0], y - solids.position[i, 1], z - solids.position[i, 2]
+    a = max(abs(R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z) - half[i, 0], 0.0)
+    b = max(abs(R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z) - half[i, 1], 0.0)
+    c = max(abs(R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z) - half[i, 2], 0.0)
+    return math.sqrt(a * a + b * b + c * c)
 
 
 @njit(cache=True)
@@ -103,7 +123,7 @@ def _reduce_triangle(simplex: Array, i: int, j: int, k: int) -> tuple[float, flo
     for other in (_reduce_segment(simplex, i, k), _reduce_segment(simplex, j, k)):
         if other[0] ** 2 + other[1] ** 2 + other[2] ** 2 < best[0] ** 2 + best[1] ** 2 + best[2] ** 2:
             best = other
-    return best
+    return best[0], best[1], best[2], best[3]
 
 
 @njit(cache=True)
@@ -115,7 +135,7 @@ def _is_beyond(simplex: Array, i: int, j: int, k: int, inside: int) -> bool:
     nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
     origin = -(ax * nx + ay * ny + az * nz)
     fourth = (simplex[inside, 0] - ax) * nx + (simplex[inside, 1] - ay) * ny + (simplex[inside, 2] - az) * nz
-    return origin * fourth <= 0.0
+    return bool(origin * fourth <= 0.0)
 
 
 @njit(cache=True)
@@ -145,31 +165,22 @@ def _keep(simplex: Array, count: int, used: int) -> int:
 
 
 @njit(cache=True)
-def are_within(
-    kind_a: int,
-    half_a: Array,
-    position_a: Array,
-    rotation_a: Array,
-    kind_b: int,
-    half_b: Array,
-    position_b: Array,
-    rotation_b: Array,
-    threshold: float,
-    simplex: Array,
-) -> bool:
-    """Whether two cores are at most `threshold` [m] apart; False is proved by a separating plane.
+def are_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
+    """Whether primitive i of `a` and j of `b` are at most `padding` [m] apart; False is proved by a plane.
 
-    Positions (3,) and rotations (3, 3) are world poses of the cores; `simplex` (4, 3) is scratch space.
+    `simplex` (4, 3) is scratch space.
     """
-    threshold = max(threshold, _TOUCHING)
-    x, y, z = position_a[0] - position_b[0], position_a[1] - position_b[1], position_a[2] - position_b[2]
+    threshold = max(a.radius[i] + b.radius[j] + padding, _TOUCHING)
+    x = a.position[i, 0] - b.position[j, 0]
+    y = a.position[i, 1] - b.position[j, 1]
+    z = a.position[i, 2] - b.position[j, 2]
     squared = x * x + y * y + z * z
     count = 0
     for _ in range(_MAX_ITERATIONS):
         if squared <= threshold * threshold:
             return True
-        ax, ay, az = _support(kind_a, half_a, position_a, rotation_a, -x, -y, -z)
-        bx, by, bz = _support(kind_b, half_b, position_b, rotation_b, x, y, z)
+        ax, ay, az = _support(a, i, -x, -y, -z)
+        bx, by, bz = _support(b, j, x, y, z)
         wx, wy, wz = ax - bx, ay - by, az - bz
         bound = x * wx + y * wy + z * wz
         if bound > 0.0 and bound * bound > threshold * threshold * squared:
