@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["EXHAUSTED", "FOUND", "PAUSED", "SearchStack", "closure", "disjoint_landmarks", "search"]
+__all__ = ["EXHAUSTED", "FOUND", "PAUSED", "SearchStack", "bit_count", "closure", "disjoint_landmarks", "search"]
 
 EXHAUSTED = 0
 """No further set within the budget."""
