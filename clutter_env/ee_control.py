@@ -18,6 +18,8 @@ POSITION_LEAD, ROTATION_LEAD = 0.05, 0.25
 """[m], [rad]: how far the wanted TCP pose may run ahead of the one that the joints are told to reach."""
 _POSTURE_COST = 1e-2
 """Against 1 for the TCP: enough to choose among redundant postures, too little to be seen at the TCP."""
+_LIFT_POSTURE_COST = 0.1
+"""The same for the torso lift: it stays up, and with it the elbow stays above the table."""
 _FRAME_GAIN, _POSTURE_GAIN = 0.6, 0.05
 """Share of the error to remove in one step; joints of limited acceleration overshoot when asked for all of it."""
 _FRAME_DAMPING = 1e-3
@@ -45,7 +47,8 @@ class EndEffectorController:
             gain=_FRAME_GAIN,
             lm_damping=_FRAME_DAMPING,
         )
-        posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST, gain=_POSTURE_GAIN)
+        costs = np.array([_LIFT_POSTURE_COST, *[_POSTURE_COST] * (len(robot.chain) - 1)])
+        posture_task = mink.PostureTask(self._model, cost=costs, gain=_POSTURE_GAIN)
         posture_task.set_target(np.array(robot.home))
         self._tasks = [self._frame_task, posture_task]
         self._limit = _MotionLimit(robot)

@@ -14,6 +14,8 @@ STANDOFF = 0.85
 PRE_GRASP = 0.14
 CORRIDOR = 0.115
 LIFT = 0.155
+GRASP_SHARE = 0.6
+"""Where on the object: high enough for the forearm to clear the table."""
 DRIVE = 1.0
 OPEN, CLOSED = 0.10, 0.0
 
@@ -56,7 +58,7 @@ class SideGrasp:
         env, slot = self.env, self.env.target_slot
         x, y = env.world.scene.positions[slot]
         height = 2 * env.world.scene.half_extents[slot, 2]
-        grasp = np.array([x, y, TABLE_HEIGHT + min(env.robot.grasp_height, height - 0.03)])
+        grasp = np.array([x, y, TABLE_HEIGHT + max(env.robot.grasp_height, GRASP_SHARE * height)])
         away = np.array([PRE_GRASP, 0, 0])
         self.drive_to(np.array([self.base[0], y, 0.0]))
         self.drive_to(np.array([x - STANDOFF, y, 0.0]))
