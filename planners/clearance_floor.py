@@ -6,6 +6,7 @@ set (see `planners.self_clearable`). The smallest such set is therefore a floor 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -113,9 +114,11 @@ class _Enumeration:
         self.target = target
         self.slack = slack
         self.limits = limits
-        self.deadline = time.perf_counter() + limits.seconds
         self.expansions = 0
+        self.deadline = math.inf
         self.size = self._first_size()
+        self._advance(SearchStack(target), nodes=0)  # compiling, on a first run, does not count as searching
+        self.deadline = time.perf_counter() + limits.seconds
 
     def run(self) -> Iterator[FloorResult]:
         fewest: int | None = None
@@ -151,18 +154,21 @@ class _Enumeration:
 
     def _next(self, stack: SearchStack) -> int:
         """The next set, by what is known so far; 0 if there is none or the limits are reached."""
-        masks, starts, orders = self.table.arrays()
         while not self._out_of_limits():
-            before = stack.nodes
-            status, found = search(
-                masks, starts, orders, self.target, self.size, stack.frames, stack.registers, _NODES_PER_CALL
-            )
-            self.expansions += stack.nodes - before
+            status, found = self._advance(stack, _NODES_PER_CALL)
             if status == FOUND:
-                return int(found)
+                return found
             if status == EXHAUSTED:
                 return 0
         return 0
+
+    def _advance(self, stack: SearchStack, nodes: int) -> tuple[int, int]:
+        """Search on for at most so many nodes: status and the set found."""
+        masks, starts, orders = self.table.arrays()
+        before = stack.nodes
+        status, found = search(masks, starts, orders, self.target, self.size, stack.frames, stack.registers, nodes)
+        self.expansions += stack.nodes - before
+        return int(status), int(found)
 
     def _out_of_limits(self) -> bool:
         return self.expansions >= self.limits.expansions or time.perf_counter() > self.deadline
