@@ -13,7 +13,7 @@ from assets.robots import RobotSpec
 from irm.kinematics import ArmChain
 from planners.geometry import BOX, CYLINDER
 
-__all__ = ["BASE", "RobotArrays", "GeometryError", "collision_geoms", "robot_arrays"]
+__all__ = ["BASE", "RobotArrays", "GeometryError", "collision_geoms", "link_of_body", "robot_arrays"]
 
 BASE = -1
 """Link of what is fixed to the base; 0 is the torso, 1 … n - 1 the arm."""
@@ -93,7 +93,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         data.joint(joint).qpos = angle
     mujoco.mj_kinematics(model, data)
     geoms = collision_geoms(model, robot)
-    links = _link_of_body(model, robot)
+    links = link_of_body(model, robot)
     chain = ArmChain.from_robot(robot)
     link = np.array([links[int(model.geom_bodyid[geom])] for geom in geoms], dtype=np.int64)
     poses = [_pose_in_link(model, data, robot, geom, index) for geom, index in zip(geoms, link, strict=True)]
@@ -133,7 +133,7 @@ def _joint_bodies(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
     return [int(model.jnt_bodyid[model.joint(link.joint).id]) for link in robot.chain]
 
 
-def _link_of_body(model: mujoco.MjModel, robot: RobotSpec) -> dict[int, int]:
+def link_of_body(model: mujoco.MjModel, robot: RobotSpec) -> dict[int, int]:
     """The link that each body rides on; head and fingers ride on theirs."""
     joint_bodies = _joint_bodies(model, robot)
     links: dict[int, int] = {}

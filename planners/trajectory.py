@@ -8,15 +8,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Phase", "Trajectory", "TrajectorySample"]
+from planners.scene import HeldObject
+
+__all__ = ["RELEASE", "Phase", "Trajectory", "TrajectorySample"]
+
+RELEASE = "open"
+"""Name of the phase in which the fingers let go."""
 
 
 class Phase(NamedTuple):
-    """A stretch of a trajectory: its name, when it starts [s], and what is in hand meanwhile ("" for nothing)."""
+    """A stretch of a trajectory: its name, when it starts [s], and what is in hand meanwhile.
+
+    An object counts as in hand from the moment the fingers start to close on it until they have let go.
+    """
 
     name: str
     start: float
-    held: str
+    held: HeldObject | None
 
 
 class TrajectorySample(NamedTuple):
@@ -61,7 +69,8 @@ class Trajectory:
     @property
     def held(self) -> str:
         """What is in hand at the end, "" for nothing."""
-        return self.phases[-1].held
+        last = self.phases[-1]
+        return last.held.name if last.held is not None and last.name != RELEASE else ""
 
     def phase(self, time: float) -> Phase:
         """The phase that a time [s] belongs to."""
