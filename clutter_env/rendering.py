@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import RenderingUnavailable
 
-__all__ = ["PictureMaker", "has_display"]
+__all__ = ["PictureMaker", "has_display", "make_context", "open_window"]
 
 _DEBIAN_PACKAGES = (
     "on Debian or Ubuntu install libegl1 libegl-mesa0 libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa, software only)"
@@ -39,7 +39,7 @@ def has_display() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _make_context(width: int, height: int) -> GLContext:
+def make_context(width: int, height: int) -> GLContext:
     """An off-screen context: the one that MUJOCO_GL names, else the first that works.
 
     Raises:
@@ -84,7 +84,7 @@ class PictureMaker:
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         self._model = model
         self._size = width, height
-        self._context: GLContext | None = _make_context(width, height)
+        self._context: GLContext | None = make_context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
