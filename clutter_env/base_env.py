@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from dataclasses import asdict
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -21,11 +22,14 @@ from clutter_env.layout import LAYOUTS, TableScene, slot_shapes
 from clutter_env.observation import Observer
 from clutter_env.options import ResetOptions
 from clutter_env.pictures import Pictures
+from clutter_env.rendering import has_display
 from clutter_env.state import SavedState, capture_physics, pack, restore_physics, unpack
 from clutter_env.world import Measurements, World
 
 __all__ = ["BaseEnv"]
 
+_PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
+"""Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
 
@@ -33,10 +37,14 @@ _BASE, _TWIST = 3, 6
 class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     """A robot, a table, objects; subclasses say what the task is."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
+    """Of an instance on a machine without a display, "human" is left out: checkers try every mode that is listed."""
 
     def __init__(self, config: EnvConfig) -> None:
         self.config = config
+        if not has_display():
+            modes = [mode for mode in RENDER_MODES if mode != "human"]
+            self.metadata = {**type(self).metadata, "render_modes": modes}
         self.render_mode = config.render_mode
         self.robot: RobotSpec = find_robot(config.robot)
         self.layout = LAYOUTS[config.layout]
@@ -232,6 +240,20 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.seen = self.world.measure(held=memory["held"])
         self._recall(memory["task"])
         self._has_started = True
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickling keeps what `save_state` does; MuJoCo's own pickles forget which bodies sleep."""
+        return {
+            "keywords": asdict(self.config),
+            "saved": self.save_state() if self._has_started else None,
+            "rest": {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__},
+        }
+
+    def __setstate__(self, pickled: dict[str, Any]) -> None:
+        self.__init__(**pickled["keywords"])  # type: ignore[misc]
+        self.__dict__.update(pickled["rest"])
+        if pickled["saved"] is not None:
+            self.restore_state(pickled["saved"])
 
     # Inside.
 

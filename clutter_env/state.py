@@ -62,8 +62,8 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
         if content["kind"].get(name) != value:
             raise StateError(f"the state was saved with {name}={content['kind'].get(name)!r}; this one has {value!r}")
     scene = {name: np.array(value) if isinstance(value, list) else value for name, value in content["scene"].items()}
-    for name in ("half_extents", "positions"):
-        scene[name] = scene[name].reshape(len(scene["yaws"]), -1)
+    count = len(scene["yaws"])
+    scene["half_extents"], scene["positions"] = scene["half_extents"].reshape(count, 3), scene["positions"].reshape(count, 2)
     return SavedState(content["kind"], TableScene(**scene), content["physics"], content["memory"])
 
 

@@ -1,0 +1,123 @@
+"""The Gymnasium surface: checkers, vector environments, pickling, every registered id."""
+
+from __future__ import annotations
+
+import importlib.util
+import pickle
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+
+import clutter_env
+
+IDS = [*(f"clutter_env/Retrieve-o{n}-v0" for n in clutter_env.OBJECT_COUNTS), "clutter_env/Reach-v0", "clutter_env/Pick-v0"]
+INFO_TYPES = {"is_success": bool, "target": str, "held": str, "num_fallen": int}
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_gymnasium_checker_is_silent(env_id: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make(env_id)
+        check_env(env.unwrapped, skip_render_check=True)
+        env.close()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_stable_baselines3_checker_is_silent(env_id: str) -> None:
+    if importlib.util.find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed")
+    from stable_baselines3.common.env_checker import check_env as check_for_sb3
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_for_sb3(gym.make(env_id).unwrapped)
+
+
+@pytest.mark.parametrize("keywords", [{"control_mode": "ee"}, {"reward_mode": "dense"}, {"layout": "shelf", "shapes": "mixed"}])
+def test_other_modes_are_silent_too(keywords: dict[str, str]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for env_id in ("clutter_env/Retrieve-o5-v0", "clutter_env/Reach-v0", "clutter_env/Pick-v0"):
+            check_env(gym.make(env_id, **keywords).unwrapped, skip_render_check=True)
+
+
+def test_camera_observations_are_silent_too(needs_gl) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make("clutter_env/Retrieve-o5-v0", obs_mode="rgbd", image_size=32)
+        check_env(env.unwrapped, skip_render_check=True)
+        env.close()
+
+
+@pytest.mark.parametrize("env_id", ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", *IDS[-2:]])
+def test_rendering_passes_the_checker_too(env_id: str, needs_gl) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(env_id).unwrapped)
+
+
+@pytest.mark.parametrize("env_id", ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", *IDS[-2:]])
+def test_infos_have_plain_types(env_id: str) -> None:
+    env = gym.make(env_id)
+    _, info = env.reset(seed=0)
+    infos = [info, *(env.step(env.action_space.sample())[-1] for _ in range(3))]
+    for info in infos:
+        assert {name: type(value) for name, value in info.items()} == INFO_TYPES
+
+
+@pytest.mark.parametrize("vector", [SyncVectorEnv, AsyncVectorEnv])
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_vector_environments_reset_themselves(vector, mode: AutoresetMode) -> None:
+    makers = [lambda: gym.make("clutter_env/Retrieve-o5-v0", max_episode_steps=4)] * 2
+    envs = vector(makers, autoreset_mode=mode)
+    observations, _ = envs.reset(seed=[1, 2])
+    assert observations in envs.observation_space
+    envs.action_space.seed(0)
+    for _ in range(10):
+        observations, _, terminated, truncated, _ = envs.step(envs.action_space.sample())
+        assert observations in envs.observation_space
+        ended = terminated | truncated
+        if mode == AutoresetMode.DISABLED and ended.any():
+            envs.reset(options={"reset_mask": ended})
+    envs.close()
+
+
+def test_vectors_agree_with_single_environments() -> None:
+    def make() -> gym.Env:
+        return gym.make("clutter_env/Retrieve-o5-v0")
+
+    envs, single = SyncVectorEnv([make, make]), make()
+    many, _ = envs.reset(seed=[3, 4])
+    one, _ = single.reset(seed=4)
+    assert all(np.array_equal(many[name][1], one[name]) for name in one)
+
+
+@pytest.mark.parametrize("env_id", ["clutter_env/Retrieve-o5-v0", *IDS[-2:]])
+def test_pickled_environments_go_on(env_id: str) -> None:
+    env = gym.make(env_id)
+    env.reset(seed=0)
+    env.action_space.seed(1)
+    for _ in range(30):
+        env.step(env.action_space.sample())
+    copy = pickle.loads(pickle.dumps(env))
+    assert np.array_equal(copy.action_space.sample(), env.action_space.sample())
+    actions = [env.action_space.sample() for _ in range(10)]
+    for action in actions:
+        mine, theirs = env.step(action), copy.step(action)
+        assert all(np.array_equal(mine[0][name], theirs[0][name]) for name in mine[0])
+        assert mine[1:] == theirs[1:]
+
+
+def test_pickles_taken_before_the_first_reset() -> None:
+    env = pickle.loads(pickle.dumps(gym.make("clutter_env/Retrieve-o5-v0")))
+    env.reset(seed=0)
+
+
+def test_module_prefix_works() -> None:
+    env = gym.make("clutter_env:clutter_env/Retrieve-o15-v0")
+    assert env.unwrapped.config.num_objects == 15
