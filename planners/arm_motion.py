@@ -1,0 +1,318 @@
+"""Collision-free motions of torso and arm on a standing base: free paths and straight lines of the TCP."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from irm.kinematics import ArmChain, forward
+from planners.collision import STEP, CollisionWorld
+from planners.collision_kernel import make_workspace
+from planners.robot_geometry import RobotArrays
+from planners.rrt_kernel import connect, shorten
+from planners.scene import FURNITURE_BIT, SELF_BIT, HeldObject, RobotState
+from planners.straight_kernel import track_line
+
+__all__ = [
+    "ArmPath",
+    "Obstruction",
+    "RRTConfig",
+    "Unreachable",
+    "blocking_set",
+    "plan_arm",
+    "plan_straight",
+    "tcp_pose",
+]
+
+FIXED_BITS = 1 << FURNITURE_BIT | 1 << SELF_BIT
+"""Hits that no clearing can remove."""
+LINE_STEP = 0.01
+"""[m] between samples of a straight line."""
+LINE_JUMP = 0.15
+"""[rad] that a joint may turn between them: more means a singularity."""
+_ROLL_RANGE = 2 * math.pi
+"""[rad] A joint with more play has several angles for one orientation."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPath:
+    """A motion of torso and arm, straight between waypoints.
+
+    `base` (3,) x [m], y [m], yaw [rad]; `waypoints` (n, 8) [m], [rad]; `opening` of the gripper [m]; what is in hand;
+    `ignore`: bits of objects that did not count as obstacles.
+    """
+
+    base: NDArray[np.float64]
+    waypoints: NDArray[np.float64]
+    opening: float
+    held: HeldObject | None = None
+    ignore: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("base", "waypoints"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """(8,) first waypoint."""
+        return np.asarray(self.waypoints[0])
+
+    @property
+    def end(self) -> NDArray[np.float64]:
+        """(8,) last waypoint."""
+        return np.asarray(self.waypoints[-1])
+
+    @property
+    def drive_vectors(self) -> NDArray[np.float64]:
+        """(n, 11) base and waypoints."""
+        return np.hstack([np.tile(self.base, (len(self.waypoints), 1)), self.waypoints])
+
+    def reversed(self) -> ArmPath:
+        """The same motion backwards."""
+        return replace(self, waypoints=self.waypoints[::-1])
+
+
+@dataclass(frozen=True)
+class Obstruction:
+    """Objects that must go first, and during which part of the motion they were in the way."""
+
+    blockers: frozenset[str]
+    phase: str
+
+
+@dataclass(frozen=True)
+class Unreachable:
+    """No motion, whatever is cleared: limits, furniture, the robot itself, or the planner's patience."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class RRTConfig:
+    """Effort of one plan.
+
+    Attributes:
+        iterations: random targets at most.
+        shortcuts: random shortcuts tried afterwards.
+        step: [m] between checks while searching; accepted paths are checked again at `collision.STEP`.
+        margin: [rad] beyond start and goal from which joints with more than a turn of play are sampled.
+    """
+
+    iterations: int = 1500
+    shortcuts: int = 20
+    step: float = 0.015
+    margin: float = 1.5
+
+
+def tcp_pose(robot: RobotSpec, state: RobotState) -> NDArray[np.float64]:
+    """T_world_tcp (4, 4) of the robot in a state."""
+    x, y, yaw = state.base
+    T_world_base = np.eye(4)
+    T_world_base[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    T_world_base[:2, 3] = x, y
+    return np.asarray(T_world_base @ forward(ArmChain.from_robot(robot), state.q))
+
+
+def plan_arm(
+    world: CollisionWorld,
+    base: ArrayLike,
+    q_start: ArrayLike,
+    q_goals: ArrayLike,
+    opening: float,
+    held: HeldObject | None = None,
+    ignore: int = 0,
+    *,
+    rng: np.random.Generator,
+    config: RRTConfig = RRTConfig(),
+    phase: str = "transit",
+) -> ArmPath | Obstruction | Unreachable:
+    """A free path from one configuration to one of several, shortened.
+
+    Args:
+        world: the scene, compiled.
+        base: (3,) where the base stands.
+        q_start: (8,).
+        q_goals: (8,) or (k, 8).
+        opening: of the gripper [m].
+        held: what is in hand.
+        ignore: bits of objects that are not obstacles.
+        rng: for the random tree; the same generator state gives the same path.
+        config: effort.
+        phase: name to report in an `Obstruction`.
+
+    Returns:
+        the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
+    """
+    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
+    goals = _nearest_turns(world.robot, start, np.atleast_2d(np.array(q_goals, dtype=float)))
+    path = _search(world, place, start, goals, opening, held, ignore, rng, config)
+    if path is not None:
+        return ArmPath(place, path, opening, held, ignore)
+    return blocking_set(world, place, start, goals, opening, held, ignore, rng=rng, config=config, phase=phase)
+
+
+def blocking_set(
+    world: CollisionWorld,
+    base: ArrayLike,
+    q_start: ArrayLike,
+    q_goals: ArrayLike,
+    opening: float,
+    held: HeldObject | None = None,
+    ignore: int = 0,
+    *,
+    rng: np.random.Generator,
+    config: RRTConfig = RRTConfig(),
+    phase: str = "transit",
+) -> Obstruction | Unreachable:
+    """The smallest set of objects found whose removal lets `plan_arm` succeed; confirmed by planning without them.
+
+    First what start and goals touch themselves, then the objects met by a path that ignores all of them, less those
+    that turn out not to matter. Arguments as for `plan_arm`.
+    """
+    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
+    goals = np.atleast_2d(np.array(q_goals, dtype=float))
+    touched = [int(h) for h in world.hits_many(place, np.vstack([start[None], goals]), opening, held, ignore)]
+    if touched[0] & FIXED_BITS:
+        return Unreachable(f"the start touches {_words(world, touched[0] & FIXED_BITS)}")
+    standing = [(h, goal) for h, goal in zip(touched[1:], goals, strict=True) if not h & FIXED_BITS]
+    if not standing:
+        worst = touched[1] if len(touched) > 1 else FIXED_BITS
+        return Unreachable(f"every goal touches {_words(world, worst & FIXED_BITS)}")
+    least = min((h for h, _ in standing), key=lambda h: (h.bit_count(), h)) | touched[0]
+    free_goals = np.array([goal for _, goal in standing])
+
+    def plan_without(mask: int) -> NDArray[np.float64] | None:
+        return _search(world, place, start, free_goals, opening, held, ignore | mask, rng, config)
+
+    if least and plan_without(least) is not None:
+        return Obstruction(frozenset(world.scene.names_of(least)), phase)
+    everything = (1 << len(world.scene.objects)) - 1
+    path = plan_without(everything)
+    if path is None:
+        return Unreachable("no path even without any object")
+    blockers = world.path_hits(_on_base(place, path), opening, held, ignore) & everything
+    for bit in [1 << i for i in range(len(world.scene.objects)) if blockers & ~least & 1 << i]:
+        if plan_without(blockers & ~bit) is not None:
+            blockers &= ~bit
+    return Obstruction(frozenset(world.scene.names_of(blockers)), phase)
+
+
+def plan_straight(
+    world: CollisionWorld,
+    base: ArrayLike,
+    q_start: ArrayLike,
+    direction: ArrayLike,
+    distance: float,
+    opening: float,
+    held: HeldObject | None = None,
+    ignore: int = 0,
+    *,
+    phase: str = "approach",
+) -> ArmPath | Obstruction | Unreachable:
+    """A straight line of the TCP, its orientation kept.
+
+    Args:
+        world: the scene, compiled.
+        base: (3,) where the base stands.
+        q_start: (8,) where the line starts; the path continues it without jumps.
+        direction: (3,) in the world, unit length.
+        distance: [m].
+        opening, held, ignore, phase: as for `plan_arm`.
+
+    Returns:
+        the path; exactly the objects that the line hits; or why clearing would not help.
+    """
+    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
+    waypoints = trace_straight(world, place, start, direction, distance)
+    if waypoints is None:
+        return Unreachable(f"{phase}: the arm cannot follow a straight line of {distance:.2f} m")
+    hits = world.path_hits(_on_base(place, waypoints), opening, held, ignore)
+    if hits & FIXED_BITS:
+        return Unreachable(f"{phase}: the line touches {_words(world, hits & FIXED_BITS)}")
+    if hits:
+        return Obstruction(frozenset(world.scene.names_of(hits)), phase)
+    return ArmPath(place, waypoints, opening, held, ignore)
+
+
+def trace_straight(
+    world: CollisionWorld,
+    base: NDArray[np.float64],
+    q_start: NDArray[np.float64],
+    direction: ArrayLike,
+    distance: float,
+) -> NDArray[np.float64] | None:
+    """Waypoints (n, 8) of a straight line, obstacles not looked at; None where the arm cannot follow."""
+    along = np.asarray(direction, dtype=float)
+    c, s = math.cos(base[2]), math.sin(base[2])
+    in_base = np.array([c * along[0] + s * along[1], c * along[1] - s * along[0], along[2]])
+    speed = np.array(world.scene.robot.max_velocity[3:])
+    path = track_line(world.robot, q_start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
+    samples = max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1
+    return np.asarray(path) if len(path) == samples else None
+
+
+def _words(world: CollisionWorld, mask: int) -> str:
+    return " and ".join(world.names_of(mask)) or "nothing"
+
+
+def _on_base(base: NDArray[np.float64], waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Drive vectors (n, 11)."""
+    return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
+
+
+def _nearest_turns(robot: RobotArrays, start: NDArray[np.float64], goals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The goals, with every joint that has more than a turn of play at the angle nearest to the start."""
+    turned = goals.copy()
+    for joint in np.flatnonzero(robot.upper - robot.lower > _ROLL_RANGE):
+        nearest = goals[:, joint] + 2 * math.pi * np.round((start[joint] - goals[:, joint]) / (2 * math.pi))
+        inside = (nearest >= robot.lower[joint]) & (nearest <= robot.upper[joint])
+        turned[:, joint] = np.where(inside, nearest, goals[:, joint])
+    return turned
+
+
+def _search(
+    world: CollisionWorld,
+    base: NDArray[np.float64],
+    start: NDArray[np.float64],
+    goals: NDArray[np.float64],
+    opening: float,
+    held: HeldObject | None,
+    ignore: int,
+    rng: np.random.Generator,
+    config: RRTConfig,
+) -> NDArray[np.float64] | None:
+    """A verified path (n, 8), None when start or goals are blocked or the search gives up."""
+    touched = world.hits_many(base, np.vstack([start[None], goals]), opening, held, ignore)
+    if touched[0] or touched[1:].all():
+        return None
+    X = _on_base(base, np.vstack([start[None], goals[touched[1:] == 0]]))
+    lower, upper = _bounds(world.robot, X, config.margin)
+    work = make_workspace(world.robot, world.attached(held))
+    arguments = float(opening), world.active(ignore), world.padding
+    for step in (config.step, STEP):
+        path = connect(
+            world.robot, world.obstacles, work, X[0], X[1:], lower, upper, *arguments, step, config.iterations, rng
+        )
+        if not len(path):
+            return None
+        path = shorten(world.robot, world.obstacles, work, path, *arguments, step, config.shortcuts, rng)
+        if not world.path_hits(path, opening, held, ignore):
+            return np.asarray(path[:, len(base) :])
+    return None
+
+
+def _bounds(
+    robot: RobotArrays, X: NDArray[np.float64], margin: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where to draw random drive vectors from: the base stays, joints that turn round stay near start and goals."""
+    lower, upper = X.min(axis=0), X.max(axis=0)
+    turns = robot.upper - robot.lower > _ROLL_RANGE
+    lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - margin), robot.lower)
+    upper[3:] = np.where(turns, np.minimum(robot.upper, upper[3:] + margin), robot.upper)
+    return lower, upper
