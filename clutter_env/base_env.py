@@ -169,7 +169,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
 
         A trajectory sampled at 20 Hz that keeps the robot's velocity and acceleration limits (of the base: those of its
-        own axes) is followed exactly; a goal farther away is approached without running past it.
+        own axes) is followed exactly; a goal farther away is approached as fast as it can be, with room to brake.
 
         Args:
             q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad].

@@ -137,7 +137,8 @@ class JointController:
     def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
-        Where that is out of reach within the limits, the action that approaches it without running past it.
+        Where that is out of reach within the limits, the action that approaches it with room to brake; a goal that
+        stands still may be passed by the braking distance of one step (2 cm, 0.03 rad) before it is met.
 
         Raises:
             ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.

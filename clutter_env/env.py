@@ -31,10 +31,9 @@ class RetrieveEnv(BaseEnv):
     """
 
     def __init__(self, **keywords: Any) -> None:
-        config = EnvConfig.from_keywords(keywords)
-        check_integer("num_objects", config.num_objects, 1)
+        check_integer("num_objects", keywords.get("num_objects", 1), 1)
         self._progress = Progress()
-        super().__init__(config)
+        super().__init__(EnvConfig.from_keywords(keywords))
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         return draw_scene(self.np_random, self.layout, self.config, options)

@@ -140,9 +140,8 @@ class PickEnv(GoalEnv):
     """Bring the target object to a point above the table or on it; the base stands close from the start."""
 
     def __init__(self, **keywords: Any) -> None:
-        config = EnvConfig.from_keywords({"num_objects": 1, "control_mode": "ee", **keywords})
-        check_integer("num_objects", config.num_objects, 1)
-        super().__init__(config)
+        check_integer("num_objects", keywords.get("num_objects", 1), 1)
+        super().__init__(EnvConfig.from_keywords({"num_objects": 1, "control_mode": "ee", **keywords}))
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         scene = draw_scene(self.np_random, self.layout, self.config, options)

@@ -37,8 +37,14 @@ _FURNITURE_COLOURS = {
     "wall": (0.90, 0.90, 0.88, 1.0),
     "shelf": (0.66, 0.54, 0.41, 1.0),
 }
-_SHELF_BOARD_ALPHA = 0.35
+_SHELF_BOARD_ALPHA = 0.2
 """The board above the objects is drawn see-through."""
+_SCENE_EYE, _SCENE_POINT = (-2.55, 1.85, 2.35), (-0.45, 0.02, 0.70)
+"""[m] where the camera "scene" stands and looks: from behind the robot's left shoulder."""
+_TOP_X = -0.45
+"""[m] of the camera "top": between the table and where the robot starts."""
+_EXTENT = 2.0
+"""[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
 _HUES = (0.07, 0.93)
 """Hues of what is not the target: all but the reds."""
 _GOLDEN_RATIO = 0.6180339887
@@ -174,6 +180,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
 def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
     """Soft light, a pale sky, the cameras "scene" (from the robot's left, behind it) and "top"."""
     spec.visual.quality.offsamples = 0
+    spec.stat.extent, spec.stat.center = _EXTENT, [0.0, 0.0, TABLE_HEIGHT]
     spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
     spec.visual.headlight.diffuse = [0.32, 0.32, 0.32]
     spec.visual.headlight.specular = [0.05, 0.05, 0.05]
@@ -195,10 +202,9 @@ def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
         diffuse=[0.45, 0.45, 0.45],
         castshadow=False,
     )
-    scene = _look_at(np.array([-1.75, 1.9, 2.1]), np.array([-0.25, 0.0, 0.72]))
-    world.add_camera(name="scene", pos=[-1.75, 1.9, 2.1], xyaxes=scene, fovy=42)
-    height = TABLE_HEIGHT + 1.25 * max(layout.width, layout.depth + 0.6)
-    world.add_camera(name="top", pos=[-0.15, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=48)
+    world.add_camera(name="scene", pos=_SCENE_EYE, xyaxes=_look_at(np.array(_SCENE_EYE), np.array(_SCENE_POINT)), fovy=40)
+    height = TABLE_HEIGHT + 1.2 * (max(layout.width, layout.depth) + 1.0)
+    world.add_camera(name="top", pos=[_TOP_X, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=45)
 
 
 def _look_at(eye: NDArray[np.float64], point: NDArray[np.float64]) -> list[float]:

@@ -51,8 +51,9 @@ class Pictures:
         maker = self._maker(world, size, size)
         images: dict[str, NDArray[Any]] = {}
         for camera in OBSERVATION_CAMERAS:
-            images[f"{camera}_rgb"] = maker.colour(world.data, camera)
-            images[f"{camera}_depth"] = np.clip(maker.depth(world.data, camera), 0.0, MAX_DEPTH)
+            colour, depth = maker.colour_and_depth(world.data, camera)
+            images[f"{camera}_rgb"] = colour
+            images[f"{camera}_depth"] = np.minimum(depth, MAX_DEPTH)
         return images
 
     def observation_spaces(self) -> dict[str, spaces.Space[Any]]:

@@ -107,6 +107,17 @@ class PictureMaker:
         width, height = self._size
         buffer = np.empty((height, width), np.float32)
         self._draw(data, camera, None, buffer)
+        return self._metric(buffer)
+
+    def colour_and_depth(self, data: mujoco.MjData, camera: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Both, from one drawing."""
+        width, height = self._size
+        picture, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        self._draw(data, camera, picture, buffer)
+        return np.ascontiguousarray(picture[::-1]), self._metric(buffer)
+
+    def _metric(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Distances [m], upright, from the graphics device's depth buffer (0 at the far plane)."""
         extent = self._model.stat.extent
         near, far = self._model.vis.map.znear * extent, self._model.vis.map.zfar * extent
         return np.ascontiguousarray((near / (near / far + (1 - near / far) * buffer))[::-1]).astype(np.float32)

@@ -1,0 +1,141 @@
+"""The robot's data agree with its MJCF, so that a second robot is data too."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets import path
+from assets.robots import FETCH, UnknownRobot, robot
+
+ROBOTS = [FETCH]
+
+
+@pytest.fixture(params=ROBOTS, ids=lambda spec: spec.name)
+def spec_and_model(request):
+    return request.param, mujoco.MjModel.from_xml_path(str(request.param.mjcf_path))
+
+
+def test_every_name_exists(spec_and_model) -> None:
+    spec, model = spec_and_model
+    for joint in (*spec.drive_joints, *spec.finger_joints, *spec.head_joints):
+        assert model.joint(joint).name == joint
+        assert model.actuator(joint).trnid[0] == model.joint(joint).id
+    model.body(spec.base_body)
+    model.body(spec.gripper_body)
+    model.site(spec.tcp_site)
+    for geom in spec.finger_geoms:
+        model.geom(geom)
+    for camera in spec.cameras:
+        model.camera(camera)
+    for mesh in spec.meshes:
+        model.body(mesh.body)
+
+
+def test_the_chain_is_that_of_the_model(spec_and_model) -> None:
+    spec, model = spec_and_model
+    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+    for link in spec.chain:
+        joint = model.joint(link.joint)
+        body = model.body(joint.bodyid[0])
+        assert np.allclose(body.pos, link.offset), link.joint
+        assert np.allclose(joint.axis, axes[link.axis])
+        assert np.allclose(joint.range, (link.lower, link.upper), atol=1e-4)
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
+        assert int(joint.type[0]) == int(kind)
+
+
+def test_forward_kinematics_of_the_data_is_that_of_the_model(spec_and_model) -> None:
+    spec, model = spec_and_model
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        q = np.array([rng.uniform(link.lower, link.upper) for link in spec.chain])
+        data.qpos[:] = 0
+        for link, value in zip(spec.chain, q, strict=True):
+            data.qpos[model.joint(link.joint).qposadr[0]] = value
+        mujoco.mj_kinematics(model, data)
+        point, turn = np.zeros(3), np.eye(3)
+        for link, value in zip(spec.chain, q, strict=True):
+            point = point + turn @ link.offset
+            axis = np.eye(3)["xyz".index(link.axis)]
+            if link.prismatic:
+                point = point + turn @ axis * value
+            else:
+                step = np.empty(9)
+                quaternion = np.array([math.cos(value / 2), *(math.sin(value / 2) * axis)])
+                mujoco.mju_quat2Mat(step, quaternion)
+                turn = turn @ step.reshape(3, 3)
+        point = point + turn @ spec.tcp_offset
+        assert np.allclose(data.site(spec.tcp_site).xpos, point, atol=1e-6)
+        assert np.allclose(data.site(spec.tcp_site).xmat.reshape(3, 3), turn, atol=1e-6)
+
+
+def test_vectors_have_the_documented_lengths(spec_and_model) -> None:
+    spec, _ = spec_and_model
+    count = len(spec.chain)
+    assert len(spec.home) == count
+    assert len(spec.drive_joints) == len(spec.max_velocity) == len(spec.max_acceleration) == 3 + count
+    assert all(link.lower <= value <= link.upper for link, value in zip(spec.chain, spec.home, strict=True))
+
+
+def test_home_is_level_high_and_touches_nothing(spec_and_model) -> None:
+    spec, model = spec_and_model
+    model.geom_conaffinity[:] |= 2
+    data = mujoco.MjData(model)
+    for joint, value in zip((*spec.drive_joints, *spec.head_joints), (0, 0, 0, *spec.home, *spec.head_posture), strict=True):
+        data.qpos[model.joint(joint).qposadr[0]] = value
+    mujoco.mj_forward(model, data)
+    rotation = data.site(spec.tcp_site).xmat.reshape(3, 3)
+    assert rotation[2, 2] > 0.999, "the gripper is level"
+    assert rotation[0, 0] > 0.99, "and points ahead"
+    assert data.site(spec.tcp_site).xpos[2] > 1.0
+    pairs = {tuple(sorted(model.geom(g).name for g in contact.geom)) for contact in data.contact if contact.dist < -1e-3}
+    assert not {pair for pair in pairs if not _are_neighbours(model, *pair)}
+
+
+def _are_neighbours(model: mujoco.MjModel, first: str, second: str) -> bool:
+    """Links that are at most two joints apart overlap by construction."""
+    lineages = []
+    for name in (first, second):
+        body, lineage = int(model.geom_bodyid[model.geom(name).id]), []
+        while body:
+            lineage.append(body)
+            body = int(model.body_parentid[body])
+        lineages.append(lineage)
+    return lineages[0][0] in lineages[1][:3] or lineages[1][0] in lineages[0][:3]
+
+
+def test_finger_positions_invert_openings(spec_and_model) -> None:
+    spec, _ = spec_and_model
+    for opening in np.linspace(spec.finger_gap_closed, spec.max_opening, 7):
+        position = spec.finger_position(opening)
+        assert spec.finger_gap_closed + 2 * position == pytest.approx(opening)
+    assert spec.finger_position(-1.0) == 0.0
+    assert spec.finger_position(1.0) == spec.max_finger_position
+
+
+def test_pads_are_as_far_apart_as_the_data_say(spec_and_model) -> None:
+    spec, model = spec_and_model
+    data = mujoco.MjData(model)
+    for position in (0.0, spec.max_finger_position):
+        for joint in spec.finger_joints:
+            data.qpos[model.joint(joint).qposadr[0]] = position
+        mujoco.mj_kinematics(model, data)
+        centres = np.array([data.geom(geom).xpos for geom in spec.finger_geoms])
+        gap = np.linalg.norm(centres[0] - centres[1]) - spec.finger_thickness
+        assert gap == pytest.approx(spec.finger_gap_closed + 2 * position, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["pr2", "", None, 3])
+def test_unknown_robots_list_the_known(name: object) -> None:
+    with pytest.raises(UnknownRobot, match="fetch"):
+        robot(name)
+
+
+def test_unknown_assets_list_the_known() -> None:
+    with pytest.raises(FileNotFoundError, match=r"mjcf/fetch\.xml"):
+        path("mjcf/pr2.xml")
