@@ -135,7 +135,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             self.render()
         return self._observe(), reward, terminated, False, self._info()
 
-    def render(self) -> NDArray[Any] | None:  # type: ignore[override]
+    def render(self) -> NDArray[Any] | None:
         """A picture (height, width, 3) uint8, a depth image (height, width) float32 [m], or None: a window.
 
         Raises:

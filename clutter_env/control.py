@@ -67,7 +67,7 @@ def checked_action(action: ArrayLike, size: int) -> Vector:
 
 
 class JointController:
-    """"joint" control: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, finger position.
+    """ "joint" control: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, finger position.
 
     A full action is the joint's maximum velocity. The last number is the opening: -1 closed, 1 open; the fingers move
     there at their own speed.
@@ -138,7 +138,7 @@ class JointController:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
         Where that is out of reach within the limits, the action that approaches it with room to brake; a goal that
-        stands still may be passed by the braking distance of one step (2 cm, 0.03 rad) before it is met.
+        stands still may be passed by the braking distance of one step (3 cm, 0.05 rad) before it is met.
 
         Raises:
             ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.
@@ -219,7 +219,8 @@ def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
     gain = model.actuator_gainprm[index.drive_actuators, 0]
     damping = -model.actuator_biasprm[index.drive_actuators, 2]
     joint_damping = np.array([model.dof_damping[dof].ravel()[0] for dof in index.drive_dof])
-    return (damping + joint_damping) / gain
+    feedforward: Vector = (damping + joint_damping) / gain
+    return feedforward
 
 
 def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:

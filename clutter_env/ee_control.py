@@ -76,7 +76,12 @@ class EndEffectorController:
         self._limit.velocity = qd
         try:
             velocity = mink.solve_ik(
-                self._configuration, self._tasks, CONTROL_STEP, solver="daqp", damping=_SOLVER_DAMPING, limits=[self._limit]
+                self._configuration,
+                self._tasks,
+                CONTROL_STEP,
+                solver="daqp",
+                damping=_SOLVER_DAMPING,
+                limits=[self._limit],
             )
         except mink.NoSolutionFound:
             return np.zeros_like(q)
@@ -95,7 +100,7 @@ class EndEffectorController:
         return self._configuration.get_transform_frame_to_world(self._robot.tcp_site, "site")
 
 
-class _MotionLimit(mink.Limit):
+class _MotionLimit(mink.Limit):  # type: ignore[misc] # mink has no types that mypy follows
     """Joint velocities that keep the limits of position, velocity and acceleration, and leave room to brake."""
 
     def __init__(self, robot: RobotSpec) -> None:
@@ -118,7 +123,8 @@ class _MotionLimit(mink.Limit):
         """The velocity from which the joint can still stop within this distance."""
         half = self._max_acceleration * dt / 2
         braking = np.sqrt(half**2 + 2 * self._max_acceleration * np.maximum(distance, 0.0)) - half
-        return np.minimum(braking, self._max_velocity)
+        fastest: Vector = np.minimum(braking, self._max_velocity)
+        return fastest
 
 
 def _moved(pose: mink.SE3, step: Vector) -> mink.SE3:

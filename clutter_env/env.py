@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-
 from clutter_env.base_env import BaseEnv
 from clutter_env.config import EnvConfig, check_integer
 from clutter_env.layout import TableScene
@@ -64,5 +63,3 @@ class RetrieveEnv(BaseEnv):
 
     def _recall(self, memory: dict[str, Any]) -> None:
         self._progress = Progress(**memory["progress"])
-
-

@@ -126,7 +126,7 @@ class ReachEnv(GoalEnv):
         return draw_scene(self.np_random, self.layout, self.config, options)
 
     def _achieved(self) -> NDArray[np.float64]:
-        return np.clip(self.data.site_xpos[self.world.index.tcp_site], -GOAL_BOUND, GOAL_BOUND)
+        return _clipped(self.data.site_xpos[self.world.index.tcp_site])
 
     def _draw_goal(self) -> NDArray[np.float64]:
         assert self.world.scene is not None
@@ -159,7 +159,7 @@ class PickEnv(GoalEnv):
         return np.array([x, position[1] + side, yaw])
 
     def _achieved(self) -> NDArray[np.float64]:
-        return np.clip(self.seen.poses[self.target_slot, :3], -GOAL_BOUND, GOAL_BOUND)
+        return _clipped(self.seen.poses[self.target_slot, :3])
 
     def _draw_goal(self) -> NDArray[np.float64]:
         start = self._achieved()
@@ -173,3 +173,8 @@ def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArra
     """Distances (...,) of points (..., 3), summed in one fixed order so that every batch size gives the same bits."""
     x, y, z = np.moveaxis(first - second, -1, 0)
     return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _clipped(point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The point (3,), within the goal space."""
+    return np.minimum(np.maximum(point, -GOAL_BOUND), GOAL_BOUND)

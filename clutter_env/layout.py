@@ -212,9 +212,7 @@ def sample_scene(rng: np.random.Generator, layout: Layout, num_objects: int, sha
         OptionError: no placement was found; cannot happen up to `capacity`.
     """
     is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
-    half_width = np.where(
-        is_box, rng.uniform(*HALF_WIDTH_RANGE, num_objects), rng.uniform(*RADIUS_RANGE, num_objects)
-    )
+    half_width = np.where(is_box, rng.uniform(*HALF_WIDTH_RANGE, num_objects), rng.uniform(*RADIUS_RANGE, num_objects))
     half_height = rng.uniform(*HEIGHT_RANGE, num_objects) / 2
     half_depth = np.where(is_box, rng.uniform(*HALF_WIDTH_RANGE, num_objects), half_width)
     return TableScene(
@@ -244,9 +242,7 @@ def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64])
     raise OptionError(f"no room for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
 
 
-def _place_once(
-    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def _place_once(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """One attempt, object by object; None when the next object found no room."""
     high = np.array([layout.depth, layout.width]) / 2 - EDGE_MARGIN
     positions = np.empty((len(radii), 2))

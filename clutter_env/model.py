@@ -1,12 +1,7 @@
-"""The MuJoCo model: robot, furniture and objects; compiled once, then refitted to each new scene.
-
-A reset writes sizes, masses, inertias, colours and start poses into the compiled model. Every such entry is written
-every time, so that what follows depends on the scene alone and not on the scenes before it.
-"""
+"""The MuJoCo model of robot, furniture and objects, and where things are in it."""
 
 from __future__ import annotations
 
-import colorsys
 import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +12,9 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.config import TIMESTEP
-from clutter_env.layout import TABLE_HEIGHT, Layout, TableScene, furniture, object_name
+from clutter_env.layout import TABLE_HEIGHT, Layout, furniture, object_name
 
-__all__ = ["ModelIndex", "build_spec", "compile_model", "fit_scene", "has_visuals", "mesh_folder"]
+__all__ = ["ModelIndex", "build_spec", "compile_model", "has_visuals", "mesh_folder"]
 
 PARKED_X = -3.0
 """[m] where the base stands in the model's reference posture: clear of everything, so that objects may start asleep."""
@@ -30,7 +25,6 @@ VISUAL_GROUP, HIDDEN_GROUP = 1, 3
 
 _OBJECT_FRICTION = (0.8, 0.005, 0.0005)
 _OBJECT_SOLREF = (0.01, 1.0)
-_TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
@@ -45,9 +39,6 @@ _TOP_X = -0.45
 """[m] of the camera "top": between the table and where the robot starts."""
 _EXTENT = 2.0
 """[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
-_HUES = (0.07, 0.93)
-"""Hues of what is not the target: all but the reds."""
-_GOLDEN_RATIO = 0.6180339887
 
 
 @dataclass(frozen=True)
@@ -107,7 +98,11 @@ def _frozen(values: list[int]) -> NDArray[np.intp]:
 
 
 def compile_model(
-    robot: RobotSpec, layout: Layout, shapes: tuple[str, ...], picture: tuple[int, int] = (480, 480), show_meshes: bool = False
+    robot: RobotSpec,
+    layout: Layout,
+    shapes: tuple[str, ...],
+    picture: tuple[int, int] = (480, 480),
+    show_meshes: bool = False,
 ) -> mujoco.MjModel:
     """Robot, furniture and one body per entry of `shapes`.
 
@@ -158,7 +153,12 @@ def _park_robot(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
 def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     world = spec.worldbody
     world.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.5], rgba=[0.93, 0.94, 0.95, 1], contype=1, conaffinity=1
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.5],
+        rgba=[0.93, 0.94, 0.95, 1],
+        contype=1,
+        conaffinity=1,
     )
     contype, conaffinity = ENVIRONMENT_BITS
     for box in furniture(layout):
@@ -202,7 +202,9 @@ def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
         diffuse=[0.45, 0.45, 0.45],
         castshadow=False,
     )
-    world.add_camera(name="scene", pos=_SCENE_EYE, xyaxes=_look_at(np.array(_SCENE_EYE), np.array(_SCENE_POINT)), fovy=40)
+    world.add_camera(
+        name="scene", pos=_SCENE_EYE, xyaxes=_look_at(np.array(_SCENE_EYE), np.array(_SCENE_POINT)), fovy=40
+    )
     height = TABLE_HEIGHT + 1.2 * (max(layout.width, layout.depth) + 1.0)
     world.add_camera(name="top", pos=[_TOP_X, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=45)
 
@@ -216,7 +218,7 @@ def _look_at(eye: NDArray[np.float64], point: NDArray[np.float64]) -> list[float
 
 
 def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
-    """A free body at the origin of nothing in particular: `fit_scene` gives it its size and place."""
+    """A free body; `fitting.fit_scene` gives it its size, mass and place."""
     body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])
     body.add_freejoint(name=f"{object_name(index)}_joint")
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
@@ -274,77 +276,3 @@ def _show_meshes(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
             conaffinity=0,
             group=VISUAL_GROUP,
         )
-
-
-def fit_scene(model: mujoco.MjModel, data: mujoco.MjData, index: ModelIndex, scene: TableScene) -> None:
-    """Give the objects of a compiled model the sizes, masses, colours and start poses of `scene`.
-
-    `data` is scratch space; reset it afterwards: the objects then start at rest, asleep, on the table.
-    """
-    if scene.num_objects:
-        _fit_shapes(model, index, scene)
-        model.body_mass[index.object_bodies] = scene.masses
-        model.body_inertia[index.object_bodies] = _inertias(scene)
-        model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
-    _set_constants(model, data)
-
-
-def _set_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Derive the model's constants with every body awake: `mj_setConst` leaves those of sleeping bodies as they were."""
-    sleep = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    model.opt.enableflags &= ~sleep
-    mujoco.mj_resetData(model, data)
-    mujoco.mj_setConst(model, data)
-    model.opt.enableflags |= sleep
-
-
-def _fit_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
-    half, is_box = scene.half_extents, scene.is_box[:, None]
-    cylinder_size = np.column_stack((half[:, 0], half[:, 2], np.zeros(scene.num_objects)))
-    model.geom_size[index.object_geoms] = np.where(is_box, half, cylinder_size)
-    model.geom_aabb[index.object_geoms, 3:] = half
-    model.bvh_aabb[model.body_bvhadr[index.object_bodies], 3:] = half
-    model.geom_rbound[index.object_geoms] = np.where(
-        scene.is_box, np.linalg.norm(half, axis=1), np.hypot(half[:, 0], half[:, 2])
-    )
-    model.geom_rgba[index.object_geoms] = _colours(scene)
-
-
-def _inertias(scene: TableScene) -> NDArray[np.float64]:
-    """Principal moments (n, 3) of homogeneous cylinders and boxes."""
-    x2, y2, z2 = (scene.half_extents**2).T
-    box = np.column_stack((y2 + z2, x2 + z2, x2 + y2)) / 3
-    side = x2 / 4 + z2 / 3
-    cylinder = np.column_stack((side, side, x2 / 2))
-    return scene.masses[:, None] * np.where(scene.is_box[:, None], box, cylinder)
-
-
-def _start_poses(scene: TableScene) -> NDArray[np.float64]:
-    """Free-joint positions (n, 7): standing on the table, exactly touching it."""
-    zeros = np.zeros(scene.num_objects)
-    return np.column_stack(
-        (
-            scene.positions,
-            TABLE_HEIGHT + scene.half_extents[:, 2],
-            np.cos(scene.yaws / 2),
-            zeros,
-            zeros,
-            np.sin(scene.yaws / 2),
-        )
-    )
-
-
-def _colours(scene: TableScene) -> NDArray[np.float64]:
-    """Colours (n, 4): the target red, the others distinct and not red."""
-    colours = np.array([_slot_colour(slot) for slot in range(scene.num_objects)])
-    if 0 <= scene.target < scene.num_objects:
-        colours[scene.target] = _TARGET_COLOUR
-    return colours
-
-
-def _slot_colour(slot: int) -> tuple[float, float, float, float]:
-    """Hues step by the golden ratio, so that neighbours in number differ most; lightness cycles with a period of three."""
-    hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)
-    lightness = (0.50, 0.66, 0.38)[slot % 3]
-    red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.55)
-    return red, green, blue, 1.0

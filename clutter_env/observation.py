@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -84,13 +84,15 @@ class Observer:
     @property
     def space(self) -> spaces.Dict:
         """One symmetric Box of float32 per entry."""
-        parts = {}
+        parts: dict[str, spaces.Space[Any]] = {}
         for (name, size), start in zip(self._sizes.items(), self._edges, strict=False):
             bound = self.bounds[start : start + size]
             parts[name] = spaces.Box(-bound, bound, dtype=np.float32)
         return spaces.Dict(parts)
 
-    def observe(self, world: World, seen: Measurements, target: int, hold_progress: float, lift_left: float) -> Observation:
+    def observe(
+        self, world: World, seen: Measurements, target: int, hold_progress: float, lift_left: float
+    ) -> Observation:
         """The observation after a step; every call makes new arrays.
 
         Args:
@@ -178,7 +180,7 @@ def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
             (0, 0, 0, hs, 0, 0, hc),
         ]
     )
-    relative = poses @ turn
+    relative: Vector = poses @ turn
     relative[:, 0] -= c * frame.x + s * frame.y
     relative[:, 1] -= c * frame.y - s * frame.x
     relative[:, 3:] *= np.where(relative[:, 3:4] < 0, -1.0, 1.0)

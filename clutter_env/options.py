@@ -184,7 +184,7 @@ Polygon = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Footprint:
-    """A disc or a rectangle on the table: its centre, its corners (4, 2) or its centre alone, and the rounding radius."""
+    """A disc or a rectangle on the table: its centre, its corners (4, 2) or its centre alone, and its radius."""
 
     centre: Polygon
     corners: Polygon

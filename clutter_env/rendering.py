@@ -48,15 +48,12 @@ def make_context(width: int, height: int) -> GLContext:
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
         raise RenderingUnavailable(f"rendering is switched off by MUJOCO_GL={wanted}; unset it to draw pictures")
-    if wanted or has_display():
-        backends = ["mujoco.gl_context"]
-    else:
-        backends = ["mujoco.egl", "mujoco.osmesa"]
+    backends = ["mujoco.gl_context"] if wanted or has_display() else ["mujoco.egl", "mujoco.osmesa"]
     failures = []
     for backend in backends:
         try:
             return _open(backend, width, height)
-        except Exception as error:  # noqa: BLE001 - each backend fails in its own way; all of them are reported below
+        except Exception as error:  # each backend fails in its own way; all failures are reported below
             failures.append(f"{wanted or backend.removeprefix('mujoco.')}: {error}")
     raise RenderingUnavailable(f"no OpenGL context ({'; '.join(failures)}); {_DEBIAN_PACKAGES}")
 

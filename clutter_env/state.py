@@ -40,7 +40,9 @@ class SavedState:
 
 def pack(saved: SavedState) -> bytes:
     """The bytes of a state: a magic line, a digest, and compressed JSON (which keeps every bit of a float)."""
-    scene = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(saved.scene).items()}
+    scene = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(saved.scene).items()
+    }
     content = {"kind": saved.kind, "scene": scene, "physics": saved.physics, "memory": saved.memory}
     body = zlib.compress(json.dumps(content).encode(), level=1)
     return _MAGIC + hashlib.sha256(body).digest() + body
@@ -61,9 +63,14 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
     for name, value in kind.items():
         if content["kind"].get(name) != value:
             raise StateError(f"the state was saved with {name}={content['kind'].get(name)!r}; this one has {value!r}")
-    scene = {name: np.array(value) if isinstance(value, list) else value for name, value in content["scene"].items()}
+    scene: dict[str, Any] = {
+        name: np.array(value) if isinstance(value, list) else value for name, value in content["scene"].items()
+    }
     count = len(scene["yaws"])
-    scene["half_extents"], scene["positions"] = scene["half_extents"].reshape(count, 3), scene["positions"].reshape(count, 2)
+    scene["half_extents"], scene["positions"] = (
+        scene["half_extents"].reshape(count, 3),
+        scene["positions"].reshape(count, 2),
+    )
     return SavedState(content["kind"], TableScene(**scene), content["physics"], content["memory"])
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.control import JointController
+from clutter_env.fitting import fit_scene
 from clutter_env.layout import TABLE_HEIGHT, Layout, TableScene, object_name
-from clutter_env.model import ModelIndex, compile_model, fit_scene
+from clutter_env.model import ModelIndex, compile_model
 
 __all__ = ["Measurements", "World"]
 

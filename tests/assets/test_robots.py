@@ -86,14 +86,18 @@ def test_home_is_level_high_and_touches_nothing(spec_and_model) -> None:
     spec, model = spec_and_model
     model.geom_conaffinity[:] |= 2
     data = mujoco.MjData(model)
-    for joint, value in zip((*spec.drive_joints, *spec.head_joints), (0, 0, 0, *spec.home, *spec.head_posture), strict=True):
+    for joint, value in zip(
+        (*spec.drive_joints, *spec.head_joints), (0, 0, 0, *spec.home, *spec.head_posture), strict=True
+    ):
         data.qpos[model.joint(joint).qposadr[0]] = value
     mujoco.mj_forward(model, data)
     rotation = data.site(spec.tcp_site).xmat.reshape(3, 3)
     assert rotation[2, 2] > 0.999, "the gripper is level"
     assert rotation[0, 0] > 0.99, "and points ahead"
     assert data.site(spec.tcp_site).xpos[2] > 1.0
-    pairs = {tuple(sorted(model.geom(g).name for g in contact.geom)) for contact in data.contact if contact.dist < -1e-3}
+    pairs = {
+        tuple(sorted(model.geom(g).name for g in contact.geom)) for contact in data.contact if contact.dist < -1e-3
+    }
     assert not {pair for pair in pairs if not _are_neighbours(model, *pair)}
 
 

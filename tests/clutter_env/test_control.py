@@ -71,7 +71,7 @@ def test_far_goals_are_reached_with_hardly_any_overshoot() -> None:
     for _ in range(120):
         env.step(env.joint_action(goal, 0.05))
         beyond = (env.world.controller.state.target - goal) * side
-        assert beyond.max() < 0.03
+        assert beyond.max() < 0.05
     assert np.abs(env.world.controller.state.target - goal).max() < 1e-9
 
 
@@ -83,7 +83,8 @@ def test_targets_keep_velocity_and_acceleration_limits(mode: str) -> None:
     tolerance = 1 + 1e-6
     for step in range(300):
         before = controller.state
-        action = rng.choice([-1.0, 1.0], env.action_space.shape) if step % 7 == 0 else action
+        if step % 7 == 0:
+            action = rng.choice([-1.0, 1.0], env.action_space.shape)
         env.step(action)
         after = controller.state
         moved = (after.target - before.target) / CONTROL_STEP

@@ -54,7 +54,8 @@ def test_processes_do_not_matter() -> None:
     assert result.stdout == digest(gym.make(IDS[0]).unwrapped)
 
 
-def test_meshes_and_pictures_do_not_matter(needs_gl) -> None:
+@pytest.mark.usefixtures("needs_gl")
+def test_meshes_and_pictures_do_not_matter() -> None:
     env = gym.make(IDS[0], render_mode="rgb_array").unwrapped
     assert digest(env, draws=True) == digest(gym.make(IDS[0]).unwrapped)
     env.close()

@@ -14,7 +14,11 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import clutter_env
 
-IDS = [*(f"clutter_env/Retrieve-o{n}-v0" for n in clutter_env.OBJECT_COUNTS), "clutter_env/Reach-v0", "clutter_env/Pick-v0"]
+IDS = [
+    *(f"clutter_env/Retrieve-o{n}-v0" for n in clutter_env.OBJECT_COUNTS),
+    "clutter_env/Reach-v0",
+    "clutter_env/Pick-v0",
+]
 INFO_TYPES = {"is_success": bool, "target": str, "held": str, "num_fallen": int}
 
 
@@ -38,7 +42,9 @@ def test_stable_baselines3_checker_is_silent(env_id: str) -> None:
         check_for_sb3(gym.make(env_id).unwrapped)
 
 
-@pytest.mark.parametrize("keywords", [{"control_mode": "ee"}, {"reward_mode": "dense"}, {"layout": "shelf", "shapes": "mixed"}])
+@pytest.mark.parametrize(
+    "keywords", [{"control_mode": "ee"}, {"reward_mode": "dense"}, {"layout": "shelf", "shapes": "mixed"}]
+)
 def test_other_modes_are_silent_too(keywords: dict[str, str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -46,7 +52,8 @@ def test_other_modes_are_silent_too(keywords: dict[str, str]) -> None:
             check_env(gym.make(env_id, **keywords).unwrapped, skip_render_check=True)
 
 
-def test_camera_observations_are_silent_too(needs_gl) -> None:
+@pytest.mark.usefixtures("needs_gl")
+def test_camera_observations_are_silent_too() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gym.make("clutter_env/Retrieve-o5-v0", obs_mode="rgbd", image_size=32)
@@ -54,8 +61,9 @@ def test_camera_observations_are_silent_too(needs_gl) -> None:
         env.close()
 
 
+@pytest.mark.usefixtures("needs_gl")
 @pytest.mark.parametrize("env_id", ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", *IDS[-2:]])
-def test_rendering_passes_the_checker_too(env_id: str, needs_gl) -> None:
+def test_rendering_passes_the_checker_too(env_id: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(gym.make(env_id).unwrapped)

@@ -23,9 +23,10 @@ def run_without(code: str, **environment: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=variables | environment)
 
 
+@pytest.mark.usefixtures("needs_gl")
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("camera", ["scene", "top"])
-def test_the_red_target_is_in_the_picture(layout: str, camera: str, needs_gl) -> None:
+def test_the_red_target_is_in_the_picture(layout: str, camera: str) -> None:
     env = gym.make(ID, layout=layout, camera=camera, render_mode="rgb_array")
     env.reset(seed=1)
     picture = env.render()
@@ -37,7 +38,8 @@ def test_the_red_target_is_in_the_picture(layout: str, camera: str, needs_gl) ->
     env.close()
 
 
-def test_depth_is_metric(needs_gl) -> None:
+@pytest.mark.usefixtures("needs_gl")
+def test_depth_is_metric() -> None:
     env = gym.make(ID, camera="top", render_mode="depth_array").unwrapped
     env.reset(seed=1)
     depth = env.render()
@@ -50,7 +52,8 @@ def test_depth_is_metric(needs_gl) -> None:
     env.close()
 
 
-def test_closed_environments_draw_again(needs_gl) -> None:
+@pytest.mark.usefixtures("needs_gl")
+def test_closed_environments_draw_again() -> None:
     env = gym.make(ID, render_mode="rgb_array", width=64, height=48).unwrapped
     env.reset(seed=1)
     first = env.render()
@@ -63,7 +66,8 @@ def test_closed_environments_draw_again(needs_gl) -> None:
     env.close()
 
 
-def test_cameras_see_depth_and_colour(needs_gl) -> None:
+@pytest.mark.usefixtures("needs_gl")
+def test_cameras_see_depth_and_colour() -> None:
     env = gym.make(ID, obs_mode="rgbd", image_size=48)
     observation, _ = env.reset(seed=0)
     assert observation["head_rgb"].std() > 5
@@ -72,7 +76,8 @@ def test_cameras_see_depth_and_colour(needs_gl) -> None:
     env.close()
 
 
-def test_videos_are_recorded(tmp_path, needs_gl) -> None:
+@pytest.mark.usefixtures("needs_gl")
+def test_videos_are_recorded(tmp_path) -> None:
     pytest.importorskip("moviepy")
     env = RecordVideo(gym.make(ID, render_mode="rgb_array", width=64, height=64), str(tmp_path), disable_logger=True)
     env.reset(seed=0)

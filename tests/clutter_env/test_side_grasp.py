@@ -9,6 +9,7 @@ from clutter_env.env import RetrieveEnv
 from clutter_env.reward import LIFT_HEIGHT
 from tests.clutter_env.side_grasp import SideGrasp, free_targets
 
+
 def grasp_free_targets(count: int, **keywords) -> list:
     """Results of the script on random free targets, one per scene."""
     env = RetrieveEnv(num_objects=20, control_mode="ee", **keywords)

@@ -43,7 +43,9 @@ def run(env, actions: np.ndarray) -> list[bytes]:
     record = []
     for action in actions:
         observation, reward, *ended, info = env.step(action)
-        record.append(b"".join(value.tobytes() for value in observation.values()) + repr((reward, ended, info)).encode())
+        record.append(
+            b"".join(value.tobytes() for value in observation.values()) + repr((reward, ended, info)).encode()
+        )
     record.append(env.data.qpos.tobytes() + env.data.qvel.tobytes())
     return record
 
