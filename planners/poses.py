@@ -99,8 +99,8 @@ class PlacementConfig:
 
     rows: int = 4
     columns: int = 4
-    margin: float = 0.06
-    finest: float = 0.02
+    margin: float = 0.045
+    finest: float = 0.015
 
 
 def generate_grasps(body: Body, robot: RobotSpec, config: GraspConfig | None = None) -> tuple[GraspPose, ...]:

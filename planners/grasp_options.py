@@ -1,0 +1,148 @@
+"""Ways to grasp an object where it stands: hand yaw, base pose and arm posture, and what is in the way of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.kinematics import ArmChain
+from planners.collision import CollisionWorld
+from planners.poses import GraspConfig, GraspPose, generate_grasps
+from planners.postures import HandPoses, PostureGrid, scan_postures
+from planners.scene import Body, Scene
+
+__all__ = ["BasePlacer", "GraspCatalogue", "GraspOption", "SamplingConfig", "level_hands"]
+
+Array = NDArray[np.float64]
+
+OFF_TABLE = 0.02
+"""[m] An object whose lowest point is this far below the table top does not stand on it."""
+
+
+@dataclass(frozen=True)
+class SamplingConfig:
+    """How finely grasps are sampled.
+
+    Attributes:
+        directions: of approach, evenly about the vertical (n of section 3.3).
+        torsos, rolls: values of torso height and upper-arm roll tried for each hand pose.
+    """
+
+    directions: int = 24
+    torsos: int = 6
+    rolls: int = 18
+
+
+class BasePlacer(Protocol):
+    """Says where the base may stand."""
+
+    def bases(self, hands: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad], and each one's hand (m,) as index."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class GraspOption:
+    """One way to grasp one object.
+
+    Attributes:
+        object: its name.
+        base: (3,) x [m], y [m], yaw [rad].
+        q: (8,) torso [m] and arm [rad] at the grasp.
+        yaw: [rad] of the approach in the world.
+        opening: of the gripper [m] on the way there.
+        blockers: objects hit at the grasp, as bits.
+        quality: larger is better.
+    """
+
+    object: str
+    base: Array
+    q: Array
+    yaw: float
+    opening: float
+    blockers: int
+    quality: float
+
+    @property
+    def key(self) -> tuple[str, bytes, bytes]:
+        """Identifies the option across scenes."""
+        return self.object, self.base.tobytes(), self.q.tobytes()
+
+
+def level_hands(grasps: Sequence[GraspPose]) -> Array:
+    """Side grasps as level hands (k, 4): x, y, z [m] of the TCP, yaw [rad]."""
+    return np.array([(*grasp.T_world_tcp[:3, 3], grasp.yaw) for grasp in grasps]).reshape(-1, 4)
+
+
+@dataclass
+class GraspCatalogue:
+    """The grasps of a scene's objects, made when first asked for.
+
+    Motion planning may learn that a grasp is worse than it looked: `ban` takes it out, `obstruct` adds what is in its
+    way. What was learnt about an object is forgotten once the scene changes.
+    """
+
+    placer: BasePlacer
+    chain: ArmChain
+    config: SamplingConfig = field(default_factory=SamplingConfig)
+    _scene: Scene | None = None
+    _world: CollisionWorld | None = None
+    _known: dict[str, tuple[GraspOption, ...]] = field(default_factory=dict)
+
+    def options(self, scene: Scene, name: str) -> tuple[GraspOption, ...]:
+        """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
+        self._look_at(scene)
+        if name not in self._known:
+            self._known[name] = self._find(scene, scene.body(name))
+        return self._known[name]
+
+    def ban(self, scene: Scene, option: GraspOption) -> None:
+        """Do not offer that grasp again in this scene."""
+        kept = (other for other in self.options(scene, option.object) if other.key != option.key)
+        self._known[option.object] = tuple(kept)
+
+    def _look_at(self, scene: Scene) -> None:
+        if self._scene is None or not _same_objects(self._scene, scene):
+            self._scene = scene
+            self._world = CollisionWorld.from_scene(scene)
+            self._known = {}
+
+    def _find(self, scene: Scene, body: Body) -> tuple[GraspOption, ...]:
+        if body.bottom < scene.support.top - OFF_TABLE:
+            return ()
+        grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.config.directions))
+        if not grasps:
+            return ()
+        assert self._world is not None
+        hands = level_hands(grasps)
+        opening = max(grasp.opening for grasp in grasps)
+        bases, index = self.placer.bases(hands)
+        poses = HandPoses(bases, hands[index])
+        held = () if scene.held is None else (scene.held.name,)
+        ignore = scene.mask({body.name, *held})
+        found = scan_postures(self._world, self.chain, poses, self.grid, opening, ignore=ignore)
+        options = [
+            GraspOption(body.name, bases[pair], q, float(poses.hands[pair, 3]), opening, int(hits), float(quality))
+            for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
+        ]
+        return tuple(sorted(options, key=lambda option: (option.blockers.bit_count(), -option.quality)))
+
+    @property
+    def grid(self) -> PostureGrid:
+        """Torso heights and upper-arm rolls to try."""
+        torsos = np.linspace(self.chain.lower[0], self.chain.upper[0], self.config.torsos + 2)[1:-1]
+        rolls = -np.pi + (np.arange(self.config.rolls) + 0.5) * (2 * np.pi / self.config.rolls)
+        return PostureGrid(torsos, rolls)
+
+
+def _same_objects(one: Scene, other: Scene) -> bool:
+    """Whether the objects stand where they stood; where the robot is does not matter."""
+    held = (one.held.name if one.held else "") == (other.held.name if other.held else "")
+    return held and len(one.objects) == len(other.objects) and all(
+        a is b or (a.name == b.name and np.array_equal(a.position, b.position) and np.array_equal(a.quaternion, b.quaternion))
+        for a, b in zip(one.objects, other.objects, strict=True)
+    )

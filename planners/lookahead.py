@@ -1,0 +1,158 @@
+"""Choosing the whole sequence before the first motion: which objects, through which grasps, to which places.
+
+The strategies that do not look ahead commit to grasps only. Looking ahead walks through the clearances in thought,
+places each object where nothing that remains to be done is obstructed, and turns to another set of objects, grasps or
+another order where some object finds no place.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from planners.clearance import SupportGrid
+from planners.clearance_floor import FloorLimits
+from planners.collision import CollisionWorld
+from planners.commitments import (
+    Commitments,
+    NoCommitment,
+    OptionSource,
+    greedy_commitments,
+    smallest_commitments,
+    varied_commitments,
+)
+from planners.grasp_options import GraspOption
+from planners.placements import Placement, PlacementSearch, keep_clear_mask
+from planners.scene import HeldObject, RobotState, Scene
+from planners.solution import Cause
+from planners.strategies import Strategy
+
+__all__ = ["Foresight", "commitments_for", "grasped", "keep_clear"]
+
+_SETS = 12
+"""Sets of objects looked at before giving up; most scenes need one."""
+_VARIATIONS = 6
+"""Other orders and grasps tried for each of them."""
+_CELL = 0.02
+"""[m] of the cells in which swept space is compared."""
+_SLACK = 2
+"""Sets with so many objects more than the fewest are looked at too."""
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """Commitments, and where each object to clear will be put; no places for strategies that do not look ahead."""
+
+    commitments: Commitments
+    places: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+
+    def without(self, name: str) -> Foresight:
+        """What remains once that object has been cleared."""
+        places = {other: place for other, place in self.places.items() if other != name}
+        return Foresight(self.commitments.without(name), MappingProxyType(places))
+
+
+def commitments_for(
+    strategy: Strategy,
+    source: OptionSource,
+    search: PlacementSearch,
+    scene: Scene,
+    target: str,
+    rng: np.random.Generator,
+    limits: FloorLimits | None = None,
+) -> Iterator[Foresight | NoCommitment]:
+    """Ways to go about it, best first; where there is none, or none whose objects all find places, the reason."""
+    if strategy.grasps == "greedy":
+        found = greedy_commitments(source, scene, target)
+        yield found if isinstance(found, NoCommitment) else Foresight(found)
+        return
+    without_place = target
+    for commitments in _alternatives(source, scene, target, rng, limits):
+        if isinstance(commitments, NoCommitment):
+            yield commitments
+            return
+        places = _places(strategy, search, scene, commitments, rng)
+        if isinstance(places, str):
+            without_place = places
+        else:
+            yield Foresight(commitments, places)
+    yield NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_place,), proved=False)
+
+
+def _alternatives(
+    source: OptionSource, scene: Scene, target: str, rng: np.random.Generator, limits: FloorLimits | None
+) -> Iterator[Commitments | NoCommitment]:
+    """The smallest sets as they are found, each followed by other orders and grasps for the same objects."""
+    sets = smallest_commitments(source, scene, target, slack=_SLACK, limits=limits)
+    volume = _volumes(scene)
+    for commitments in itertools.islice(sets, _SETS):
+        yield commitments
+        if isinstance(commitments, Commitments) and commitments.order:
+            for _ in range(_VARIATIONS):
+                yield varied_commitments(source, scene, commitments, rng, volume)
+
+
+def _volumes(scene: Scene) -> Callable[[GraspOption], int]:
+    """What each grasp sweeps of the space that objects stand in, as bits, one per cell of the table; remembered."""
+    world = CollisionWorld.from_scene(scene)
+    grid = SupportGrid.over(scene.support, _CELL)
+    tallest = max(body.top for body in scene.objects) - scene.support.top
+    known: dict[tuple[str, bytes, bytes], int] = {}
+
+    def volume(grasp: GraspOption) -> int:
+        if grasp.key not in known:
+            mask = keep_clear_mask(world, grid, [grasp], tallest)
+            known[grasp.key] = int.from_bytes(np.packbits(mask).tobytes(), "big")
+        return known[grasp.key]
+
+    return volume
+
+
+def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> list[GraspOption]:
+    """The grasps whose volume an object put aside must stay out of: NGR1, NGR1 + NGR2, or nothing (eq. 1-3)."""
+    if strategy.region == "none":
+        return []
+    if strategy.region == "ngr1":
+        return [commitments.grasps[commitments.target]]
+    return [grasp for name, grasp in commitments.grasps.items() if name != moving]
+
+
+def grasped(scene: Scene, grasp: GraspOption) -> Scene:
+    """The scene once that grasp has been taken: object in hand, robot at its base pose in the home posture."""
+    hand = _hand_pose(scene, grasp)
+    T_tcp_object = np.linalg.inv(hand) @ scene.body(grasp.object).pose
+    state = RobotState(grasp.base, np.array(scene.robot.home), scene.state.finger_position)
+    return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
+
+
+def _hand_pose(scene: Scene, grasp: GraspOption) -> np.ndarray:
+    """T_world_tcp (4, 4) of a grasp."""
+    from irm.kinematics import ArmChain, forward
+
+    T = forward(ArmChain.from_robot(scene.robot), grasp.q)
+    c, s = np.cos(grasp.base[2]), np.sin(grasp.base[2])
+    T_world_base = np.array([[c, -s, 0, grasp.base[0]], [s, c, 0, grasp.base[1]], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return np.asarray(T_world_base @ T)
+
+
+def _places(
+    strategy: Strategy, search: PlacementSearch, scene: Scene, commitments: Commitments, rng: np.random.Generator
+) -> Mapping[str, Placement] | str:
+    """A place for every object to clear, found by walking through the order; or the one that finds none."""
+    places: dict[str, Placement] = {}
+    remaining = commitments
+    held = () if scene.held is None else (scene.held.name,)
+    for name in (*held, *commitments.order):
+        in_hand = scene if name in held else grasped(scene, commitments.grasps[name])
+        place = next(search.find(in_hand, keep_clear(strategy, remaining, name), strategy, rng), None)
+        if place is None:
+            return name
+        places[name] = place
+        remaining = remaining.without(name)
+        state = RobotState(place.base, in_hand.state.q, in_hand.state.finger_position)
+        scene = in_hand.with_held(None).with_body(place.body).with_state(state)
+    return MappingProxyType(places)
