@@ -1,0 +1,1 @@
+"""Demonstrations, cloned and reinforced policies, and their comparison with the expert; torch where it is needed."""

@@ -1,0 +1,141 @@
+"""Experts behind one interface: the task and motion planner, and scripts for the goal environments."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from learning.errors import UnknownExpert
+from learning.scripted import SCRIPTS
+
+__all__ = ["Expert", "expert_names", "make_expert"]
+
+STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
+"""Strategies of the planner; known here without importing it."""
+
+
+class Expert(Protocol):
+    """Acts in one environment, which it may look into."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it has finished or given up."""
+        ...
+
+    @property
+    def skill(self) -> str:
+        """Name of what the last action belonged to."""
+        ...
+
+    @property
+    def plan_text(self) -> str:
+        """The plan, one action a line."""
+        ...
+
+    @property
+    def report_values(self) -> Mapping[str, Any]:
+        """The report as JSON values."""
+        ...
+
+    def reset(self) -> None:
+        """Take up the episode that the environment has just begun."""
+        ...
+
+    def act(self) -> NDArray[Any]:
+        """The next action."""
+        ...
+
+
+def expert_names(env_id: str) -> tuple[str, ...]:
+    """The experts that know an environment."""
+    family = _family(env_id)
+    return (family,) if family in SCRIPTS else STRATEGY_NAMES
+
+
+def make_expert(env: gym.Env, name: str = "") -> Expert:
+    """An expert for an environment: a strategy of the planner, or the script of a goal environment; "" is the first.
+
+    Raises:
+        UnknownExpert: no such expert for this environment; the message lists those there are.
+    """
+    assert env.spec is not None
+    known = expert_names(env.spec.id)
+    if name and name not in known:
+        raise UnknownExpert(f"no expert {name!r} for {env.spec.id}; known ones: {', '.join(known)}")
+    chosen = name or known[0]
+    if chosen in SCRIPTS:
+        return ScriptedExpert(env, chosen)
+    return PlannerExpert(env, chosen)
+
+
+class ScriptedExpert:
+    """One of `SCRIPTS`: a function from the environment to its next action, with the name of the phase it is in."""
+
+    def __init__(self, env: gym.Env, name: str) -> None:
+        self._env, self._name = env, name
+        self.skill = ""
+        self.done = False
+        self.plan_text = name
+        self.report_values: Mapping[str, Any] = {}
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._script = SCRIPTS[self._name](self._env.unwrapped)
+
+    def act(self) -> NDArray[Any]:
+        """The next action."""
+        self.skill, action = self._script()
+        return action
+
+
+class PlannerExpert:
+    """`planners.TampExpert`, imported when it is first needed."""
+
+    def __init__(self, env: gym.Env, strategy: str) -> None:
+        from planners import TampExpert
+
+        self._expert = TampExpert(env, strategy=strategy)
+
+    @property
+    def done(self) -> bool:
+        """Whether the planner has finished or given up."""
+        return bool(self._expert.done)
+
+    @property
+    def skill(self) -> str:
+        """The action and the phase of its motion, such as "PickUp object_03: lift"."""
+        return str(self._expert.phase)
+
+    @property
+    def plan_text(self) -> str:
+        """The last plan, as in Fig. 13 of Lee & Kim 2019."""
+        return "\n".join(str(action) for action in getattr(self._expert.solution, "actions", ()))
+
+    @property
+    def report_values(self) -> Mapping[str, Any]:
+        """`EpisodeReport` as JSON values."""
+        return json_values(self._expert.report)
+
+    def reset(self) -> None:
+        """Plan for the episode that has just begun."""
+        self._expert.reset()
+
+    def act(self) -> NDArray[Any]:
+        """The next action."""
+        return np.asarray(self._expert.act())
+
+
+def json_values(value: Any) -> dict[str, Any]:
+    """A dataclass as JSON values; what JSON does not know becomes text."""
+    return dict(json.loads(json.dumps(dataclasses.asdict(value), default=str)))
+
+
+def _family(env_id: str) -> str:
+    """ "Retrieve", "Reach", … of an id such as clutter_env/Reach-v0, in lower case."""
+    return env_id.rpartition("/")[2].partition("-")[0].lower()

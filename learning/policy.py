@@ -1,0 +1,71 @@
+"""A network that acts: normalised features in, an action in [-1, 1] out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from learning.errors import DatasetError
+from learning.features import feature_vector
+
+__all__ = ["Policy"]
+
+_SMALLEST_DEVIATION = 1e-2
+"""Features that hardly vary in the data are not blown up."""
+_LARGEST = 8.0
+"""Normalised features are clipped here, so that what was never seen does not drown the rest."""
+
+
+class Policy(nn.Module):
+    """Three linear layers between normalised features and a squashed action."""
+
+    def __init__(self, num_features: int, num_actions: int, width: int = 256) -> None:
+        super().__init__()
+        self.shape = (num_features, num_actions, width)
+        self.register_buffer("mean", torch.zeros(num_features))
+        self.register_buffer("deviation", torch.ones(num_features))
+        self.layers = nn.Sequential(
+            nn.Linear(num_features, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, num_actions)
+        )
+
+    def normalise(self, features: torch.Tensor) -> None:
+        """Take mean and deviation from features (k, f)."""
+        self.mean.copy_(features.mean(0))
+        self.deviation.copy_(features.std(0).clamp(min=_SMALLEST_DEVIATION))
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Actions (k, a) of features (k, f)."""
+        scaled = ((features - self.mean) / self.deviation).clamp(-_LARGEST, _LARGEST)
+        return torch.tanh(self.layers(scaled))
+
+    def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """The action (a,) for one observation."""
+        with torch.no_grad():
+            action = self(torch.from_numpy(feature_vector(observation))[None])[0]
+        return np.asarray(action.numpy(), np.float32)
+
+    def save(self, path: Path) -> None:
+        """Write shape and weights; the file is whole or absent."""
+        part = path.with_name(f".{path.name}.part")
+        torch.save({"shape": self.shape, "weights": self.state_dict()}, part)
+        part.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> Policy:
+        """The policy that `save` wrote.
+
+        Raises:
+            DatasetError: there is none.
+        """
+        if not path.exists():
+            raise DatasetError(f"there is no policy at {path}")
+        content = torch.load(path, weights_only=True)
+        policy = cls(*content["shape"])
+        policy.load_state_dict(content["weights"])
+        return policy

@@ -1,0 +1,160 @@
+"""Reinforcement learning with Stable-Baselines3: models made, fed with demonstrations, saved whole and resumed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from sb3_contrib import TQC, MaskablePPO
+from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from learning.episode import Episode
+from learning.errors import LearningError
+from learning.features import NEAR_SCALE
+
+__all__ = ["ALGORITHMS", "Checkpoints", "GoalFeatures", "add_demonstrations", "load_model", "make_model", "save_model"]
+
+ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
+    {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
+)
+"""SAC and TQC learn goal environments with hindsight; PPO and MaskablePPO learn skills."""
+_MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
+
+
+class GoalFeatures(BaseFeaturesExtractor):
+    """`features.feature_vector` of a goal observation, for batches on torch."""
+
+    def __init__(self, space: gym.spaces.Dict) -> None:
+        super().__init__(space, int(np.prod(space["observation"].shape)) + 6)  # type: ignore[arg-type]
+
+    def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """(k, f)."""
+        vector = observation["observation"].float()
+        way = (observation["desired_goal"] - observation["achieved_goal"]).float()
+        sine, cosine = vector[:, 2], vector[:, 3]
+        ahead = cosine * way[:, 0] + sine * way[:, 1]
+        left = cosine * way[:, 1] - sine * way[:, 0]
+        local = torch.stack((ahead, left, way[:, 2]), dim=1)
+        return torch.cat((vector, 2 * local, torch.tanh(NEAR_SCALE * local)), dim=1)
+
+
+def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> BaseAlgorithm:
+    """A new model for an environment.
+
+    Raises:
+        LearningError: no such algorithm; the message lists those there are.
+    """
+    if name not in ALGORITHMS:
+        raise LearningError(f"no algorithm {name!r}; known ones: {', '.join(ALGORITHMS)}")
+    common: dict[str, Any] = {
+        "env": env,
+        "seed": seed,
+        "device": "cpu",
+        "tensorboard_log": None if log is None else str(log),
+    }
+    if name in ("sac", "tqc"):
+        return ALGORITHMS[name](policy="MultiInputPolicy", **_off_policy(), **common)
+    return ALGORITHMS[name](**_on_policy(name, env), **common)
+
+
+def add_demonstrations(model: OffPolicyAlgorithm, episodes: Iterable[Episode]) -> int:
+    """Put every transition of the episodes into the model's replay buffer, to be relabelled like its own; how many."""
+    buffer = model.replay_buffer
+    assert buffer is not None
+    count = 0
+    for episode in episodes:
+        for step in range(len(episode)):
+            before = {name: values[step][None] for name, values in episode.observations.items()}
+            after = {name: values[step + 1][None] for name, values in episode.observations.items()}
+            is_last = step == len(episode) - 1
+            info = {
+                "is_success": bool(episode.is_success[step + 1]),
+                "TimeLimit.truncated": is_last and episode.truncated,
+            }
+            buffer.add(
+                before,
+                after,
+                episode.actions[step][None],
+                np.array([episode.rewards[step]]),
+                np.array([is_last]),
+                [info],
+            )
+            count += 1
+    return count
+
+
+def save_model(model: BaseAlgorithm, directory: Path) -> None:
+    """Write model and replay buffer; each file is whole or the old one stays."""
+    directory.mkdir(parents=True, exist_ok=True)
+    part = directory / f".part.{os.getpid()}.zip"
+    model.save(part)
+    if isinstance(model, OffPolicyAlgorithm):
+        buffer = directory / f".part.{os.getpid()}.pkl"
+        model.save_replay_buffer(buffer)
+        buffer.replace(directory / _BUFFER)
+    part.replace(directory / _MODEL)
+
+
+def load_model(name: str, directory: Path, env: gym.Env | None = None) -> BaseAlgorithm:
+    """The model that `save_model` wrote; with an environment, ready to go on learning.
+
+    Raises:
+        LearningError: there is none.
+    """
+    path = directory / _MODEL
+    if not path.exists():
+        raise LearningError(f"there is no model in {directory}")
+    model = ALGORITHMS[name].load(path, env=env, device="cpu")
+    if env is not None and isinstance(model, OffPolicyAlgorithm):
+        model.load_replay_buffer(directory / _BUFFER, truncate_last_traj=True)
+    return model
+
+
+class Checkpoints(BaseCallback):
+    """Calls `evaluate` and saves the model every so many steps."""
+
+    def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
+        super().__init__()
+        self._directory, self._every, self._evaluate = directory, every, evaluate
+        self._next = every
+        self.history: list[dict[str, float]] = []
+
+    def _on_training_start(self) -> None:
+        self._next = (self.num_timesteps // self._every + 1) * self._every
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps >= self._next:
+            self._next += self._every
+            self.history.append({"steps": self.num_timesteps, **self._evaluate(self.model)})
+            for name, value in self.history[-1].items():
+                self.logger.record(f"held_out/{name}", value)
+            save_model(self.model, self._directory)
+        return True
+
+
+def _off_policy() -> dict[str, Any]:
+    return {
+        "replay_buffer_class": HerReplayBuffer,
+        "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
+        "learning_rate": 1e-3,
+        "batch_size": 256,
+        "gamma": 0.95,
+        "tau": 0.02,
+        "learning_starts": 1000,
+        "buffer_size": 300_000,
+        "policy_kwargs": {"net_arch": [128, 128], "features_extractor_class": GoalFeatures},
+    }
+
+
+def _on_policy(name: str, env: gym.Env) -> dict[str, Any]:
+    return {}
