@@ -110,6 +110,20 @@ class RRTConfig:
     margin: float = 1.5
 
 
+DEFAULT_EFFORT = RRTConfig()
+
+
+def nearest_turns(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> NDArray[np.float64]:
+    """The same postures (8,) or (k, 8), with joints that turn round at the angles nearest to those of `q` (8,)."""
+    start, turned = np.asarray(q, dtype=float), np.array(goals, dtype=float)
+    for joint in np.flatnonzero(robot.upper - robot.lower > _ROLL_RANGE):
+        angle = turned[..., joint]
+        nearest = angle + 2 * math.pi * np.round((start[joint] - angle) / (2 * math.pi))
+        inside = (nearest >= robot.lower[joint]) & (nearest <= robot.upper[joint])
+        turned[..., joint] = np.where(inside, nearest, angle)
+    return turned
+
+
 def tcp_pose(robot: RobotSpec, state: RobotState) -> NDArray[np.float64]:
     """T_world_tcp (4, 4) of the robot in a state."""
     x, y, yaw = state.base
@@ -129,8 +143,9 @@ def plan_arm(
     ignore: int = 0,
     *,
     rng: np.random.Generator,
-    config: RRTConfig = RRTConfig(),
+    config: RRTConfig = DEFAULT_EFFORT,
     phase: str = "transit",
+    exact: bool = False,
 ) -> ArmPath | Obstruction | Unreachable:
     """A free path from one configuration to one of several, shortened.
 
@@ -145,12 +160,16 @@ def plan_arm(
         rng: for the random tree; the same generator state gives the same path.
         config: effort.
         phase: name to report in an `Obstruction`.
+        exact: end at a goal as it is given; else joints that turn round may end a whole turn away from it, which is
+            the same posture (see `nearest_turns`).
 
     Returns:
         the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
     """
     place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
-    goals = _nearest_turns(world.robot, start, np.atleast_2d(np.array(q_goals, dtype=float)))
+    goals = np.atleast_2d(np.array(q_goals, dtype=float))
+    if not exact:
+        goals = nearest_turns(world.robot, start, goals)
     path = _search(world, place, start, goals, opening, held, ignore, rng, config)
     if path is not None:
         return ArmPath(place, path, opening, held, ignore)
@@ -167,7 +186,7 @@ def blocking_set(
     ignore: int = 0,
     *,
     rng: np.random.Generator,
-    config: RRTConfig = RRTConfig(),
+    config: RRTConfig = DEFAULT_EFFORT,
     phase: str = "transit",
 ) -> Obstruction | Unreachable:
     """The smallest set of objects found whose removal lets `plan_arm` succeed; confirmed by planning without them.
@@ -254,7 +273,21 @@ def trace_straight(
     speed = np.array(world.scene.robot.max_velocity[3:])
     path = track_line(world.robot, q_start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
     samples = max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1
-    return np.asarray(path) if len(path) == samples else None
+    if len(path) == samples:
+        return np.asarray(path)
+    return _lifted_by_torso(world.robot, q_start, along, distance, samples)
+
+
+def _lifted_by_torso(
+    robot: RobotArrays, q_start: NDArray[np.float64], along: NDArray[np.float64], distance: float, samples: int
+) -> NDArray[np.float64] | None:
+    """A vertical line that the torso follows alone, slowly but in any posture of the arm; None without the room."""
+    end = q_start[0] + distance * along[2]
+    if abs(along[2]) < 1.0 - 1e-9 or not robot.lower[0] <= end <= robot.upper[0]:
+        return None
+    waypoints = np.tile(q_start, (samples, 1))
+    waypoints[:, 0] = np.linspace(q_start[0], end, samples)
+    return waypoints
 
 
 def _words(world: CollisionWorld, mask: int) -> str:
@@ -264,16 +297,6 @@ def _words(world: CollisionWorld, mask: int) -> str:
 def _on_base(base: NDArray[np.float64], waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Drive vectors (n, 11)."""
     return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
-
-
-def _nearest_turns(robot: RobotArrays, start: NDArray[np.float64], goals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The goals, with every joint that has more than a turn of play at the angle nearest to the start."""
-    turned = goals.copy()
-    for joint in np.flatnonzero(robot.upper - robot.lower > _ROLL_RANGE):
-        nearest = goals[:, joint] + 2 * math.pi * np.round((start[joint] - goals[:, joint]) / (2 * math.pi))
-        inside = (nearest >= robot.lower[joint]) & (nearest <= robot.upper[joint])
-        turned[:, joint] = np.where(inside, nearest, goals[:, joint])
-    return turned
 
 
 def _search(

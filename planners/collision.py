@@ -18,8 +18,8 @@ PADDING = 0.002
 """[m] that everything keeps from everything."""
 STEP = 0.006
 """[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
-SUPPORT_SLACK = 0.0008
-"""[m] An object in hand may press into furniture, so that one that rests on the table can be lifted and put down."""
+SUPPORT_SLACK = 0.0005
+"""[m] The bottom of an object in hand may press into furniture: one that rests on the table can be lifted from it."""
 _ALL = (1 << 64) - 1
 
 
@@ -54,20 +54,20 @@ class CollisionWorld:
     def attached(self, held: HeldObject | None) -> Attached:
         """What is in hand, for kernels; raises `UnknownObject`."""
         if held is None:
-            return Attached(-1, BOX, np.zeros(3), np.zeros(3), 0.0, np.zeros(3), np.eye(3), np.array(self.robot.reach))
+            nothing = np.zeros((2, 3))
+            return Attached(-1, BOX, nothing, 0.0, nothing, np.eye(3), np.array(self.robot.reach))
         body = self.scene.body(held.name)
         bound = _bounding_radius(body)
-        position = np.array(held.T_tcp_object[:3, 3])
-        swing = self.robot.tip_reach + np.linalg.norm(position) + bound
+        position, rotation = held.T_tcp_object[:3, 3], np.ascontiguousarray(held.T_tcp_object[:3, :3])
+        raised = 0.5 * (self.padding + SUPPORT_SLACK)
         return Attached(
             bit=self.scene.index(held.name),
             core=_core(body),
-            half=np.array(body.half_extents),
-            half_on_support=np.maximum(body.half_extents - SUPPORT_SLACK, 0.0),
+            half=np.stack([body.half_extents, body.half_extents - [0.0, 0.0, raised]]),
             bound=bound,
-            position=position,
-            rotation=np.ascontiguousarray(held.T_tcp_object[:3, :3]),
-            reach=np.maximum(self.robot.reach, swing),
+            position=np.stack([position, position + raised * rotation[:, 2]]),
+            rotation=rotation,
+            reach=np.maximum(self.robot.reach, self.robot.tip_reach + np.linalg.norm(position) + bound),
         )
 
     def hits(

@@ -62,20 +62,18 @@ class Obstacles(NamedTuple):
 
 
 class Attached(NamedTuple):
-    """What is in hand, for kernels.
+    """What is in hand, for kernels: a solid twice, the second time with its bottom raised, for checks with furniture.
 
     Attributes:
         bit: of the object, -1 for none.
-        core: BOX or CYLINDER; `half` (3,) [m], `half_on_support` (3,) [m] with the slack granted against furniture.
-        bound: [m] radius of the sphere that contains it.
-        position: (3,) and `rotation` (3, 3) in the TCP frame.
+        core: BOX or CYLINDER; `half` (2, 3), `bound` [m] radius of the sphere that contains it.
+        position: (2, 3) and `rotation` (3, 3) in the TCP frame.
         reach: (3 + n,) how far each drive joint moves any point of robot or object at most, per radian or metre.
     """
 
     bit: int
     core: int
     half: Array
-    half_on_support: Array
     bound: float
     position: Array
     rotation: Array
@@ -85,8 +83,8 @@ class Attached(NamedTuple):
 class Workspace(NamedTuple):
     """One thread's memory: n link frames, then the TCP's and the base's, and all that moves, placed in the world.
 
-    The first p `solids` are the robot's primitives; the object in hand follows twice, the second time with the slack
-    granted against furniture. `held` (1,) is its bit, -1 for none. `reach` as in `Attached`.
+    The first p `solids` are the robot's primitives; the object in hand follows twice, as in `Attached`. `held` (1,) is
+    its bit, -1 for none.
     """
 
     R: Array
@@ -106,14 +104,14 @@ def make_workspace(robot: RobotArrays, attached: Attached) -> Workspace:
     core, half = np.empty(p + 2, np.int64), np.empty((p + 2, 3))
     radius, bound = np.zeros(p + 2), np.empty(p + 2)
     core[:p], half[:p], radius[:p], bound[:p] = robot.core, robot.half, robot.radius, robot.bound
-    core[p:], half[p], half[p + 1], bound[p:] = attached.core, attached.half, attached.half_on_support, attached.bound
+    core[p:], half[p:], bound[p:] = attached.core, attached.half, attached.bound
     return Workspace(
         np.empty((n + 2, 3, 3)),
         np.empty((n + 2, 3)),
         Solids(core, half, radius, bound, np.empty((p + 2, 3)), np.empty((p + 2, 3, 3))),
         np.array([attached.bit]),
-        attached.position.copy().reshape(1, 3),
-        attached.rotation.copy().reshape(1, 3, 3),
+        attached.position.copy(),
+        np.stack((attached.rotation, attached.rotation)),
         attached.reach.copy(),
         np.empty((4, 3)),
     )
@@ -165,8 +163,8 @@ def place_robot(robot: RobotArrays, work: Workspace, base: Array, q: Array, open
                 along += R[frame, axis, 1] * robot.slide[i, 1] + R[frame, axis, 2] * robot.slide[i, 2]
                 position[i, axis] += slide * along
     if work.held[0] >= 0:
-        for index in range(count, count + 2):
-            _compose(R, p, tcp, work.held_position, work.held_rotation, 0, position, rotation, index)
+        for row in range(2):
+            _compose(R, p, tcp, work.held_position, work.held_rotation, row, position, rotation, count + row)
 
 
 @njit(cache=True)
@@ -209,16 +207,15 @@ def _hits_furniture(
 ) -> bool:
     """Whether the robot's `count` solids, or the object in hand, come nearer than `padding` [m] to furniture or floor.
 
-    What rides on the base may be near the floor. The object in hand has its slack instead of the padding.
+    What rides on the base may be near the floor.
     """
     for k in range(count + 1):
         if k == count and held < 0:
             break
         i = k if k < count else count + 1
-        margin = padding if k < count else 0.0
         x, y, z = solids.position[i, 0], solids.position[i, 1], solids.position[i, 2]
-        bound = solids.bound[i] + margin
-        if z < bound and (k == count or link[i] != BASE) and z < height(solids, i) + margin:
+        bound = solids.bound[i] + padding
+        if z < bound and (k == count or link[i] != BASE) and z < height(solids, i) + padding:
             return True
         for j in range(furniture.core.shape[0]):
             if z - bound >= furniture.position[j, 2] + furniture.half[j, 2]:
@@ -227,7 +224,7 @@ def _hits_furniture(
             dy = max(abs(y - furniture.position[j, 1]) - furniture.half[j, 1], 0.0)
             dz = max(abs(z - furniture.position[j, 2]) - furniture.half[j, 2], 0.0)
             is_near = dx * dx + dy * dy + dz * dz < bound * bound
-            if is_near and are_within(solids, i, furniture, j, margin, simplex):
+            if is_near and are_within(solids, i, furniture, j, padding, simplex):
                 return True
     return False
 
