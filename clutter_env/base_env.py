@@ -55,7 +55,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._observer = self._make_observer()
         self._has_started = False
         self.seen: Measurements
-        self.action_space = spaces.Box(-1.0, 1.0, (self._action_size,), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
 
     # What a task defines.
@@ -124,12 +124,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
-        checked = checked_action(action, self._action_size)
+        checked = checked_action(action, self.action_size)
         if not self._has_started:
             raise ActionError("call reset() before the first step()")
-        self._drive(checked)
-        self.world.settle_kinematics()
-        self.seen = self.world.measure()
+        self.seen = self._drive(checked)
         reward, terminated = self._advance()
         if self.render_mode == "human":
             self.render()
@@ -164,6 +162,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Index of the target among the objects."""
         assert self.world.scene is not None
         return self.world.scene.target
+
+    @property
+    def action_size(self) -> int:
+        """Numbers in an action."""
+        return self.world.controller.size if self.config.control_mode == "joint" else _BASE + _TWIST + 1
 
     def joint_action(self, q_target: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
@@ -213,6 +216,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         memory = {
             "task": self._memory(),
             "held": self.seen.held,
+            "is_touching": self.seen.is_touching,
             "target": control.target.tolist(),
             "velocity": control.velocity.tolist(),
             "finger": control.finger,
@@ -237,7 +241,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if self._end_effector is not None:
             self._end_effector.wanted = np.array(memory["wanted_tcp"])
         self.np_random.bit_generator.state = memory["rng"]
-        self.seen = self.world.measure(held=memory["held"])
+        self.seen = self.world.measure_objects(memory["held"], memory["is_touching"])
         self._recall(memory["task"])
         self._has_started = True
 
@@ -264,10 +268,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return {"task": type(self).__name__, "mujoco": mujoco.__version__, **shared}
 
     @property
-    def _action_size(self) -> int:
-        return self.world.controller.size if self.config.control_mode == "joint" else _BASE + _TWIST + 1
-
-    @property
     def _is_loaded(self) -> bool:
         return self.seen.held >= 0
 
@@ -291,16 +291,16 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._has_started = True
         self._begin()
 
-    def _drive(self, action: NDArray[np.float64]) -> None:
-        controller, model, data = self.world.controller, self.world.model, self.world.data
+    def _drive(self, action: NDArray[np.float64]) -> Measurements:
+        """Advance the physics by one control step."""
+        grip = float(action[-1])
         if self._end_effector is None:
-            controller.drive(model, data, action, self._is_loaded)
-            return
+            return self.world.advance(self.seen, action[:-1] * self.robot.max_velocity, grip)
+        state = self.world.controller.state
         base = action[:_BASE] * self.robot.max_velocity[:_BASE]
-        state = controller.state
         twist = action[_BASE : _BASE + _TWIST]
         arm = self._end_effector.joint_velocity(twist, state.target[_BASE:], state.velocity[_BASE:])
-        controller.follow(model, data, np.concatenate((base, arm)), float(action[-1]), self._is_loaded)
+        return self.world.advance(self.seen, np.concatenate((base, arm)), grip)
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation that the configuration asks for; see `Observer.observe`."""

@@ -109,11 +109,6 @@ class JointController:
             limit[2] = min(limit[2], self._robot.max_loaded_yaw_rate)
         return limit
 
-    def drive(self, model: mujoco.MjModel, data: mujoco.MjData, action: Vector, is_loaded: bool) -> None:
-        """Advance the physics by one control step under a checked action (4 + n + 1,)."""
-        velocity = action[:-1] * self._max_velocity
-        self.follow(model, data, velocity, float(action[-1]), is_loaded)
-
     def follow(
         self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grip: float, is_loaded: bool
     ) -> None:
@@ -149,11 +144,9 @@ class JointController:
 
     def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
         """Velocity (4 + n,), base part in the base's frame, that a step to the drive vector `goal` needs."""
-        rotation = self._base_rotation()
-        error = goal - self.state.target
-        error[:2] = rotation.T @ error[:2]
-        present = self.state.velocity.copy()
-        present[:2] = rotation.T @ present[:2]
+        cosine, sine = math.cos(self.state.target[2]), math.sin(self.state.target[2])
+        error = _turned(goal - self.state.target, cosine, -sine)
+        present = _turned(self.state.velocity, cosine, -sine)
         wanted = error / CONTROL_STEP
         limit = self.velocity_limit(is_loaded)
         tolerance = 1 + 1e-9
@@ -173,27 +166,22 @@ class JointController:
         width = _checked_vector("gripper_width", [gripper_width], 1)[0]
         return 2 * self._robot.finger_position(float(width)) / self._robot.max_finger_position - 1
 
-    def _base_rotation(self) -> Vector:
-        """(2, 2) base to world, at the target yaw."""
-        cosine, sine = math.cos(self.state.target[2]), math.sin(self.state.target[2])
-        return np.array([[cosine, -sine], [sine, cosine]])
-
     def _advance_target(self, data: mujoco.MjData, velocity: Vector, is_loaded: bool) -> None:
         state = self.state
-        rotation = self._base_rotation()
-        present = state.velocity.copy()
-        present[:2] = present[:2] @ rotation
+        cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
+        present = _turned(state.velocity, cosine, -sine)
         limit = self.velocity_limit(is_loaded)
         allowed = _clipped(velocity, -limit, limit)
         allowed = _clipped(allowed, present - self._max_change, present + self._max_change)
-        allowed[:2] = rotation @ allowed[:2]
+        allowed = _turned(allowed, cosine, sine)
         actual = data.qpos[self._index.drive_qpos]
         target = state.target + allowed * CONTROL_STEP
         bounded = _clipped(target, actual - self._lead, actual + self._lead)
         bounded = _clipped(bounded, self._lower, self._upper)
-        moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
-        velocity_kept = np.where(bounded == target, allowed, moved)
-        self.state = ControlState(target=bounded, velocity=velocity_kept, finger=state.finger)
+        if not np.array_equal(bounded, target):
+            moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
+            allowed = np.where(bounded == target, allowed, moved)
+        self.state = ControlState(target=bounded, velocity=allowed, finger=state.finger)
 
     def _advance_finger(self, grip: float) -> None:
         wanted = (grip + 1) / 2 * self._robot.max_finger_position
@@ -221,6 +209,14 @@ def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
     joint_damping = np.array([model.dof_damping[dof].ravel()[0] for dof in index.drive_dof])
     feedforward: Vector = (damping + joint_damping) / gain
     return feedforward
+
+
+def _turned(drive: Vector, cosine: float, sine: float) -> Vector:
+    """A drive vector whose base part is turned by the angle of this cosine and sine."""
+    turned = drive.copy()
+    x, y = float(drive[0]), float(drive[1])
+    turned[0], turned[1] = cosine * x - sine * y, sine * x + cosine * y
+    return turned
 
 
 def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:

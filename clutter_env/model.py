@@ -25,6 +25,8 @@ VISUAL_GROUP, HIDDEN_GROUP = 1, 3
 
 _OBJECT_FRICTION = (0.8, 0.005, 0.0005)
 _OBJECT_SOLREF = (0.01, 1.0)
+_OBJECT_ROLLING_DAMPING = 2e-4
+"""[N m s] on the objects' rotation: one that rolls away comes to rest, and sleeps, within seconds."""
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
@@ -53,6 +55,8 @@ class ModelIndex:
     finger_qpos: NDArray[np.intp]
     finger_actuators: NDArray[np.intp]
     finger_geoms: tuple[int, int]
+    finger_couplings: NDArray[np.intp]
+    """The equality constraints that make the fingers move alike."""
     head_qpos: NDArray[np.intp]
     head_actuators: NDArray[np.intp]
     object_bodies: slice
@@ -72,6 +76,8 @@ class ModelIndex:
             return _frozen([model.actuator(name).id for name in joints])
 
         first = model.body(object_name(0)).id if num_objects else model.nbody
+        fingers = [model.joint(name).id for name in robot.finger_joints]
+        is_joint = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
         return cls(
             base_body=model.body(robot.base_body).id,
             tcp_site=model.site(robot.tcp_site).id,
@@ -81,6 +87,7 @@ class ModelIndex:
             finger_qpos=qpos(robot.finger_joints),
             finger_actuators=actuators(robot.finger_joints),
             finger_geoms=(model.geom(robot.finger_geoms[0]).id, model.geom(robot.finger_geoms[1]).id),
+            finger_couplings=_frozen(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
             head_qpos=qpos(robot.head_joints),
             head_actuators=actuators(robot.head_joints),
             object_bodies=slice(first, first + num_objects),
@@ -117,7 +124,10 @@ def compile_model(
     spec.visual.global_.offwidth, spec.visual.global_.offheight = picture
     if show_meshes and has_visuals(robot):
         _show_meshes(spec, robot)
-    return spec.compile()
+    model = spec.compile()
+    turning = model.dof_damping[model.nv - 6 * len(shapes) :].reshape(-1, 6)[:, 3:]
+    turning[:] = _OBJECT_ROLLING_DAMPING
+    return model
 
 
 def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> mujoco.MjSpec:

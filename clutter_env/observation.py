@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,6 +26,20 @@ OBJECT_FIELDS = (
     "present", "is_target", "x", "y", "z", "qw", "qx", "qy", "qz", "half_x", "half_y", "half_z", "is_box", "held",
 )  # fmt: skip
 """Columns of one object's row; a cylinder's half extents are radius, radius, half height."""
+
+_0, _1, _C, _S, _MS, _HC, _HS, _MHS = range(8)
+_TURN = np.array(
+    [
+        (_C, _MS, _0, _0, _0, _0, _0),
+        (_S, _C, _0, _0, _0, _0, _0),
+        (_0, _0, _1, _0, _0, _0, _0),
+        (_0, _0, _0, _HC, _0, _0, _MHS),
+        (_0, _0, _0, _0, _HC, _MHS, _0),
+        (_0, _0, _0, _0, _HS, _HC, _0),
+        (_0, _0, _0, _HS, _0, _0, _HC),
+    ]
+)
+"""Which of 0, 1, cos yaw, sin yaw, -sin yaw, cos yaw/2, sin yaw/2, -sin yaw/2 stands where in `_poses_in_base`."""
 
 Vector = NDArray[np.float64]
 Observation = dict[str, NDArray[np.float32]]
@@ -69,7 +84,8 @@ class Observer:
             bounds += [POSITION_BOUND] * 4 + [1.0]
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
         self._bounds = np.array(bounds)
-        self._edges = np.cumsum([0, *self._sizes.values()])
+        edges = np.cumsum([0, *self._sizes.values()]).tolist()
+        self._slices = {name: slice(*edge) for name, edge in zip(self._sizes, pairwise(edges), strict=True)}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,11 +100,8 @@ class Observer:
     @property
     def space(self) -> spaces.Dict:
         """One symmetric Box of float32 per entry."""
-        parts: dict[str, spaces.Space[Any]] = {}
-        for (name, size), start in zip(self._sizes.items(), self._edges, strict=False):
-            bound = self.bounds[start : start + size]
-            parts[name] = spaces.Box(-bound, bound, dtype=np.float32)
-        return spaces.Dict(parts)
+        bounds = {name: self.bounds[place] for name, place in self._slices.items()}
+        return spaces.Dict({name: spaces.Box(-bound, bound, dtype=np.float32) for name, bound in bounds.items()})
 
     def observe(
         self, world: World, seen: Measurements, target: int, hold_progress: float, lift_left: float
@@ -104,55 +117,58 @@ class Observer:
         """
         frame = base_frame(world)
         poses = _poses_in_base(frame, np.concatenate((_tcp_pose(world), seen.poses)))
-        tcp = poses[0]
-        parts = [_robot_vector(world, frame), tcp, _gripper_vector(world)]
+        flat = np.zeros_like(self._bounds)
+        _fill_robot(flat[self._slices["robot"]], world, frame)
+        flat[self._slices["tcp"]] = poses[0]
+        _fill_gripper(flat[self._slices["gripper"]], world)
         if self._shows_objects:
-            rows = self._object_rows(world, seen, target, poses[1:])
-            parts.append(rows.ravel())
+            rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
+            _fill_objects(rows[: len(seen.poses)], world, seen, target, poses[1:])
         if self._shows_goal:
-            parts += [poses[1 + target, :3] - tcp[:3], (lift_left, hold_progress)]
-        flat = np.concatenate(parts)
-        flat = np.minimum(np.maximum(flat, -self._bounds), self._bounds).astype(np.float32)
-        return {
-            name: flat[start : start + size].copy()
-            for (name, size), start in zip(self._sizes.items(), self._edges, strict=False)
-        }
-
-    def _object_rows(self, world: World, seen: Measurements, target: int, poses: Vector) -> Vector:
-        """(num_slots, 14); rows of absent objects are zero."""
-        scene = world.scene
-        assert scene is not None
-        rows = np.zeros((self._num_slots, len(OBJECT_FIELDS)))
-        present = rows[: scene.num_objects]
-        present[:, 0] = 1.0
-        if target >= 0:
-            present[target, 1] = 1.0
-        present[:, 2:9] = poses
-        present[:, 9:12] = scene.half_extents
-        present[:, 12] = scene.is_box
-        if seen.held >= 0:
-            present[seen.held, 13] = 1.0
-        return rows
+            goal = flat[self._slices["goal"]]
+            goal[:3] = poses[1 + target, :3] - poses[0, :3]
+            goal[3:] = lift_left, hold_progress
+        np.minimum(np.maximum(flat, -self._bounds, out=flat), self._bounds, out=flat)
+        small = flat.astype(np.float32)
+        return {name: small[place] for name, place in self._slices.items()}
 
 
 def _object_row_bounds() -> list[float]:
     return [1.0, 1.0, *[POSITION_BOUND] * 3, *[1.0] * 4, *[1.0] * 3, 1.0, 1.0]
 
 
-def _robot_vector(world: World, frame: BaseFrame) -> Vector:
+def _fill_robot(out: Vector, world: World, frame: BaseFrame) -> None:
     """x, y, sin yaw, cos yaw, torso and arm positions, velocities (base part in the base's frame)."""
     q = world.data.qpos[world.index.drive_qpos]
     qd = world.data.qvel[world.index.drive_dof]
-    forward = frame.cosine * qd[0] + frame.sine * qd[1]
-    sideways = frame.cosine * qd[1] - frame.sine * qd[0]
-    return np.concatenate(((frame.x, frame.y, frame.sine, frame.cosine), q[3:], (forward, sideways), qd[2:]))
+    forward, sideways = float(qd[0]), float(qd[1])
+    out[:4] = frame.x, frame.y, frame.sine, frame.cosine
+    velocities = out[1 + len(q) :]
+    out[4 : 1 + len(q)] = q[3:]
+    velocities[:] = qd
+    velocities[0] = frame.cosine * forward + frame.sine * sideways
+    velocities[1] = frame.cosine * sideways - frame.sine * forward
 
 
-def _gripper_vector(world: World) -> tuple[float, float]:
+def _fill_gripper(out: Vector, world: World) -> None:
     """[m] between the pads: as it is, and as commanded."""
     gap = world.robot.finger_gap_closed
     fingers = world.data.qpos[world.index.finger_qpos]
-    return float(fingers[0] + fingers[1]) + gap, 2 * world.controller.state.finger + gap
+    out[:] = float(fingers[0] + fingers[1]) + gap, 2 * world.controller.state.finger + gap
+
+
+def _fill_objects(rows: Vector, world: World, seen: Measurements, target: int, poses: Vector) -> None:
+    """The rows (n, 14) of the objects that are present; `poses` (n, 7) are relative to the base."""
+    scene = world.scene
+    assert scene is not None
+    rows[:, 0] = 1.0
+    if target >= 0:
+        rows[target, 1] = 1.0
+    rows[:, 2:9] = poses
+    rows[:, 9:12] = scene.half_extents
+    rows[:, 12] = scene.is_box
+    if seen.held >= 0:
+        rows[seen.held, 13] = 1.0
 
 
 def _tcp_pose(world: World) -> Vector:
@@ -169,17 +185,7 @@ def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
     A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it.
     """
     c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
-    turn = np.array(
-        [
-            (c, -s, 0, 0, 0, 0, 0),
-            (s, c, 0, 0, 0, 0, 0),
-            (0, 0, 1, 0, 0, 0, 0),
-            (0, 0, 0, hc, 0, 0, -hs),
-            (0, 0, 0, 0, hc, -hs, 0),
-            (0, 0, 0, 0, hs, hc, 0),
-            (0, 0, 0, hs, 0, 0, hc),
-        ]
-    )
+    turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
     relative: Vector = poses @ turn
     relative[:, 0] -= c * frame.x + s * frame.y
     relative[:, 1] -= c * frame.y - s * frame.x

@@ -100,13 +100,14 @@ def test_targets_keep_velocity_and_acceleration_limits(mode: str) -> None:
 
 def test_loaded_robots_turn_slowly() -> None:
     env = make()
-    spin = np.zeros(12)
-    spin[2] = 1.0
+    controller = env.world.controller
+    spin = np.zeros(11)
+    spin[2] = MAX_VELOCITY[2]
     for _ in range(40):
-        env.world.controller.drive(env.model, env.data, spin, is_loaded=True)
+        controller.follow(env.model, env.data, spin, 1.0, is_loaded=True)
     assert env.world.controller.state.velocity[2] == pytest.approx(FETCH.max_loaded_yaw_rate)
     for _ in range(40):
-        env.world.controller.drive(env.model, env.data, spin, is_loaded=False)
+        controller.follow(env.model, env.data, spin, 1.0, is_loaded=False)
     assert env.world.controller.state.velocity[2] == pytest.approx(FETCH.max_velocity[2])
 
 
