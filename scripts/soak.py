@@ -70,13 +70,14 @@ def _run_chunk(env: gym.Env, steps: int, seed: int, findings: Findings, progress
     """Actions that hold for a while and lean towards the table, so that the robot gets among the objects."""
     rng = np.random.default_rng(seed)
     ended = True
-    action: NDArray[np.float64] = np.zeros(0)
+    size: int = env.unwrapped.action_size  # type: ignore[attr-defined]
+    action: NDArray[np.float64] = np.zeros(size)
     for step in range(steps):
         if ended:
             env.reset(seed=int(rng.integers(2**31)))
             findings.episodes += 1
         if step % 5 == 0 or ended:
-            action = rng.uniform(-1, 1, env.unwrapped.action_size)  # type: ignore[attr-defined]
+            action = rng.uniform(-1, 1, size)
             action[0] = rng.uniform(-0.3, 0.7)
         observation, reward, terminated, truncated, _ = env.step(action)
         ended = terminated or truncated
