@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from planners.scene import HeldObject, RobotState, Scene
 from planners.solution import Cause
 from planners.strategies import Strategy
 
-__all__ = ["Foresight", "commitments_for", "grasped", "keep_clear"]
+__all__ = ["Arrange", "Foresight", "commitments_for", "grasped", "keep_clear"]
 
 _SETS = 12
 """Sets of objects looked at before giving up; most scenes need one."""
@@ -41,6 +42,10 @@ _CELL = 0.02
 """[m] of the cells in which swept space is compared."""
 _SLACK = 2
 """Sets with so many objects more than the fewest are looked at too."""
+
+
+Arrange: TypeAlias = Callable[[Commitments], Commitments]
+"""Puts the objects to clear in the order in which a task plan clears them."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +67,22 @@ def commitments_for(
     search: PlacementSearch,
     scene: Scene,
     target: str,
+    arrange: Arrange,
     rng: np.random.Generator,
     limits: FloorLimits | None = None,
 ) -> Iterator[Foresight | NoCommitment]:
-    """Ways to go about it, best first; where there is none, or none whose objects all find places, the reason."""
+    """Ways to go about it, best first; where there is none, or none whose objects all find places, the reason.
+
+    Args:
+        strategy: how to commit, and what places must keep clear of.
+        source: grasps.
+        search: places.
+        scene: where everything is.
+        target: the object wanted.
+        arrange: puts commitments in the order in which the task planner will carry them out.
+        rng: for variations and finer grids of places.
+        limits: of the search for the smallest sets.
+    """
     if strategy.grasps == "greedy":
         found = greedy_commitments(source, scene, target)
         yield found if isinstance(found, NoCommitment) else Foresight(found)
@@ -75,6 +92,7 @@ def commitments_for(
         if isinstance(commitments, NoCommitment):
             yield commitments
             return
+        commitments = arrange(commitments)
         places = _places(strategy, search, scene, commitments, rng)
         if isinstance(places, str):
             without_place = places

@@ -12,6 +12,7 @@ from irm.kinematics import ArmChain
 from planners.clearance import SupportGrid, clearance_order, footprint_mask, swept_mask
 from planners.collision import CollisionWorld
 from planners.grasp_options import BasePlacer, GraspOption
+from planners.hand_motion import can_put_down
 from planners.poses import PlacementConfig, gripper_opening, placement_levels, stand_at
 from planners.postures import HandPoses, PostureGrid, hand_hits, scan_postures
 from planners.scene import Body, Scene
@@ -149,16 +150,16 @@ class PlacementSearch:
     def _postures(
         self, scene: Scene, world: CollisionWorld, poses: HandPoses, drives: bool
     ) -> Iterator[Placement]:
-        """The first of these poses for which a posture exists."""
+        """The first of these poses for which a posture exists that the hand can come to and leave."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
         opening = self._opening(scene, body)
         found = scan_postures(world, self.chain, poses, self._grid, opening, held=scene.held, first_free=True)
-        if not len(found.q):
-            return
-        best = int(found.quality.argmax())
-        base, hand = poses.bases[found.pair[best]], poses.hands[found.pair[best]]
-        yield Placement(_put_down(scene, hand), base, found.q[best], float(hand[3]), opening, drives)
+        for best in np.argsort(-found.quality):
+            base, hand = poses.bases[found.pair[best]], poses.hands[found.pair[best]]
+            if can_put_down(world, base, found.q[best], scene.held):
+                yield Placement(_put_down(scene, hand), base, found.q[best], float(hand[3]), opening, drives)
+                return
 
     def _opening(self, scene: Scene, body: Body) -> float:
         return gripper_opening(scene.robot, body.half_width)

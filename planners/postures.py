@@ -24,6 +24,7 @@ __all__ = ["HandPoses", "PostureGrid", "Postures", "hand_hits", "scan_postures"]
 
 Array = NDArray[np.float64]
 
+_FURNITURE = np.uint64(1 << FURNITURE_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
 _SOLID = np.uint64((1 << FURNITURE_BIT) | (1 << SELF_BIT))
 _NONE = np.uint64(0)
@@ -37,6 +38,9 @@ _HIGH_ELBOW = 0.35
 """[m] above the hand: an elbow that high carries the forearm over what stands on the table."""
 _ELBOW_WORTH = 0.4
 """Manipulability that a metre of elbow height is worth: a high arm sweeps little of the table."""
+_LIFT = 0.2
+"""[m] that the torso can lift the hand straight up, in whatever posture the arm is."""
+_LIFT_WORTH = 0.5
 _VERTICAL_SLIDE = 5
 
 
@@ -76,7 +80,8 @@ def scan_postures(
 ) -> Postures:
     """Postures that hit neither furniture nor the robot itself, and of those the ones that hit fewest objects.
 
-    A posture is left out if another one hits only a part of what it hits. Among postures with the same hits those of
+    Base poses at which the home posture does not fit are left out, and so is a posture if another one hits only a part
+    of what it hits. Among postures with the same hits those of
     higher quality are kept: manipulability, less a little for travel from the home posture.
 
     Args:
@@ -207,8 +212,10 @@ def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
     travel = 0.0
     for joint in range(1, n):
         travel += abs(q[joint] - home[joint])
+    headroom = min(robot.upper[0] - q[0], _LIFT)
     raised = min(max(p[_ELBOW, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
-    return condition(J, np.empty((6, 6)), np.empty(6), np.empty(6)) + _ELBOW_WORTH * raised - _TRAVEL_COST * travel
+    mu = condition(J, np.empty((6, 6)), np.empty(6), np.empty(6))
+    return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
 
 
 @njit(cache=True)
@@ -313,6 +320,8 @@ def _scan(
         if by_hand & _SOLID != _NONE or (first_free and by_hand != _NONE):
             continue
         base, hand = bases[pair], hands[pair]
+        if configuration_hits(robot, obstacles, work, base, home, opening, active & _FURNITURE, padding, True):
+            continue
         R[0, 0] = R[1, 1] = math.cos(hand[3] - base[2])
         R[1, 0] = math.sin(hand[3] - base[2])
         R[0, 1] = -R[1, 0]

@@ -62,6 +62,7 @@ class SolveStats:
     """Counts and CPU times [s] of one solve."""
 
     replans: int = 0
+    task_plans: int = 0
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
     total_s: float = 0.0

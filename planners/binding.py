@@ -1,0 +1,156 @@
+"""Binding references to motions: each action of the task plan becomes a verified trajectory, or a reason why not."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.arm_motion import ArmPath, Obstruction, Unreachable
+from planners.base_motion import plan_base
+from planners.clearance_floor import FloorLimits
+from planners.collision import CollisionWorld
+from planners.commitments import NoCommitment
+from planners.grasp_options import GraspCatalogue, GraspOption
+from planners.hand_motion import PickMotion, PlaceMotion, can_leave, plan_pick, plan_place
+from planners.lookahead import Arrange, Foresight, commitments_for
+from planners.placements import Placement, PlacementSearch
+from planners.referee import Referee
+from planners.scene import RobotState, Scene
+from planners.strategies import Strategy
+from planners.timing import drive_trajectory, pick_trajectory, place_trajectory
+from planners.trajectory import Trajectory
+
+__all__ = ["Binder", "Bound"]
+
+Array = NDArray[np.float64]
+
+_PLACEMENTS = 12
+"""Placements tried before a location counts as refuted."""
+_TRIES = 2
+"""Motions tried, with other random choices, where MuJoCo finds fault with the first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """A motion behind an action, and the scene it leaves.
+
+    `placement` and `location` are set where the motion leads to a put-down: what is going to happen there, and the
+    symbol it happens at.
+    """
+
+    trajectory: Trajectory
+    scene: Scene
+    placement: Placement | None = None
+    location: str = ""
+
+
+@dataclass
+class Binder:
+    """The motion layer as Algorithm 1 sees it. Owns what is worth keeping between its calls."""
+
+    catalogue: GraspCatalogue
+    placement_search: PlacementSearch
+    rng: np.random.Generator
+    floor_limits: FloorLimits | None = None
+    _referee: Referee | None = None
+    _world: CollisionWorld | None = None
+    _put_down: dict[int, tuple[Placement, Bound | Obstruction | Unreachable]] = field(default_factory=dict)
+
+    def foresee(self, strategy: Strategy, scene: Scene, target: str, arrange: Arrange) -> Foresight | NoCommitment:
+        """The first way to go about it that the strategy can think of, through grasps that the hand can leave again."""
+        while True:
+            ways = commitments_for(
+                strategy, self.catalogue, self.placement_search, scene, target, arrange, self.rng, self.floor_limits
+            )
+            found = next(ways)
+            stuck = [] if isinstance(found, NoCommitment) else self._stuck(scene, found)
+            if not stuck:
+                return found
+            for grasp in stuck:
+                self.ban(scene, grasp)
+
+    def _stuck(self, scene: Scene, found: Foresight) -> list[GraspOption]:
+        """Chosen grasps from which no straight line leads away."""
+        world = self._compiled(scene)
+        return [g for g in found.commitments.grasps.values() if not can_leave(world, g.base, g.q, g.object)]
+
+    def ban(self, scene: Scene, grasp: GraspOption) -> None:
+        """Do not offer a grasp again: no motion leads to it."""
+        self.catalogue.ban(scene, grasp)
+
+    def placements(
+        self, scene: Scene, keep_clear: Sequence[GraspOption], strategy: Strategy, planned: Placement | None
+    ) -> Iterator[Placement]:
+        """Where the object in hand may be put: the place planned for it, then others."""
+        first = () if planned is None else (planned,)
+        others = self.placement_search.find(scene, keep_clear, strategy, self.rng)
+        return itertools.islice(itertools.chain(first, others), _PLACEMENTS)
+
+    def drive(self, scene: Scene, base: Array) -> Bound | Unreachable:
+        """Drive to a base pose in the present posture."""
+        found = plan_base(self._compiled(scene), scene.state.base, base, scene.state.q, held=scene.held)
+        if isinstance(found, Unreachable):
+            return found
+        trajectory = drive_trajectory(scene.robot, found, scene.state)
+        state = RobotState(np.asarray(base), scene.state.q, scene.state.finger_position)
+        return Bound(trajectory, scene.with_state(state))
+
+    def pick_up(self, scene: Scene, grasp: GraspOption) -> Bound | Obstruction | Unreachable:
+        """Take an object through a grasp from where the base stands, and carry it."""
+        world = self._compiled(scene)
+        for _ in range(_TRIES):
+            motion = plan_pick(world, scene.state.base, scene.state.q, grasp.q, grasp.object, rng=self.rng)
+            if not isinstance(motion, PickMotion):
+                return motion
+            if self._is_accepted(scene, motion.paths):
+                return _picked(scene, motion)
+        return Unreachable("MuJoCo finds penetration")
+
+    def put_down(self, scene: Scene, placement: Placement) -> Bound | Obstruction | Unreachable:
+        """Put the object in hand down as planned; asked again for the same placement, the answer is the same."""
+        known = self._put_down.get(id(placement))
+        if known is None or known[0] is not placement:
+            known = placement, self._plan_put_down(scene, placement)
+            self._put_down[id(placement)] = known
+        return known[1]
+
+    def _plan_put_down(self, scene: Scene, placement: Placement) -> Bound | Obstruction | Unreachable:
+        assert scene.held is not None
+        world = self._compiled(scene)
+        for _ in range(_TRIES):
+            motion = plan_place(world, placement.base, scene.state.q, placement.q, scene.held, rng=self.rng)
+            if not isinstance(motion, PlaceMotion):
+                return motion
+            if self._is_accepted(scene, motion.paths[:2]) and self._is_accepted(
+                scene.with_held(None).with_body(motion.placed), motion.paths[2:]
+            ):
+                return _placed(scene, motion, placement)
+        return Unreachable("MuJoCo finds penetration")
+
+    def _compiled(self, scene: Scene) -> CollisionWorld:
+        if self._world is None or self._world.scene.objects != scene.objects:
+            self._world = CollisionWorld.from_scene(scene)
+        return self._world
+
+    def _is_accepted(self, scene: Scene, paths: Sequence[ArmPath]) -> bool:
+        """MuJoCo is the referee of every path."""
+        if self._referee is None:
+            self._referee = Referee(scene)
+        self._referee.move_to(scene)
+        return all(self._referee.accepts(path) for path in paths)
+
+
+def _picked(scene: Scene, motion: PickMotion) -> Bound:
+    trajectory = pick_trajectory(scene.robot, motion, scene.state)
+    state = RobotState(scene.state.base, motion.retreat.end, float(trajectory.finger_position[-1]))
+    return Bound(trajectory, scene.with_state(state).with_held(motion.held))
+
+
+def _placed(scene: Scene, motion: PlaceMotion, placement: Placement) -> Bound:
+    trajectory = place_trajectory(scene.robot, motion, scene.state)
+    state = RobotState(placement.base, motion.retreat.end, float(trajectory.finger_position[-1]))
+    return Bound(trajectory, scene.with_state(state).with_held(None).with_body(motion.placed))

@@ -1,0 +1,144 @@
+"""Planning for a whole task: the entry point of the package."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+
+import numpy as np
+
+from assets.robots import RobotSpec
+from irm.cache import cached_map
+from irm.inverse import InverseReachabilityMap
+from irm.kinematics import ArmChain
+from planners.base_placement import MapPlacer, free_floor
+from planners.binding import Binder
+from planners.clearance_floor import ClearanceFloor, FloorLimits
+from planners.clearance_floor import clearance_floor as floor_of_options
+from planners.engines import task_planner
+from planners.grasp_options import GraspCatalogue
+from planners.placements import PlacementSearch
+from planners.scene import Scene
+from planners.solution import Cause, Infeasible, Solution
+from planners.strategies import strategy as find_strategy
+from planners.symbolic import TaskPlanner
+from planners.tamp import Search, TampLimits, task_and_motion_plan
+from planners.validation import validate
+
+__all__ = ["Planner", "clearance_floor", "solve"]
+
+_ATTEMPTS = 3
+"""Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
+
+
+def solve(
+    scene: Scene,
+    target: str,
+    strategy: str = "lookahead",
+    rng: np.random.Generator | None = None,
+    time_limit: float | None = None,
+) -> Solution | Infeasible:
+    """Plan to take `target` out of the clutter.
+
+    Args:
+        scene: the world, the robot in its home posture; an object may be in hand.
+        target: name of the object wanted.
+        strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar" or "srivastava".
+        rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
+        time_limit: [s] of wall time, None for none.
+
+    Returns:
+        The plan with all its motions, or the cause why there is none.
+
+    Raises:
+        UnknownObject: no object of that name.
+        UnknownStrategy: no strategy of that name.
+        SceneError: objects overlap, or the robot is inside furniture.
+    """
+    return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
+
+
+def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
+    """The exact minimum number of objects any plan must clear before it can take `target`.
+
+    Exact for the grasps, base poses and arm postures that all strategies choose from, and for every path to them:
+    only what the final grasp posture hits is counted.
+
+    Raises:
+        UnknownObject: no object of that name.
+    """
+    return Planner(scene.robot).clearance_floor(scene, target, limits)
+
+
+@dataclass(frozen=True)
+class Planner:
+    """A robot's maps and a task planner, kept between solves.
+
+    Attributes:
+        robot: which one.
+        engine: name of the task planner, see `planners.engines`; None for the default.
+    """
+
+    robot: RobotSpec
+    engine: str | None = None
+
+    @cached_property
+    def _task_planner(self) -> TaskPlanner:
+        return task_planner(self.engine)
+
+    def solve(
+        self,
+        scene: Scene,
+        target: str,
+        strategy: str = "lookahead",
+        rng: np.random.Generator | None = None,
+        time_limit: float | None = None,
+    ) -> Solution | Infeasible:
+        """As the function `solve`."""
+        scene.index(target)
+        validate(scene)
+        way = find_strategy(strategy)
+        rng = rng or np.random.default_rng(0)
+        started = time.process_time()
+        outcome: Solution | Infeasible | None = None
+        for _ in range(_ATTEMPTS if way.plans_ahead else 1):
+            search = Search(
+                target, way, self._task_planner, self._binder(scene, rng), TampLimits(seconds=time_limit)
+            )
+            outcome = task_and_motion_plan(search, scene)
+            if isinstance(outcome, Solution) or outcome.cause not in (Cause.NO_CLEARANCE_LOCATION, Cause.MOTION):
+                break
+        assert outcome is not None
+        return replace(outcome, stats=replace(outcome.stats, total_s=time.process_time() - started))
+
+    def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
+        """As the function `clearance_floor`."""
+        return floor_of_options(scene, target, _Blockers(self._catalogue(scene), scene), limits)
+
+    def _binder(self, scene: Scene, rng: np.random.Generator) -> Binder:
+        search = PlacementSearch(self._placer(scene), ArmChain.from_robot(self.robot))
+        return Binder(self._catalogue(scene), search, rng)
+
+    def _placer(self, scene: Scene) -> MapPlacer:
+        return MapPlacer(_inverse_map(self.robot), free_floor(scene))
+
+    def _catalogue(self, scene: Scene) -> GraspCatalogue:
+        return GraspCatalogue(self._placer(scene), ArmChain.from_robot(self.robot))
+
+
+@dataclass(frozen=True)
+class _Blockers:
+    """The blocker masks of a catalogue's grasps in one scene."""
+
+    catalogue: GraspCatalogue
+    scene: Scene
+
+    def blockers(self, name: str) -> Sequence[int]:
+        return [option.blockers for option in self.catalogue.options(self.scene, name)]
+
+
+@cache
+def _inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
+    return InverseReachabilityMap(cached_map(robot))

@@ -1,0 +1,316 @@
+"""Algorithm 1 of Lee & Kim 2019: a task plan with references, bound or refuted action by action, then replanned.
+
+`task_and_motion_plan` is the algorithm; the names of its steps are the paper's. Beside it stands `Search`, which holds
+what the algorithm was given and what it has found so far.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from planners.arm_motion import Obstruction
+from planners.binding import Binder, Bound
+from planners.commitments import Commitments, NoCommitment
+from planners.lookahead import Foresight, keep_clear
+from planners.placements import Placement
+from planners.references import grasp_references
+from planners.scene import Scene
+from planners.solution import BoundAction, Cause, Infeasible, ReplanRecord, Solution, SolveStats
+from planners.strategies import Strategy
+from planners.symbolic import ROBOT_INIT_LOC, GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem, format_atom
+from planners.transitions import (
+    GraspObstructed,
+    LocationRefuted,
+    obstruction_problem,
+    update_from_action,
+    update_from_error,
+)
+
+__all__ = ["PlanState", "Search", "TampLimits", "task_and_motion_plan"]
+
+_GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
+
+
+@dataclass(frozen=True)
+class TampLimits:
+    """When to give up: seconds (None: no limit), put-downs in one plan, task plans in one plan, seconds for each."""
+
+    seconds: float | None = None
+    clearances: int = 60
+    task_plans: int = 200
+    task_planning_s: float = 10.0
+
+
+@dataclass(frozen=True)
+class PlanState:
+    """What Algorithm 1 calls s0: the facts, the scene they are about, and what the references stand for."""
+
+    symbols: SymbolicState
+    scene: Scene
+    foresight: Foresight
+    places: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True)
+class Refutation:
+    """An action that motion planning refuted: what is in its way; nothing, if its references must mean something else."""
+
+    action: GroundAction
+    blockers: frozenset[str] = frozenset()
+
+
+@dataclass
+class Search:
+    """One run of Algorithm 1: what it was given, the plan F so far, and its counts."""
+
+    target: str
+    strategy: Strategy
+    task_planner: TaskPlanner
+    binder: Binder
+    limits: TampLimits = field(default_factory=TampLimits)
+    plan: list[BoundAction] = field(default_factory=list)
+    clearances: list[str] = field(default_factory=list)
+    history: list[ReplanRecord] = field(default_factory=list)
+    task_plans: int = 0
+    task_planning_s: float = 0.0
+    motion_planning_s: float = 0.0
+    started: float = field(default_factory=time.perf_counter)
+    started_cpu: float = field(default_factory=time.process_time)
+
+
+def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
+    """Algorithm 1: plan symbolically, bind each action to a motion, replan with what a refuted one taught.
+
+    Args:
+        search: target, strategy, task planner and motion layer; its plan is extended.
+        scene: where to start; the robot in its home posture.
+    """
+    state = initial_state(search, scene)
+    while isinstance(state, PlanState) and not is_goal(search, state):
+        skeleton = call_task_planning(search, state)
+        if isinstance(skeleton, Infeasible):
+            return skeleton
+        for index, action in enumerate(skeleton.actions):
+            motion = call_motion_planning(search, state, action)
+            if isinstance(motion, Bound):
+                bind_references(search, action, motion)
+                state = update_initial_state_from_action(state, action, motion)
+            else:
+                before, state = state, update_initial_state_from_error(search, state, motion)
+                record(search, skeleton, index, motion, before, state)
+                break
+    return state if isinstance(state, Infeasible) else Solution(tuple(search.plan), tuple(search.clearances), stats(search))
+
+
+def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
+    """The facts that the scene gives; a strategy that plans ahead adds what obstructs the grasps it committed to."""
+    held = scene.held.name if scene.held else None
+    problem = obstruction_problem(search.target, {}, objects=scene.names, held=held, held_obstructs=search.target)
+    return _commit(search, problem.state, scene)
+
+
+def is_goal(search: Search, state: PlanState) -> bool:
+    """Whether the target is held."""
+    return TaskProblem(state.symbols, search.target).is_solved
+
+
+def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
+    """The skeleton T, or why there is none."""
+    spent = search.limits.seconds is not None and time.perf_counter() - search.started > search.limits.seconds
+    if spent or len(search.history) >= search.limits.task_plans or len(search.clearances) >= search.limits.clearances:
+        counts = f"{len(search.history)} replans and {len(search.clearances)} clearances"
+        return infeasible(search, Cause.TIME_LIMIT, f"given up after {counts}", ())
+    found = _task_plan(search, state.symbols)
+    if isinstance(found, NoPlan):
+        cause = {
+            "cyclic": Cause.NO_SELF_CLEARABLE_SET,
+            "no location": Cause.NO_CLEARANCE_LOCATION,
+            "gave up": Cause.TIME_LIMIT,
+        }.get(found.reason, Cause.UNREACHABLE)
+        return infeasible(search, cause, f"{found.engine} found no task plan: {found.reason}", found.evidence)
+    return found
+
+
+def call_motion_planning(search: Search, state: PlanState, action: GroundAction) -> Bound | Refutation | Infeasible:
+    """A motion behind the action's references, or what refutes it."""
+    before = time.process_time()
+    try:
+        return _motion(search, state, action)
+    finally:
+        search.motion_planning_s += time.process_time() - before
+
+
+def bind_references(search: Search, action: GroundAction, motion: Bound) -> None:
+    """F ← F + action, its references bound."""
+    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, action.object or ""))
+    if action.name.startswith("PutDown"):
+        search.clearances.append(action.args[0])
+
+
+def update_initial_state_from_action(state: PlanState, action: GroundAction, motion: Bound) -> PlanState:
+    """s0 after the action: its effects on the facts, and the scene it leaves."""
+    foresight, places = state.foresight, state.places
+    if action.name.startswith("PutDown"):
+        foresight = foresight.without(action.args[0])
+    if motion.placement is not None:
+        places = MappingProxyType({**places, motion.location: motion.placement})
+    return PlanState(update_from_action(state.symbols, action), motion.scene, foresight, places)
+
+
+def update_initial_state_from_error(
+    search: Search, state: PlanState, error: Refutation | Infeasible
+) -> PlanState | Infeasible:
+    """s0 with what the refuted motion taught: what obstructs it, or that its references must mean something else."""
+    if isinstance(error, Infeasible):
+        return error
+    match error:
+        case Refutation(GroundAction("PickUp", (name, *_)), blockers) if blockers:
+            obstructed = update_from_error(state.symbols, GraspObstructed(name, blockers))
+            if blockers <= set(state.foresight.commitments.grasps):
+                return replace(state, symbols=obstructed)
+            return _commit(search, _standing_anywhere(obstructed), state.scene)
+        case Refutation(GroundAction("PutDownForClearance" | "PutDownGeneral", (name, *_, location))):
+            return replace(state, symbols=update_from_error(state.symbols, LocationRefuted(name, location)))
+        case _:
+            return _commit(search, _standing_anywhere(state.symbols), state.scene)
+
+
+def record(search: Search, skeleton: TaskPlan, verified: int, error: Refutation | Infeasible, before: PlanState, after: PlanState | Infeasible) -> None:
+    """Keep what this turn of the loop tried and learnt, as in Fig. 11."""
+    new = after.symbols.facts - before.symbols.facts if isinstance(after, PlanState) else frozenset()
+    refuted = str(error.action) if isinstance(error, Refutation) else error.detail
+    plan = tuple(str(action) for action in skeleton.actions)
+    search.history.append(ReplanRecord(plan, verified, refuted, tuple(sorted(format_atom(fact) for fact in new))))
+
+
+def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
+    """The end of the search without a plan."""
+    return Infeasible(cause, detail, objects, tuple(search.clearances), stats(search))
+
+
+def stats(search: Search) -> SolveStats:
+    """The counts so far."""
+    return SolveStats(
+        replans=len(search.history),
+        task_plans=search.task_plans,
+        task_planning_s=search.task_planning_s,
+        motion_planning_s=search.motion_planning_s,
+        total_s=time.process_time() - search.started_cpu,
+        history=tuple(search.history),
+    )
+
+
+def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
+    """Decide what the grasp references stand for; a strategy that plans ahead tells the task planner what that means."""
+    before = time.process_time()
+
+    def arrange(commitments: Commitments) -> Commitments:
+        return _in_planned_order(search, _with_obstructions(search, symbols, scene, commitments), commitments)
+
+    found = search.binder.foresee(search.strategy, scene, search.target, arrange)
+    search.motion_planning_s += time.process_time() - before
+    if isinstance(found, NoCommitment):
+        return infeasible(search, found.cause, _explain(found), found.objects)
+    return PlanState(_with_obstructions(search, symbols, scene, found.commitments), scene, found)
+
+
+def _with_obstructions(
+    search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments
+) -> SymbolicState:
+    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
+    blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
+    for name in scene.names:
+        if blockers.get(name) or symbols.find("obstructs", None, grasp_references(name).arm_trajectory, None):
+            symbols = update_from_error(symbols, GraspObstructed(name, frozenset(blockers.get(name, ()))))
+    return symbols
+
+
+def _in_planned_order(search: Search, symbols: SymbolicState, commitments: Commitments) -> Commitments:
+    """The same commitments in the order of the task plan that follows from them."""
+    skeleton = _task_plan(search, symbols)
+    if isinstance(skeleton, NoPlan):
+        return commitments
+    picked = [action.args[0] for action in skeleton.actions if action.name == "PickUp"]
+    return replace(commitments, order=tuple(name for name in picked if name in commitments.order))
+
+
+def _task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
+    before = time.process_time()
+    found = search.task_planner.plan(TaskProblem(symbols, search.target).pruned(), search.limits.task_planning_s)
+    search.task_planning_s += time.process_time() - before
+    search.task_plans += 1
+    return found
+
+
+def _explain(found: NoCommitment) -> str:
+    names = ", ".join(found.objects)
+    return {
+        Cause.UNREACHABLE: f"no free base pose and arm posture reach {names}",
+        Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
+        Cause.NO_CLEARANCE_LOCATION: f"no place on the table for {names} that keeps clear of what remains to be done",
+    }.get(found.cause, found.cause)
+
+
+def _standing_anywhere(symbols: SymbolicState) -> SymbolicState:
+    """The robot where it is, but under no base pose's name: those are about to mean other poses."""
+    here = symbols.robot_at
+    return symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove={("robotAt", here)})
+
+
+def _motion(search: Search, state: PlanState, action: GroundAction) -> Bound | Refutation | Infeasible:
+    """The motion that one action's references are bound to, or what refutes it."""
+    match action:
+        case GroundAction("MoveBase", (_, pose, _)) if pose.startswith(_GRASP_POSE):
+            return _drive_to_grasp(search, state, action, pose.removeprefix(_GRASP_POSE))
+        case GroundAction("MoveBase", (_, pose, _)):
+            return _drive_to_put_down(search, state, action, pose.removeprefix(_PUT_DOWN_POSE))
+        case GroundAction("PickUp", (name, *_)):
+            return _pick_up(search, state, action, name)
+        case _:
+            return _put_down(search, state, action)
+
+
+def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name: str) -> Bound | Refutation:
+    grasp = state.foresight.commitments.grasps.get(name)
+    if grasp is None:
+        return Refutation(action)
+    driven = search.binder.drive(state.scene, grasp.base)
+    if isinstance(driven, Bound):
+        return driven
+    search.binder.ban(state.scene, grasp)
+    return Refutation(action)
+
+
+def _drive_to_put_down(
+    search: Search, state: PlanState, action: GroundAction, location: str
+) -> Bound | Infeasible:
+    """Drive to where the first placement that can be reached and carried out is served from."""
+    assert state.scene.held is not None
+    name = state.scene.held.name
+    clear_of = keep_clear(search.strategy, state.foresight.commitments, name)
+    planned = state.foresight.places.get(name)
+    for placement in search.binder.placements(state.scene, clear_of, search.strategy, planned):
+        driven = search.binder.drive(state.scene, placement.base)
+        if isinstance(driven, Bound) and isinstance(search.binder.put_down(driven.scene, placement), Bound):
+            return replace(driven, placement=placement, location=location)
+    detail = f"no place on the table for {name} that keeps clear of what remains to be done"
+    return infeasible(search, Cause.NO_CLEARANCE_LOCATION, detail, (name,))
+
+
+def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) -> Bound | Refutation:
+    grasp = state.foresight.commitments.grasps[name]
+    picked = search.binder.pick_up(state.scene, grasp)
+    if isinstance(picked, Bound):
+        return picked
+    if isinstance(picked, Obstruction) and picked.phase == "grasp":
+        return Refutation(action, frozenset(picked.blockers))
+    search.binder.ban(state.scene, grasp)
+    return Refutation(action)
+
+
+def _put_down(search: Search, state: PlanState, action: GroundAction) -> Bound | Refutation:
+    placed = search.binder.put_down(state.scene, state.places[action.args[-1]])
+    return placed if isinstance(placed, Bound) else Refutation(action)
