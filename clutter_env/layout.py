@@ -108,7 +108,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TableScene:
     """What a reset puts into the world. Arrays are read-only.
 

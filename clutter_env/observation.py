@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from clutter_env.layout import TableScene
 from clutter_env.world import Measurements, World
 
 __all__ = ["OBJECT_FIELDS", "BaseFrame", "Observer", "base_frame"]
@@ -84,6 +85,8 @@ class Observer:
             bounds += [POSITION_BOUND] * 4 + [1.0]
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
         self._bounds = np.array(bounds)
+        self._constant = np.zeros_like(self._bounds)
+        self._constant_scene: TableScene | None = None
         edges = np.cumsum([0, *self._sizes.values()]).tolist()
         self._slices = {name: slice(*edge) for name, edge in zip(self._sizes, pairwise(edges), strict=True)}
 
@@ -117,13 +120,15 @@ class Observer:
         """
         frame = base_frame(world)
         poses = _poses_in_base(frame, np.concatenate((_tcp_pose(world), seen.poses)))
-        flat = np.zeros_like(self._bounds)
+        flat = self._constant_part(world, target).copy()
         _fill_robot(flat[self._slices["robot"]], world, frame)
         flat[self._slices["tcp"]] = poses[0]
         _fill_gripper(flat[self._slices["gripper"]], world)
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
-            _fill_objects(rows[: len(seen.poses)], world, seen, target, poses[1:])
+            rows[: len(seen.poses), 2:9] = poses[1:]
+            if seen.held >= 0:
+                rows[seen.held, 13] = 1.0
         if self._shows_goal:
             goal = flat[self._slices["goal"]]
             goal[:3] = poses[1 + target, :3] - poses[0, :3]
@@ -131,6 +136,17 @@ class Observer:
         np.minimum(np.maximum(flat, -self._bounds, out=flat), self._bounds, out=flat)
         small = flat.astype(np.float32)
         return {name: small[place] for name, place in self._slices.items()}
+
+    def _constant_part(self, world: World, target: int) -> Vector:
+        """The numbers that stay the same for a whole episode, zeros elsewhere; computed once for each scene."""
+        assert world.scene is not None
+        if world.scene is not self._constant_scene:
+            self._constant = np.zeros_like(self._bounds)
+            self._constant_scene = world.scene
+            if self._shows_objects:
+                rows = self._constant[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
+                _fill_constant_columns(rows, world.scene, target)
+        return self._constant
 
 
 def _object_row_bounds() -> list[float]:
@@ -157,18 +173,14 @@ def _fill_gripper(out: Vector, world: World) -> None:
     out[:] = float(fingers[0] + fingers[1]) + gap, 2 * world.controller.state.finger + gap
 
 
-def _fill_objects(rows: Vector, world: World, seen: Measurements, target: int, poses: Vector) -> None:
-    """The rows (n, 14) of the objects that are present; `poses` (n, 7) are relative to the base."""
-    scene = world.scene
-    assert scene is not None
-    rows[:, 0] = 1.0
+def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None:
+    """Presence, target, size and shape of the objects; rows (num_slots, 14) of absent ones stay zero."""
+    present = rows[: scene.num_objects]
+    present[:, 0] = 1.0
     if target >= 0:
-        rows[target, 1] = 1.0
-    rows[:, 2:9] = poses
-    rows[:, 9:12] = scene.half_extents
-    rows[:, 12] = scene.is_box
-    if seen.held >= 0:
-        rows[seen.held, 13] = 1.0
+        present[target, 1] = 1.0
+    present[:, 9:12] = scene.half_extents
+    present[:, 12] = scene.is_box
 
 
 def _tcp_pose(world: World) -> Vector:
@@ -189,5 +201,5 @@ def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
     relative: Vector = poses @ turn
     relative[:, 0] -= c * frame.x + s * frame.y
     relative[:, 1] -= c * frame.y - s * frame.x
-    relative[:, 3:] *= np.where(relative[:, 3:4] < 0, -1.0, 1.0)
+    relative[:, 3:] *= np.copysign(1.0, relative[:, 3:4])
     return relative

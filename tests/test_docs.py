@@ -77,7 +77,7 @@ def test_keyword_and_layout_tables_are_complete() -> None:
     part = RETRIEVE.split("## Keyword arguments", 1)[1]
     names = set(re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", part.split("| layout |")[0], re.MULTILINE))
     documented = {name for cell in names for name in re.findall(r"`(\w+)`", cell)}
-    assert documented == {name for name in EnvConfig.__dataclass_fields__}
+    assert documented == set(EnvConfig.__dataclass_fields__)
     for name, layout in LAYOUTS.items():
         line = next(line for line in part.splitlines() if line.startswith(f"| `{name}` |"))
         assert f"{layout.width} × {layout.depth} m" in line
