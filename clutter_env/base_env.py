@@ -125,8 +125,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
         checked = checked_action(action, self.action_size)
-        if not self._has_started:
-            raise ActionError("call reset() before the first step()")
+        self._check_started("step")
         self.seen = self._drive(checked)
         reward, terminated = self._advance()
         if self.render_mode == "human":
@@ -183,6 +182,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """
         if self._end_effector is not None:
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
+        self._check_started("joint_action")
         return self.world.controller.action_towards(q_target, gripper_width, self._is_loaded)
 
     def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
@@ -201,6 +201,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         base, pose = np.asarray(base_target, float), np.asarray(T_world_tcp, float)
         if base.shape != (3,) or pose.shape != (4, 4) or not (np.isfinite(base).all() and np.isfinite(pose).all()):
             raise ActionError("ee_action takes base_target (3,) and T_world_tcp (4, 4), all finite")
+        self._check_started("ee_action")
         controller = self.world.controller
         goal = np.concatenate((base, controller.state.target[_BASE:]))
         velocity = controller.velocity_towards(goal, self._is_loaded)[:_BASE]
@@ -210,9 +211,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def save_state(self) -> bytes:
         """Everything the future depends on: physics, controller, task, random generator."""
+        self._check_started("save_state")
         scene, control = self.world.scene, self.world.controller.state
-        if scene is None or not self._has_started:
-            raise ActionError("call reset() before save_state()")
+        assert scene is not None
         memory = {
             "task": self._memory(),
             "held": self.seen.held,
@@ -266,6 +267,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """What a saved state must have in common with the environment that takes it up."""
         shared = {name: getattr(self.config, name) for name in ("num_objects", "layout", "robot", "control_mode")}
         return {"task": type(self).__name__, "mujoco": mujoco.__version__, **shared}
+
+    def _check_started(self, call: str) -> None:
+        if not self._has_started:
+            raise ActionError(f"call reset() before {call}()")
 
     @property
     def _is_loaded(self) -> bool:

@@ -159,9 +159,17 @@ def test_actions_outside_the_box_are_clipped() -> None:
         assert all(np.array_equal(mine[0][name], theirs[0][name]) for name in mine[0])
 
 
-def test_stepping_before_the_first_reset_is_refused() -> None:
-    with pytest.raises(ClutterEnvError, match="reset"):
-        gym.make("clutter_env/Retrieve-o5-v0").unwrapped.step(np.zeros(12))
+def test_calls_before_the_first_reset_are_refused() -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    ee = gym.make("clutter_env/Retrieve-o5-v0", control_mode="ee").unwrapped
+    for call in (
+        lambda: env.step(np.zeros(12)),
+        lambda: env.joint_action(np.zeros(11), 0.1),
+        lambda: ee.ee_action(np.zeros(3), np.eye(4), 0.1),
+        env.save_state,
+    ):
+        with pytest.raises(ClutterEnvError, match="reset"):
+            call()
 
 
 def test_action_helpers_check_their_input() -> None:
