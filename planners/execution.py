@@ -9,18 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.arm_motion import tcp_pose
 from planners.monitor import Deviation, MonitorConfig, Snapshot, Surprise, displaced, slipped, strayed
+from planners.scene import RobotState
 from planners.solution import BoundAction, Solution
-from planners.trajectory import Trajectory
+from planners.trajectory import CONTROL_STEP, Trajectory
 
-__all__ = ["Command", "Execution", "Outcome", "Step"]
+__all__ = ["CONTROL_STEP", "Command", "Execution", "Outcome", "Step"]
 
 Array = NDArray[np.float64]
 
-CONTROL_STEP = 0.05
-"""[s] of one action."""
 _GRIP_DELAY = 4
 """Control steps after the fingers have closed until the grip is taken as the one to keep."""
+
+
+_PATIENCE = 60
+"""Control steps at most that a hand is waited for at one sample."""
+_ON_THE_WAY, _PRECISE = 0.03, 0.006
+"""[m] that the hand may be behind, on free paths and where the fingers close or open; 5 times that in [rad]."""
 
 
 class Outcome(Enum):
@@ -54,8 +60,25 @@ class Execution:
     """
 
     def __init__(
-        self, solution: Solution, robot: RobotSpec, names: tuple[str, ...], start: Snapshot, config: MonitorConfig
+        self,
+        solution: Solution,
+        robot: RobotSpec,
+        names: tuple[str, ...],
+        start: Snapshot,
+        config: MonitorConfig,
+        by_tcp: bool = False,
     ) -> None:
+        """Begin to carry out a solution.
+
+        Args:
+            solution: what to do.
+            robot: who does it.
+            names: of the objects, in the order of the snapshots.
+            start: what the world looks like now.
+            config: what counts as a surprise.
+            by_tcp: the robot is told TCP poses, and its joints find their own way: wait for the hand instead of
+                expecting every joint at its place.
+        """
         self._actions = solution.actions
         self._robot = robot
         self._names = names
@@ -67,6 +90,8 @@ class Execution:
         self._grip: Array | None = None
         self._closed_for = 0
         self._last: Command | None = None
+        self._by_tcp = by_tcp
+        self._waited = 0
         self.deviation: Deviation | None = None
         self.cleared: list[str] = []
 
@@ -84,7 +109,8 @@ class Execution:
             self.deviation = self._compare(now)
             if self.deviation is not None:
                 self._direction = self._way_out()
-        self._move_on(now)
+        if not self._has_to_wait(now):
+            self._move_on(now)
         if self.deviation is not None and self._is_out():
             return Step(self._command(), Outcome.BACKED_OUT, self.deviation)
         outcome = Outcome.FINISHED if self._action >= len(self._actions) else Outcome.RUNNING
@@ -105,6 +131,24 @@ class Execution:
             self._finish(self._actions[self._action], now)
             self._action += 1
             self._tick = 1
+
+    def _has_to_wait(self, now: Snapshot) -> bool:
+        """Whether a hand that is told TCP poses is still on its way; it is waited for, but not for ever."""
+        if not self._by_tcp or self._last is None or self._waited >= _PATIENCE:
+            self._waited = 0
+            return False
+        wanted = tcp_pose(self._robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
+        distance = float(np.linalg.norm(wanted[:3, 3] - now.T_world_tcp[:3, 3]))
+        turn = float(np.linalg.norm(wanted[:3, :3] - now.T_world_tcp[:3, :3])) / np.sqrt(2.0)
+        precision = _PRECISE if self._is_near_contact() else _ON_THE_WAY
+        is_behind = distance > precision or turn > 5 * precision
+        self._waited = self._waited + 1 if is_behind else 0
+        return is_behind
+
+    def _is_near_contact(self) -> bool:
+        """Whether the fingers are about to close or to open."""
+        changes = [phase.start for phase in self._trajectory.phases if phase.name in ("close", "open")]
+        return any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
 
     def _is_over(self) -> bool:
         return (self._tick - 1) * CONTROL_STEP >= self._trajectory.duration - 1e-9
@@ -136,7 +180,9 @@ class Execution:
         ignore = held or (action.target if action.name != "MoveBase" else "")
         deviation = deviation or displaced(self._expected, now, self._names, self._config, ignore)
         if deviation is None and self._last is not None:
-            deviation = strayed(self._last.drive, now.drive, self._config)
+            expected = now.drive.copy() if self._by_tcp else self._last.drive.copy()
+            expected[:3] = self._last.drive[:3]
+            deviation = strayed(expected, now.drive, self._config)
         return deviation or self._target_moved(now, action, held)
 
     def _watch_grip(self, now: Snapshot, held: str) -> Deviation | None:

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.kinematics import ArmChain
-from planners.arm_motion import tcp_pose
-from planners.clearance_floor import ClearanceFloor
-from planners.execution import Execution, Outcome
+from planners.arm_motion import nearest_turns, tcp_pose
+from planners.execution import CONTROL_STEP, Command, Execution, Outcome, Step
 from planners.monitor import MonitorConfig, Sensor
-from planners.scene import RobotState, Scene
+from planners.robot_geometry import robot_arrays
+from planners.scene import RobotState, Scene, SceneError
 from planners.solution import Infeasible, Solution
 from planners.solve import Planner
 from planners.strategies import strategy as find_strategy
@@ -25,8 +24,12 @@ __all__ = ["EpisodeReport", "ExpertConfig", "TampExpert"]
 
 Array = NDArray[np.float64]
 
-CONTROL_STEP = 0.05
-"""[s] of one action."""
+_NEARLY_HOME = 0.05
+"""[m], [rad]: joints this near to the home posture are taken to be in it; the controller closes the gap."""
+_OFF_TABLE = 0.01
+"""[m] above the table: what is lower may still stand on it."""
+_LIFTED = 0.10
+"""[m] above the table: the environment's mark for success."""
 
 
 class ControlledEnv(Protocol):
@@ -126,7 +129,7 @@ class TampExpert:
         self._seed = seed
         self._config = config or ExpertConfig()
         self._planner = Planner(self._env.robot)
-        self.report = EpisodeReport()
+        self._report = EpisodeReport()
         self.done = True
         self.solution: Solution | Infeasible | None = None
 
@@ -140,11 +143,35 @@ class TampExpert:
         self._target = target or self._env.world.names[self._env.target_slot]
         self._rng = np.random.default_rng(self._seed)
         self._started = float(self._env.data.time)
-        self._chain = ArmChain.from_robot(self._env.robot)
-        self.report = EpisodeReport()
+        self._report = EpisodeReport()
         self.done = False
         self._wait = 0
+        self._execution: Execution | None = None
+        state = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot).state
+        opening = self._env.robot.finger_gap_closed + 2 * state.finger_position
+        self._last = Command(np.concatenate((state.base, state.q)), opening)
         self._plan(self._look())
+
+    @property
+    def report(self) -> EpisodeReport:
+        """How the episode went, or how it stands; an environment that ends at success may do so before the plan does."""
+        if self.done or self._execution is None or self._execution.deviation is not None:
+            return self._report
+        lifted = self._held() == self._target and self._is_lifted()
+        if not lifted:
+            return replace(self._report, failure=self._report.failure or "unfinished", sim_s=self._elapsed)
+        clearances = (*self._report.clearances, *self._execution.cleared)
+        return replace(
+            self._with_clearances(clearances), executed=True, scored=True, failure="", sim_s=self._elapsed
+        )
+
+    @property
+    def _elapsed(self) -> float:
+        return float(self._env.data.time) - self._started
+
+    def _with_clearances(self, clearances: tuple[str, ...]) -> EpisodeReport:
+        duplicated = tuple(sorted({name for name in clearances if clearances.count(name) > 1}))
+        return replace(self._report, clearances=clearances, duplicated=duplicated)
 
     @property
     def phase(self) -> str:
@@ -153,15 +180,112 @@ class TampExpert:
 
     def act(self) -> Array:
         """The next action; call it once per step, and step with it."""
+        if self._execution is not None:
+            step = self._execution.advance(self._sensor.read())
+            if step.outcome is not Outcome.RUNNING:
+                self._conclude(step)
+            return self._action(step.command)
         if self._wait > 0:
             self._wait -= 1
             if self._wait == 0:
                 self._look_again()
-            return self._command(self._here())
-        if self._execution is None:
-            self.done = True
-            return self._command(self._here())
-        step = self._execution.advance(self._sensor.read())
-        if step.outcome is not Outcome.RUNNING:
-            self._conclude(step.outcome)
-        return self._command(step.command)
+        return self._action(self._last)
+
+    def _look(self) -> Scene:
+        """A snapshot, the robot taken to be in its exact home posture if it nearly is."""
+        env = self._env
+        held = self._held()
+        scene = Scene.from_mujoco(env.model, env.data, env.robot, held)
+        home = nearest_turns(robot_arrays(env.robot), scene.state.q, np.array(env.robot.home))
+        if np.abs(scene.state.q - home).max() > _NEARLY_HOME:
+            home = scene.state.q
+        return scene.with_state(RobotState(scene.state.base, home, scene.state.finger_position))
+
+    def _held(self) -> str:
+        """The object between the fingers that stands on nothing; "" for none."""
+        now = self._sensor.read()
+        scene = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot)
+        for index, body in enumerate(scene.objects):
+            away = np.abs(now.in_hand(index))
+            is_near = max(away[0], away[1]) < self._config.monitor.slip and away[2] < body.half_extents[2]
+            if is_near and body.bottom > scene.support.top + _OFF_TABLE:
+                return body.name
+        return ""
+
+    def _plan(self, scene: Scene) -> None:
+        """Solve from here and start to execute, or end with the reason why not."""
+        before = time.process_time()
+        if self._config.with_floor and self._report.floor is None and self._report.replans == 0:
+            floor = self._planner.clearance_floor(scene, self._target)
+            self._report = replace(self._report, floor=floor.count if floor.proved else None)
+        try:
+            self.solution = self._planner.solve(
+                scene, self._target, self._strategy, self._rng, self._config.planning_s
+            )
+        except SceneError as error:
+            self._end(f"the scene cannot be planned in: {error}")
+            return
+        spent = self._report.planning_s + time.process_time() - before
+        planned = isinstance(self.solution, Solution)
+        self._report = replace(self._report, planned=planned, planning_s=spent)
+        if isinstance(self.solution, Infeasible):
+            self._end(f"{self.solution.cause}: {self.solution.detail}")
+            return
+        self._execution = Execution(
+            self.solution,
+            self._env.robot,
+            self._sensor.names,
+            self._sensor.read(),
+            self._config.monitor,
+            by_tcp=self._env.config.control_mode == "ee",
+        )
+
+    def _conclude(self, step: Step) -> None:
+        """After the last step of a plan: hold the target up, or look again and replan."""
+        assert self._execution is not None
+        self._report = self._with_clearances((*self._report.clearances, *self._execution.cleared))
+        self._last = step.command
+        self._execution = None
+        if step.outcome is Outcome.FINISHED:
+            self._report = replace(self._report, executed=True)
+            self._wait = round(self._config.hold_s / CONTROL_STEP)
+            return
+        self._report = replace(self._report, surprises=(*self._report.surprises, str(step.deviation)))
+        if self._report.replans >= self._config.replans:
+            self._end(f"gave up after {self._report.replans} replans; last surprise: {step.deviation}")
+            return
+        self._report = replace(self._report, replans=self._report.replans + 1)
+        self._wait = round(self._config.settle_s / CONTROL_STEP)
+
+    def _look_again(self) -> None:
+        """After waiting: the episode is over if the target is held up; otherwise plan anew."""
+        if self._held() == self._target and self._is_lifted():
+            self._report = replace(self._report, scored=True)
+            self._end("")
+        elif self._report.executed:
+            self._report = replace(self._report, executed=False, surprises=(*self._report.surprises, "target not held"))
+            if self._report.replans >= self._config.replans:
+                self._end("the target was not in the hand in the end")
+                return
+            self._report = replace(self._report, replans=self._report.replans + 1)
+            self._plan(self._look())
+        else:
+            self._plan(self._look())
+
+    def _is_lifted(self) -> bool:
+        scene = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot)
+        return scene.body(self._target).bottom > scene.support.top + _LIFTED
+
+    def _end(self, failure: str) -> None:
+        self._report = replace(self._report, failure=failure, sim_s=self._elapsed)
+        self._execution = None
+        self._wait = 0
+        self.done = True
+
+    def _action(self, command: Command) -> Array:
+        """The environment's action for a command, in its own control mode."""
+        self._last = command
+        if self._env.config.control_mode == "joint":
+            return np.asarray(self._env.joint_action(command.drive, command.opening))
+        state = RobotState(command.drive[:3], command.drive[3:], 0.0)
+        return np.asarray(self._env.ee_action(command.drive[:3], tcp_pose(self._env.robot, state), command.opening))

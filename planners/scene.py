@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import mujoco
@@ -86,11 +87,12 @@ class Body:
         if (self.half_extents <= 0).any() or not np.linalg.norm(self.quaternion) > 0.5:
             raise SceneError(f"{self.name!r} needs positive half extents and a unit quaternion")
 
-    @property
+    @cached_property
     def rotation(self) -> NDArray[np.float64]:
         """R_world_body (3, 3)."""
         matrix = np.empty(9)
         mujoco.mju_quat2Mat(matrix, self.quaternion / np.linalg.norm(self.quaternion))
+        matrix.setflags(write=False)
         return matrix.reshape(3, 3)
 
     @property
@@ -113,7 +115,7 @@ class Body:
             return float(np.abs(local) @ self.half_extents)
         return float(abs(local[2]) * self.half_extents[2] + math.hypot(local[0], local[1]) * self.half_extents[0])
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """[m] of the upright circle about `position` that contains the body's outline from above."""
         vertical = self.rotation[2]
@@ -130,17 +132,17 @@ class Body:
         """[m] that the fingers must span to each side: a cylinder's radius, half the wider side of a box."""
         return float(self.half_extents[:2].max())
 
-    @property
+    @cached_property
     def bottom(self) -> float:
         """[m] height of the lowest point."""
         return float(self.position[2]) - self.half_extent_along((0.0, 0.0, 1.0))
 
-    @property
+    @cached_property
     def top(self) -> float:
         """[m] height of the highest point."""
         return float(self.position[2]) + self.half_extent_along((0.0, 0.0, 1.0))
 
-    @property
+    @cached_property
     def is_upright(self) -> bool:
         """Whether its own z axis points up, within `UPRIGHT_TILT`."""
         return bool(self.rotation[2, 2] > math.cos(UPRIGHT_TILT))
@@ -231,7 +233,7 @@ class Scene:
         if self.held is not None:
             self.index(self.held.name)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Object names in the order of their bits."""
         return tuple(body.name for body in self.objects)

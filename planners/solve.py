@@ -27,7 +27,7 @@ from planners.symbolic import TaskPlanner
 from planners.tamp import Search, TampLimits, task_and_motion_plan
 from planners.validation import validate
 
-__all__ = ["Planner", "clearance_floor", "solve"]
+__all__ = ["Planner", "clearance_floor", "map_placer", "solve"]
 
 _ATTEMPTS = 3
 """Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
@@ -70,6 +70,11 @@ def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None
         UnknownObject: no object of that name.
     """
     return Planner(scene.robot).clearance_floor(scene, target, limits)
+
+
+def map_placer(scene: Scene) -> MapPlacer:
+    """Base poses for hand poses in this scene, from the robot's cached reachability map."""
+    return MapPlacer(_inverse_map(scene.robot), free_floor(scene))
 
 
 @dataclass(frozen=True)
@@ -118,14 +123,11 @@ class Planner:
         return floor_of_options(scene, target, _Blockers(self._catalogue(scene), scene), limits)
 
     def _binder(self, scene: Scene, rng: np.random.Generator) -> Binder:
-        search = PlacementSearch(self._placer(scene), ArmChain.from_robot(self.robot))
+        search = PlacementSearch(map_placer(scene), ArmChain.from_robot(self.robot))
         return Binder(self._catalogue(scene), search, rng)
 
-    def _placer(self, scene: Scene) -> MapPlacer:
-        return MapPlacer(_inverse_map(self.robot), free_floor(scene))
-
     def _catalogue(self, scene: Scene) -> GraspCatalogue:
-        return GraspCatalogue(self._placer(scene), ArmChain.from_robot(self.robot))
+        return GraspCatalogue(map_placer(scene), ArmChain.from_robot(self.robot))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,46 @@
+"""Random table-top scenes without any simulation, and the maps and planners that several test files share."""
+
+from __future__ import annotations
+
+
+import numpy as np
+
+from assets.robots import FETCH
+from planners.scene import Body, FurnitureBox, RobotState, Scene
+
+DEPTH, WIDTH, HEIGHT = 0.7, 1.0, 0.75
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+FURNITURE = (
+    FurnitureBox("table_top", np.array([0.0, 0.0, HEIGHT - 0.02]), np.array([DEPTH / 2, WIDTH / 2, 0.02])),
+    FurnitureBox("counter_left", np.array([0.0, 0.8, 0.375]), np.array([DEPTH / 2, 0.3, 0.375])),
+    FurnitureBox("counter_right", np.array([0.0, -0.8, 0.375]), np.array([DEPTH / 2, 0.3, 0.375])),
+    FurnitureBox("wall", np.array([0.37, 0.0, 0.8]), np.array([0.02, 1.1, 0.8])),
+)
+
+
+def cylinder(name: str, x: float, y: float, radius: float = 0.03, height: float = 0.16) -> Body:
+    """An upright cylinder on the table."""
+    half = np.array([radius, radius, height / 2])
+    return Body(name, "cylinder", half, np.array([x, y, HEIGHT + height / 2]), UPRIGHT)
+
+
+def table_scene(*objects: Body) -> Scene:
+    """The robot at home in front of a table with these objects."""
+    state = RobotState(np.array([-1.1, 0.0, 0.0]), np.array(FETCH.home), FETCH.max_finger_position)
+    return Scene(FETCH, state, objects, FURNITURE)
+
+
+def random_scene(count: int, seed: int) -> Scene:
+    """`count` cylinders at random places, 12 mm apart at least."""
+    rng = np.random.default_rng(seed)
+    objects: list[Body] = []
+    while len(objects) < count:
+        radius, height = rng.uniform(0.025, 0.035), rng.uniform(0.12, 0.20)
+        x, y = rng.uniform(-DEPTH / 2 + 0.05, DEPTH / 2 - 0.05), rng.uniform(-WIDTH / 2 + 0.05, WIDTH / 2 - 0.05)
+        apart = (np.hypot(o.position[0] - x, o.position[1] - y) > radius + o.radius + 0.012 for o in objects)
+        if all(apart):
+            objects.append(cylinder(f"object_{len(objects):02d}", x, y, radius, height))
+    return table_scene(*objects)
+
+
