@@ -18,8 +18,8 @@ from clutter_env.model import ModelIndex
 __all__ = ["fit_scene"]
 
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
-_HUES = (0.07, 0.93)
-"""Hues of what is not the target: all but the reds."""
+_HUES = (0.14, 0.92)
+"""Hues of what is not the target: neither the reds nor the colours of wood."""
 _GOLDEN_RATIO = 0.6180339887
 
 
@@ -93,5 +93,5 @@ def _slot_colour(slot: int) -> tuple[float, float, float, float]:
     """Hues step by the golden ratio, so that neighbours in number differ most; lightness has a period of three."""
     hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)
     lightness = (0.50, 0.66, 0.38)[slot % 3]
-    red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.55)
+    red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.65)
     return red, green, blue, 1.0
