@@ -98,7 +98,7 @@ class PlannerExpert:
     """`planners.TampExpert`, imported when it is first needed."""
 
     def __init__(self, env: gym.Env, strategy: str) -> None:
-        from planners import TampExpert
+        from planners.expert import TampExpert
 
         self._expert = TampExpert(env, strategy=strategy)
 

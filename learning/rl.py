@@ -21,14 +21,55 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from learning.episode import Episode
 from learning.errors import LearningError
 from learning.features import NEAR_SCALE
+from learning.skill_policy import MaskableSkillPolicy, SkillPolicy
 
-__all__ = ["ALGORITHMS", "Checkpoints", "GoalFeatures", "add_demonstrations", "load_model", "make_model", "save_model"]
+__all__ = [
+    "ALGORITHMS",
+    "Checkpoints",
+    "GoalFeatures",
+    "ScaledActions",
+    "add_demonstrations",
+    "imitate",
+    "load_model",
+    "make_model",
+    "save_model",
+    "training_env",
+]
 
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
     {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
 )
 """SAC and TQC learn goal environments with hindsight; PPO and MaskablePPO learn skills."""
+GOAL_ALGORITHMS = ("sac", "tqc")
 _MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
+
+BASE_SCALE, TURN_SCALE = 0.1, 0.2
+"""Shares of the greatest base velocity and hand turning rate that a learner's full action asks for. Goals are within
+the arm's reach; at full speed the noise of exploration drives the base away."""
+
+
+class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
+    """Slows the base and the turning of the hand."""
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        self.scale = np.ones(env.action_space.shape or (), np.float32)
+        self.scale[:3] = BASE_SCALE
+        if env.unwrapped.config.control_mode == "ee":  # type: ignore[attr-defined]
+            self.scale[6:9] = TURN_SCALE
+
+    def action(self, action: Any) -> Any:
+        """What the environment is told."""
+        return action * self.scale
+
+    def reverse_action(self, action: Any) -> Any:
+        """What a learner would have had to say; as near as it can."""
+        return np.clip(action / self.scale, -1.0, 1.0)
+
+
+def training_env(name: str, env: gym.Env) -> gym.Env:
+    """The environment as an algorithm sees it."""
+    return ScaledActions(env) if name in GOAL_ALGORITHMS else env
 
 
 class GoalFeatures(BaseFeaturesExtractor):
@@ -49,7 +90,7 @@ class GoalFeatures(BaseFeaturesExtractor):
 
 
 def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> BaseAlgorithm:
-    """A new model for an environment.
+    """A new model for an environment from `training_env`.
 
     Raises:
         LearningError: no such algorithm; the message lists those there are.
@@ -62,15 +103,15 @@ def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> B
         "device": "cpu",
         "tensorboard_log": None if log is None else str(log),
     }
-    if name in ("sac", "tqc"):
-        return ALGORITHMS[name](policy="MultiInputPolicy", **_off_policy(), **common)
-    return ALGORITHMS[name](**_on_policy(name, env), **common)
+    settings = _off_policy() if name in GOAL_ALGORITHMS else _on_policy(name)
+    return ALGORITHMS[name](**settings, **common)
 
 
-def add_demonstrations(model: OffPolicyAlgorithm, episodes: Iterable[Episode]) -> int:
+def add_demonstrations(model: OffPolicyAlgorithm, env: gym.Env, episodes: Iterable[Episode]) -> int:
     """Put every transition of the episodes into the model's replay buffer, to be relabelled like its own; how many."""
     buffer = model.replay_buffer
     assert buffer is not None
+    assert isinstance(env, ScaledActions)
     count = 0
     for episode in episodes:
         for step in range(len(episode)):
@@ -84,13 +125,32 @@ def add_demonstrations(model: OffPolicyAlgorithm, episodes: Iterable[Episode]) -
             buffer.add(
                 before,
                 after,
-                episode.actions[step][None],
+                env.reverse_action(episode.actions[step])[None],
                 np.array([episode.rewards[step]]),
                 np.array([is_last]),
                 [info],
             )
             count += 1
     return count
+
+
+def imitate(model: SAC | TQC, env: gym.Env, episodes: Iterable[Episode], steps: int) -> float:
+    """Let the actor begin with what the demonstrations do; the last loss."""
+    assert isinstance(env, ScaledActions)
+    taken = list(episodes)
+    names = taken[0].observations.keys()
+    seen = {name: np.concatenate([episode.observations[name][:-1] for episode in taken]) for name in names}
+    observation, _ = model.policy.obs_to_tensor(seen)
+    wanted = torch.from_numpy(env.reverse_action(np.concatenate([episode.actions for episode in taken])))
+    loss = torch.tensor(0.0)
+    for _ in range(steps):
+        chosen = torch.randint(len(wanted), (256,))
+        mean = model.actor({name: value[chosen] for name, value in observation.items()}, deterministic=True)
+        loss = torch.nn.functional.mse_loss(mean, wanted[chosen])
+        model.actor.optimizer.zero_grad()
+        loss.backward()
+        model.actor.optimizer.step()
+    return float(loss.detach())
 
 
 def save_model(model: BaseAlgorithm, directory: Path) -> None:
@@ -144,6 +204,7 @@ class Checkpoints(BaseCallback):
 
 def _off_policy() -> dict[str, Any]:
     return {
+        "policy": "MultiInputPolicy",
         "replay_buffer_class": HerReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
         "learning_rate": 1e-3,
@@ -156,5 +217,13 @@ def _off_policy() -> dict[str, Any]:
     }
 
 
-def _on_policy(name: str, env: gym.Env) -> dict[str, Any]:
-    return {}
+def _on_policy(name: str) -> dict[str, Any]:
+    return {
+        "policy": MaskableSkillPolicy if name == "maskable_ppo" else SkillPolicy,
+        "learning_rate": 1e-3,
+        "n_steps": 512,
+        "batch_size": 128,
+        "n_epochs": 6,
+        "gamma": 0.97,
+        "ent_coef": 0.01,
+    }

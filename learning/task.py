@@ -7,7 +7,6 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
-from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -27,7 +26,7 @@ class Task:
     """An environment to make: its id and keyword arguments (JSON values)."""
 
     env_id: str
-    keywords: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    keywords: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, **more: Any) -> gym.Env:
         """The environment; `more` keyword arguments win over the task's own."""

@@ -1,0 +1,143 @@
+"""The results of a comparison as a Markdown table and as a plot over the number of objects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from learning.evaluation import Score
+from learning.statistics import Interval, bootstrap
+
+__all__ = ["Row", "markdown", "plot", "summarise"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One contender in one arena: means with intervals; `moved` and `excess` over the scenes it solved.
+
+    Attributes:
+        arena: "o15", "reach", ….
+        contender: its name.
+        runs: training seeds.
+        episodes: played in all.
+        success: share of episodes.
+        moved: objects moved.
+        excess: objects moved beyond the floor.
+        steps: of the environment.
+        sim_s: [s].
+        wall_s: [s].
+        failures: causes with counts.
+    """
+
+    arena: str
+    contender: str
+    runs: int
+    episodes: int
+    success: Interval
+    moved: Interval
+    excess: Interval
+    steps: Interval
+    sim_s: Interval
+    wall_s: Interval
+    failures: Mapping[str, int]
+
+
+def summarise(
+    arena: str, contender: str, runs: Sequence[Sequence[Score]], floors: Mapping[int, int | None], seed: int
+) -> Row:
+    """The row of a contender's runs, one sequence of scores per training seed."""
+    rng = np.random.default_rng(seed)
+    solved = [[score for score in run if score.is_success] for run in runs]
+    return Row(
+        arena=arena,
+        contender=contender,
+        runs=len(runs),
+        episodes=sum(len(run) for run in runs),
+        success=bootstrap([[score.is_success for score in run] for run in runs], rng),
+        moved=bootstrap([[score.moved for score in run] for run in solved], rng),
+        excess=bootstrap([_excess(run, floors) for run in solved], rng),
+        steps=bootstrap([[score.steps for score in run] for run in runs], rng),
+        sim_s=bootstrap([[score.sim_s for score in run] for run in runs], rng),
+        wall_s=bootstrap([[score.wall_s for score in run] for run in runs], rng),
+        failures=Counter(score.failure for run in runs for score in run if not score.is_success),
+    )
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """The table; intervals are 95%, steps are of the environment (skills where a contender acts by skills)."""
+    head = (
+        "scenes",
+        "contender",
+        "runs × scenes",
+        "success",
+        "moved",
+        "moved - floor",
+        "steps",
+        "sim s",
+        "wall s",
+        "failures",
+    )
+    lines = [_line(head), _line(["---"] * len(head))]
+    for row in rows:
+        causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
+        lines.append(
+            _line(
+                (
+                    row.arena,
+                    row.contender,
+                    f"{row.runs} × {row.episodes // max(row.runs, 1)}",
+                    str(row.success),
+                    _text(row.moved),
+                    _text(row.excess),
+                    f"{row.steps.mean:.0f}",
+                    f"{row.sim_s.mean:.1f}",
+                    f"{row.wall_s.mean:.1f}",
+                    causes or "-",
+                )
+            )
+        )
+    return "\n".join(lines) + "\n"
+
+
+def plot(rows: Sequence[Row], path: Path) -> None:
+    """Success and objects moved over the number of objects, with intervals; arenas without a number are left out."""
+    counted = [row for row in rows if row.arena.startswith("o") and row.arena[1:].isdigit()]
+    if not counted:
+        return
+    mpl.use("Agg")
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for contender in dict.fromkeys(row.contender for row in counted):
+        own = [row for row in counted if row.contender == contender]
+        numbers = [int(row.arena[1:]) for row in own]
+        for axes, values in ((left, [row.success for row in own]), (right, [row.moved for row in own])):
+            means = np.array([value.mean for value in values])
+            below = means - np.array([value.low for value in values])
+            above = np.array([value.high for value in values]) - means
+            axes.errorbar(numbers, means, yerr=np.stack((below, above)), marker="o", capsize=3, label=contender)
+    for axes, title in ((left, "success"), (right, "objects moved (solved scenes)")):
+        axes.set_xlabel("objects on the table")
+        axes.set_title(title)
+        axes.grid(alpha=0.3)
+    left.set_ylim(-0.02, 1.02)
+    left.legend(fontsize=8)
+    figure.savefig(path, dpi=120)
+
+
+def _excess(run: Sequence[Score], floors: Mapping[int, int | None]) -> list[float]:
+    known = [(score.moved, floors.get(score.seed)) for score in run]
+    return [moved - floor for moved, floor in known if floor is not None]
+
+
+def _text(interval: Interval) -> str:
+    return "-" if np.isnan(interval.mean) else str(interval)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

@@ -1,0 +1,188 @@
+"""Training runs: one directory each, which holds all that is needed to go on or to act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import torch
+from stable_baselines3.common.callbacks import CallbackList
+from torch.utils.tensorboard import SummaryWriter
+
+from learning.agents import CLONERS, POLICY_FILE, model_agent
+from learning.bc import CloneConfig, Examples, clone, examples_of
+from learning.dagger import DaggerConfig, ask_every_step, dagger, take_over
+from learning.dataset import Dataset, write_json
+from learning.episode import Episode
+from learning.errors import LearningError
+from learning.evaluation import held_out_seeds, success_rate
+from learning.experts import make_expert
+from learning.policy import Policy
+from learning.rl import (
+    ALGORITHMS,
+    GOAL_ALGORITHMS,
+    Checkpoints,
+    add_demonstrations,
+    imitate,
+    load_model,
+    make_model,
+    save_model,
+    training_env,
+)
+from learning.runs import RUN_FILE
+from learning.scripted import SCRIPTS
+from learning.task import Task
+
+__all__ = ["LEARNERS", "Run", "train"]
+
+LEARNERS = (*ALGORITHMS, *CLONERS)
+DAGGER_SEEDS = 500_000
+"""First seed of the learner's own episodes in DAgger."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What to train and how long.
+
+    Attributes:
+        task: where to learn.
+        algorithm: one of `LEARNERS`.
+        steps: of the environment; gradient steps of "bc"; gradient steps per round of "dagger".
+        directory: of the run.
+        seed: of everything random.
+        demonstrations: dataset to learn from; needed by "bc" and "dagger", put in the replay buffer of "sac" and "tqc".
+        episodes: of the dataset to use; None for all.
+        imitation_steps: gradient steps for which the actor of "sac" and "tqc" first imitates the demonstrations.
+        rounds, round_episodes: of "dagger".
+        expert: who corrects in "dagger"; "" for the first of the environment.
+        checkpoint_every: steps between checkpoints, each with an evaluation on `evaluation_episodes` held-out scenes.
+    """
+
+    task: Task
+    algorithm: str
+    steps: int
+    directory: Path
+    seed: int = 0
+    demonstrations: Path | None = None
+    episodes: int | None = None
+    imitation_steps: int = 2000
+    rounds: int = 5
+    round_episodes: int = 10
+    expert: str = ""
+    checkpoint_every: int = 5000
+    evaluation_episodes: int = 20
+
+    def check(self) -> None:
+        """Raise LearningError for a combination that makes no sense."""
+        if self.algorithm not in LEARNERS:
+            raise LearningError(f"no algorithm {self.algorithm!r}; known ones: {', '.join(LEARNERS)}")
+        if self.algorithm in CLONERS and self.demonstrations is None:
+            raise LearningError(f"{self.algorithm} needs demonstrations: collect some with collect_demos.py")
+        if min(self.steps, self.checkpoint_every, self.evaluation_episodes) < 1:
+            raise LearningError("steps, checkpoint_every and evaluation_episodes must be at least 1")
+
+    def describe(self) -> dict[str, Any]:
+        """What `runs.load_run` will find."""
+        task = {"env_id": self.task.env_id, "keywords": dict(self.task.keywords)}
+        return {"algorithm": self.algorithm, "task": task, "steps": self.steps, "seed": self.seed}
+
+
+def train(run: Run, resume: bool = False) -> list[dict[str, float]]:
+    """Train; success on held-out scenes after every so many steps.
+
+    Args:
+        run: what to train.
+        resume: go on from the last checkpoint, if there is one, until `run.steps` in all.
+
+    Raises:
+        LearningError: see `Run.check`; or the directory holds a run already and is not to be resumed.
+    """
+    run.check()
+    torch.set_num_threads(1)
+    if (run.directory / RUN_FILE).exists() and not resume:
+        raise LearningError(
+            f"{run.directory} holds a training run; --resume goes on with it, or choose another directory"
+        )
+    run.directory.mkdir(parents=True, exist_ok=True)
+    write_json(run.directory / RUN_FILE, run.describe())
+    history = _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
+    write_json(run.directory / "history.json", history)
+    return history
+
+
+def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
+    """Stable-Baselines3, with checkpoints."""
+    env = training_env(run.algorithm, run.task.make())
+    judge = run.task.make()
+    seeds = held_out_seeds(run.evaluation_episodes)
+    if resume and (run.directory / "model.zip").exists():
+        model = load_model(run.algorithm, run.directory, env)
+        model.tensorboard_log = str(run.directory)
+    else:
+        model = make_model(run.algorithm, env, run.seed, run.directory)
+        if run.demonstrations is not None and run.algorithm in GOAL_ALGORITHMS:
+            episodes = _episodes(run)
+            add_demonstrations(model, env, episodes)
+            imitate(model, env, episodes, run.imitation_steps)
+
+    def evaluate(model: Any) -> dict[str, float]:
+        return {"success": success_rate(judge, model_agent(run.algorithm, model, judge), seeds)}
+
+    checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate)
+    left = run.steps - model.num_timesteps
+    if left > 0:
+        model.learn(left, callback=CallbackList([checkpoints]), reset_num_timesteps=False, tb_log_name="tensorboard")
+        save_model(model, run.directory)
+    env.close()
+    judge.close()
+    return checkpoints.history
+
+
+def _clone(run: Run) -> list[dict[str, float]]:
+    """Behaviour cloning or DAgger; begins anew when resumed, since it is short."""
+    examples = examples_of(_episodes(run))
+    history: list[dict[str, float]] = []
+    config = CloneConfig(steps=run.steps, seed=run.seed)
+    with SummaryWriter(str(run.directory / "tensorboard")) as writer:
+
+        def report_loss(step: int, loss: float) -> None:
+            writer.add_scalar("train/loss", loss, step)
+
+        def report_round(index: int, policy: Policy, examples: Examples) -> None:
+            history.append({"round": index, "examples": len(examples)})
+            writer.add_scalar("train/examples", len(examples), index)
+            policy.save(run.directory / POLICY_FILE)
+
+        if run.algorithm == "bc":
+            clone(examples, config, report=report_loss).save(run.directory / POLICY_FILE)
+            return history
+        env = run.task.make()
+        expert = make_expert(env, run.expert)
+        teacher = ask_every_step if expert_is_a_script(env) else take_over
+        first = DAGGER_SEEDS + run.seed * run.rounds * run.round_episodes
+        seeds: Sequence[int] = range(first, first + run.rounds * run.round_episodes)
+        dagger(
+            env, expert, teacher, examples, seeds, DaggerConfig(run.rounds, run.round_episodes, config), report_round
+        )
+        env.close()
+    return history
+
+
+def expert_is_a_script(env: gym.Env) -> bool:
+    """Whether the environment's expert is a function of the present state."""
+    assert env.spec is not None
+    return any(name in env.spec.id.lower() for name in SCRIPTS)
+
+
+def _episodes(run: Run) -> list[Episode]:
+    assert run.demonstrations is not None
+    dataset = Dataset(run.demonstrations)
+    identity = dataset.identity["task"]
+    if identity["env_id"] != run.task.env_id:
+        raise LearningError(
+            f"{run.demonstrations} holds demonstrations of {identity['env_id']}, not of {run.task.env_id}"
+        )
+    return list(dataset)[: run.episodes]
