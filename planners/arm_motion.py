@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,13 +125,18 @@ def nearest_turns(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> NDArray
     return turned
 
 
+@cache
+def _chain(robot: RobotSpec) -> ArmChain:
+    return ArmChain.from_robot(robot)
+
+
 def tcp_pose(robot: RobotSpec, state: RobotState) -> NDArray[np.float64]:
     """T_world_tcp (4, 4) of the robot in a state."""
     x, y, yaw = state.base
     T_world_base = np.eye(4)
     T_world_base[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
     T_world_base[:2, 3] = x, y
-    return np.asarray(T_world_base @ forward(ArmChain.from_robot(robot), state.q))
+    return np.asarray(T_world_base @ forward(_chain(robot), state.q))
 
 
 def plan_arm(
@@ -219,6 +225,8 @@ def blocking_set(
     for bit in [1 << i for i in range(len(world.scene.objects)) if blockers & ~least & 1 << i]:
         if plan_without(blockers & ~bit) is not None:
             blockers &= ~bit
+    if not blockers:
+        return Unreachable(f"{phase}: no path found within {config.iterations} iterations")
     return Obstruction(frozenset(world.scene.names_of(blockers)), phase)
 
 
@@ -273,20 +281,23 @@ def trace_straight(
     speed = np.array(world.scene.robot.max_velocity[3:])
     path = track_line(world.robot, q_start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
     samples = max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1
-    if len(path) == samples:
-        return np.asarray(path)
-    return _lifted_by_torso(world.robot, q_start, along, distance, samples)
+    return np.asarray(path) if len(path) == samples else None
 
 
-def _lifted_by_torso(
-    robot: RobotArrays, q_start: NDArray[np.float64], along: NDArray[np.float64], distance: float, samples: int
+def trace_by_torso(
+    world: CollisionWorld,
+    base: NDArray[np.float64],
+    q_start: NDArray[np.float64],
+    direction: ArrayLike,
+    distance: float,
 ) -> NDArray[np.float64] | None:
-    """A vertical line that the torso follows alone, slowly but in any posture of the arm; None without the room."""
+    """As `trace_straight` for a vertical line, with the torso alone: in any posture of the arm, but with its limits."""
+    robot, along = world.robot, np.asarray(direction, dtype=float)
     end = q_start[0] + distance * along[2]
     if abs(along[2]) < 1.0 - 1e-9 or not robot.lower[0] <= end <= robot.upper[0]:
         return None
-    waypoints = np.tile(q_start, (samples, 1))
-    waypoints[:, 0] = np.linspace(q_start[0], end, samples)
+    waypoints = np.tile(q_start, (max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1, 1))
+    waypoints[:, 0] = np.linspace(q_start[0], end, len(waypoints))
     return waypoints
 
 

@@ -82,6 +82,14 @@ class Binder:
         """Do not offer a grasp again: no motion leads to it."""
         self.catalogue.ban(scene, grasp)
 
+    def obstruct(self, scene: Scene, grasp: GraspOption, blockers: frozenset[str]) -> None:
+        """Remember what is in the way of a grasp besides what it hits itself; ban it if that is nothing new."""
+        mask = scene.mask(blockers)
+        if mask & ~grasp.blockers:
+            self.catalogue.obstruct(scene, grasp, mask)
+        else:
+            self.ban(scene, grasp)
+
     def placements(
         self, scene: Scene, keep_clear: Sequence[GraspOption], strategy: Strategy, planned: Placement | None
     ) -> Iterator[Placement]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -103,6 +103,13 @@ class GraspCatalogue:
     def ban(self, scene: Scene, option: GraspOption) -> None:
         """Do not offer that grasp again in this scene."""
         kept = (other for other in self.options(scene, option.object) if other.key != option.key)
+        self._known[option.object] = tuple(kept)
+
+    def obstruct(self, scene: Scene, option: GraspOption, blockers: int) -> None:
+        """From now on these objects are in the way of that grasp too: on the way to it, or from it."""
+        worse = replace(option, blockers=option.blockers | blockers)
+        kept = [worse if other.key == option.key else other for other in self.options(scene, option.object)]
+        kept.sort(key=lambda other: (other.blockers.bit_count(), -other.quality))
         self._known[option.object] = tuple(kept)
 
     def _look_at(self, scene: Scene) -> None:

@@ -24,12 +24,13 @@ from planners.arm_motion import (
     nearest_turns,
     plan_arm,
     tcp_pose,
+    trace_by_torso,
     trace_straight,
 )
 from planners.collision import CollisionWorld
 from planners.scene import Body, HeldObject, RobotState
 
-__all__ = ["LINES", "SIDE_CLEARANCE", "Line", "PickMotion", "PlaceMotion", "can_leave", "grip_opening", "plan_pick", "plan_place"]
+__all__ = ["LINES", "SIDE_CLEARANCE", "Line", "PickMotion", "PlaceMotion", "can_leave", "can_put_down", "grip_opening", "plan_pick", "plan_place"]
 
 SIDE_CLEARANCE = 0.012
 """[m] between an open finger and the object, each side."""
@@ -48,13 +49,17 @@ class Line(NamedTuple):
     up: float
     held_up: float
     held_back: float
+    by_torso: bool = False
+    """Vertical legs are left to the torso: slow, but what the arm is free of at the bottom it is free of all the way."""
 
 
 LINES = (
     Line("above", back=0.0, up=0.25, held_up=0.25, held_back=0.0),
-    Line("above", back=0.0, up=0.17, held_up=0.17, held_back=0.0),
+    Line("above", back=0.0, up=0.19, held_up=0.19, held_back=0.0),
+    Line("above", back=0.0, up=0.25, held_up=0.25, held_back=0.0, by_torso=True),
+    Line("above", back=0.0, up=0.19, held_up=0.19, held_back=0.0, by_torso=True),
     Line("front", back=0.10, up=0.0, held_up=0.25, held_back=0.0),
-    Line("front", back=0.10, up=0.0, held_up=0.17, held_back=0.0),
+    Line("front", back=0.10, up=0.0, held_up=0.19, held_back=0.0),
     Line("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
 )
 
@@ -156,19 +161,14 @@ def plan_pick(
     Raises:
         UnknownObject: no such object.
     """
-    robot, body = world.scene.robot, world.scene.body(name)
     q = nearest_turns(world.robot, q_start, q_grasp)
-    T_world_tcp = tcp_pose(robot, RobotState(np.asarray(base), q, 0.0))
-    held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
-    grip = grip_opening(body, T_world_tcp[:3, 1])
-    opening = min(grip + 2 * SIDE_CLEARANCE, robot.max_opening)
-    contact = _Contact(world, world, np.array(base, dtype=float), q, opening, grip, held, ignore)
-    end = nearest_turns(world.robot, q, robot.home if q_carry is None else q_carry)
+    contact = _grasp_contact(world, base, q, name, ignore)
+    end = nearest_turns(world.robot, q, world.scene.robot.home if q_carry is None else q_carry)
     found = _plan_around(contact, (q_start, end), lines, rng, config)
     if not isinstance(found, tuple):
         return found
     line, empty, loaded, transit, retreat = found
-    return PickMotion(name, line, transit, empty.reversed(), loaded, retreat, held)
+    return PickMotion(name, line, transit, empty.reversed(), loaded, retreat, contact.held)
 
 
 def plan_place(
@@ -203,12 +203,7 @@ def plan_place(
     """
     scene = world.scene
     q = nearest_turns(world.robot, q_start, q_release)
-    T_world_tcp = tcp_pose(scene.robot, RobotState(np.asarray(base), q, 0.0))
-    placed = scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
-    after = CollisionWorld.from_scene(scene.with_body(placed), world.padding)
-    grip = grip_opening(placed, T_world_tcp[:3, 1])
-    opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
-    contact = _Contact(after, world, np.array(base, dtype=float), q, opening, grip, held, ignore)
+    contact, placed = _release_contact(world, base, q, held, ignore)
     end = nearest_turns(world.robot, q, scene.robot.home if q_end is None else q_end)
     found = _plan_around(contact, (end, q_start), lines, rng, config)
     if not isinstance(found, tuple):
@@ -217,18 +212,51 @@ def plan_place(
     return PlaceMotion(placed, line, transit.reversed(), loaded.reversed(), empty, retreat.reversed(), held)
 
 
-def can_leave(
-    world: CollisionWorld, base: ArrayLike, q: ArrayLike, lines: tuple[Line, ...] = LINES
-) -> bool:
-    """Whether the arm can follow any of the straight lines out of a contact posture, obstacles not looked at."""
-    place, posture = np.array(base, dtype=float), np.array(q, dtype=float)
-    back = -tcp_pose(world.scene.robot, RobotState(place, posture, 0.0))[:3, 0]
-    up = np.array([0.0, 0.0, 1.0])
-    for line in lines:
-        legs = (((back, line.back), (up, line.up)), ((up, line.held_up), (back, line.held_back)))
-        if all(_follow_legs(world, place, posture, leg) is not None for leg in legs):
-            return True
-    return False
+def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
+    """Whether the hand can leave a grasp of that object upwards, if no other object were there."""
+    others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
+    contact = _grasp_contact(world, base, np.asarray(q_grasp, dtype=float), name, others)
+    overhead = any(line.up > 0.0 and isinstance(_trace(contact, line), _Option) for line in LINES)
+    return overhead or (_is_covered(world) and any(isinstance(_trace(contact, line), _Option) for line in LINES))
+
+
+def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
+    """Whether the hand can bring an object down to a posture, let go and leave without touching anything."""
+    contact, _ = _release_contact(world, base, np.asarray(q_release, dtype=float), held, 0)
+    return any(isinstance(option := _trace(contact, line), _Option) and not option.hits for line in LINES)
+
+
+def _is_covered(world: CollisionWorld) -> bool:
+    """Whether something above the table keeps the hand from coming from above."""
+    table = world.scene.support
+    return any(
+        box.lower[2] > table.top and (np.abs(box.position - table.position) < box.half_extents + table.half_extents)[:2].all()
+        for box in world.scene.furniture
+        if box.lower[2] < table.top + 0.8
+    )
+
+
+def _grasp_contact(world: CollisionWorld, base: ArrayLike, q: Array, name: str, ignore: int) -> _Contact:
+    """The situation around a grasp of an object where it stands."""
+    robot, body = world.scene.robot, world.scene.body(name)
+    T_world_tcp = tcp_pose(robot, RobotState(np.asarray(base), q, 0.0))
+    held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
+    grip = grip_opening(body, T_world_tcp[:3, 1])
+    opening = min(grip + 2 * SIDE_CLEARANCE, robot.max_opening)
+    return _Contact(world, world, np.array(base, dtype=float), q, opening, grip, held, ignore)
+
+
+def _release_contact(
+    world: CollisionWorld, base: ArrayLike, q: Array, held: HeldObject, ignore: int
+) -> tuple[_Contact, Body]:
+    """The situation around a release, and the object as it will stand."""
+    scene = world.scene
+    T_world_tcp = tcp_pose(scene.robot, RobotState(np.asarray(base), q, 0.0))
+    placed = scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
+    after = CollisionWorld.from_scene(scene.with_body(placed), world.padding)
+    grip = grip_opening(placed, T_world_tcp[:3, 1])
+    opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
+    return _Contact(after, world, np.array(base, dtype=float), q, opening, grip, held, ignore), placed
 
 
 def _plan_around(
@@ -271,8 +299,8 @@ def _trace(contact: _Contact, line: Line) -> _Option | str:
         -tcp_pose(contact.empty.scene.robot, RobotState(contact.base, contact.q, 0.0))[:3, 0],
         np.array([0, 0, 1.0]),
     )
-    empty = _follow(contact, ((back, line.back), (up, line.up)))
-    loaded = _follow(contact, ((up, line.held_up), (back, line.held_back)))
+    empty = _follow(contact, ((back, line.back), (up, line.up)), line.by_torso)
+    loaded = _follow(contact, ((up, line.held_up), (back, line.held_back)), line.by_torso)
     if empty is None or loaded is None:
         return "the arm cannot follow the line"
     here = contact.empty.hits(contact.base, contact.q, contact.opening, None, contact.ignore)
@@ -287,19 +315,13 @@ def _trace(contact: _Contact, line: Line) -> _Option | str:
     return _Option(line, empty, loaded, hits, phase)
 
 
-def _follow(contact: _Contact, legs: tuple[tuple[Array, float], ...]) -> Array | None:
+def _follow(contact: _Contact, legs: tuple[tuple[Array, float], ...], by_torso: bool) -> Array | None:
     """Waypoints (n, 8) from the contact posture along straight legs, None where the arm cannot follow."""
-    return _follow_legs(contact.empty, contact.base, contact.q, legs)
-
-
-def _follow_legs(
-    world: CollisionWorld, base: Array, q: Array, legs: tuple[tuple[Array, float], ...]
-) -> Array | None:
-    """As `_follow`, from a posture `q` (8,)."""
-    waypoints = q[None]
+    waypoints = contact.q[None]
     for direction, distance in legs:
         if distance > 0.0:
-            leg = trace_straight(world, base, waypoints[-1], direction, distance)
+            trace = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
+            leg = trace(contact.empty, contact.base, waypoints[-1], direction, distance)
             if leg is None:
                 return None
             waypoints = np.vstack([waypoints, leg[1:]])

@@ -307,7 +307,10 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
         return picked
     if isinstance(picked, Obstruction) and picked.phase == "grasp":
         return Refutation(action, frozenset(picked.blockers))
-    search.binder.ban(state.scene, grasp)
+    if isinstance(picked, Obstruction):
+        search.binder.obstruct(state.scene, grasp, picked.blockers)
+    else:
+        search.binder.ban(state.scene, grasp)
     return Refutation(action)
 
 

@@ -10,21 +10,23 @@ from numpy.typing import NDArray
 
 from planners.scene import HeldObject
 
-__all__ = ["RELEASE", "Phase", "Trajectory", "TrajectorySample"]
+__all__ = ["CONTROL_STEP", "Phase", "Trajectory", "TrajectorySample", "join"]
 
-RELEASE = "open"
-"""Name of the phase in which the fingers let go."""
+CONTROL_STEP = 0.05
+"""[s] between commands."""
 
 
 class Phase(NamedTuple):
-    """A stretch of a trajectory: its name, when it starts [s], and what is in hand meanwhile.
+    """A stretch of a trajectory.
 
-    An object counts as in hand from the moment the fingers start to close on it until they have let go.
+    `name`; `start` [s]; `held`: what the robot carries, "" for nothing; `touched`: what is between the fingers, from
+    the moment they start to close on it until they have let go.
     """
 
     name: str
     start: float
-    held: HeldObject | None
+    held: str = ""
+    touched: HeldObject | None = None
 
 
 class TrajectorySample(NamedTuple):
@@ -69,8 +71,12 @@ class Trajectory:
     @property
     def held(self) -> str:
         """What is in hand at the end, "" for nothing."""
-        last = self.phases[-1]
-        return last.held.name if last.held is not None and last.name != RELEASE else ""
+        return self.phases[-1].held
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """(n, 12) base, torso and arm, finger position."""
+        return np.column_stack([self.base, self.q, self.finger_position])
 
     def phase(self, time: float) -> Phase:
         """The phase that a time [s] belongs to."""
@@ -90,3 +96,16 @@ class Trajectory:
         return TrajectorySample(
             between(self.base), between(self.q), float(between(self.finger_position)), self.phase(time)
         )
+
+
+def join(pieces: list[Trajectory]) -> Trajectory:
+    """One trajectory after another; each starts with the sample that the one before it ended with."""
+    first = pieces[0]
+    states, times, phases = [first.states], [first.times], list(first.phases)
+    for piece in pieces[1:]:
+        start = times[-1][-1]
+        states.append(piece.states[1:])
+        times.append(piece.times[1:] + start)
+        phases += [phase._replace(start=phase.start + start) for phase in piece.phases]
+    X = np.vstack(states)
+    return Trajectory(np.concatenate(times), X[:, :3], X[:, 3:-1], X[:, -1], tuple(phases))
