@@ -82,6 +82,15 @@ def test_fresh_process_continues_alike(tmp_path) -> None:
     assert result.stdout == (env.data.qpos.tobytes() + env.data.qvel.tobytes()).hex()
 
 
+def test_meshes_do_not_matter() -> None:
+    env = in_clutter("joint")
+    state = env.save_state()
+    actions = pushing_actions(env, 50, seed=9)
+    drawn = gym.make("clutter_env/Retrieve-o20-v0", render_mode="rgb_array").unwrapped
+    drawn.restore_state(state)
+    assert run(drawn, actions) == run(env, actions)
+
+
 def test_explicit_scenes_are_restored_into_any_environment() -> None:
     env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
     box = {"shape": "box", "depth": 0.05, "width": 0.04, "height": 0.15, "position": (0.1, 0.2), "yaw": 0.3}
