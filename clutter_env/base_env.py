@@ -16,7 +16,7 @@ from assets.robots import RobotSpec
 from assets.robots import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.control import ControlState, checked_action
-from clutter_env.ee_control import EndEffectorController
+from clutter_env.ee_control import EndEffectorController, TcpFollower
 from clutter_env.errors import ActionError
 from clutter_env.layout import LAYOUTS, TableScene, slot_shapes
 from clutter_env.observation import Observer
@@ -208,6 +208,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         drive = np.clip(velocity / self.robot.max_velocity[:_BASE], -1.0, 1.0)
         twist = self._end_effector.twist_towards(np.linalg.inv(_planar_pose(base)) @ pose)
         return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
+
+    def tcp_follower(self) -> TcpFollower:
+        """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
+        return TcpFollower(self.robot)
 
     def save_state(self) -> bytes:
         """Everything the future depends on: physics, controller, task, random generator."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.control import CONTROL_STEP
 
-__all__ = ["EndEffectorController"]
+__all__ = ["EndEffectorController", "TcpFollower"]
 
 Vector = NDArray[np.float64]
 
@@ -98,6 +98,31 @@ class EndEffectorController:
     def _tcp_at(self, q: Vector) -> mink.SE3:
         self._configuration.update(np.clip(q, self._lower, self._upper))
         return self._configuration.get_transform_frame_to_world(self._robot.tcp_site, "site")
+
+
+class TcpFollower:
+    """What the joints will do when the TCP is told to go somewhere: the controller without the physics.
+
+    For planners that must know the posture in which an arm follows end-effector actions.
+    """
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self._controller = EndEffectorController(robot)
+        self.q = np.array(robot.home)
+        self._qd = np.zeros_like(self.q)
+
+    def reset(self, q: Vector) -> None:
+        """Start at rest in a posture (1 + n,)."""
+        self.q = np.array(q, dtype=float)
+        self._qd = np.zeros_like(self.q)
+        self._controller.reset(self.q)
+
+    def step(self, T_base_tcp: Vector) -> Vector:
+        """The posture (1 + n,) one control step later, on the way to a TCP pose (4, 4) in the base frame."""
+        twist = np.clip(self._controller.twist_towards(T_base_tcp), -1.0, 1.0)
+        self._qd = self._controller.joint_velocity(twist, self.q, self._qd)
+        self.q = self.q + self._qd * CONTROL_STEP
+        return self.q
 
 
 class _MotionLimit(mink.Limit):  # type: ignore[misc] # mink has no types that mypy follows

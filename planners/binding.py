@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from planners.placements import Placement, PlacementSearch
 from planners.referee import Referee
 from planners.scene import RobotState, Scene
 from planners.strategies import Strategy
+from planners.tcp_following import TcpFollower, follow
 from planners.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.trajectory import Trajectory
 
@@ -56,6 +57,7 @@ class Binder:
     placement_search: PlacementSearch
     rng: np.random.Generator
     floor_limits: FloorLimits | None = None
+    follower: TcpFollower | None = None
     _referee: Referee | None = None
     _world: CollisionWorld | None = None
     _put_down: dict[int, tuple[Placement, Bound | Obstruction | Unreachable]] = field(default_factory=dict)
@@ -105,7 +107,7 @@ class Binder:
             return found
         trajectory = drive_trajectory(scene.robot, found, scene.state)
         state = RobotState(np.asarray(base), scene.state.q, scene.state.finger_position)
-        return Bound(trajectory, scene.with_state(state))
+        return self._followed(scene, Bound(trajectory, scene.with_state(state)), ())
 
     def pick_up(self, scene: Scene, grasp: GraspOption) -> Bound | Obstruction | Unreachable:
         """Take an object through a grasp from where the base stands, and carry it."""
@@ -115,7 +117,7 @@ class Binder:
             if not isinstance(motion, PickMotion):
                 return motion
             if self._is_accepted(scene, motion.paths):
-                return _picked(scene, motion)
+                return self._followed(scene, _picked(scene, motion), (grasp.object,))
         return Unreachable("MuJoCo finds penetration")
 
     def put_down(self, scene: Scene, placement: Placement) -> Bound | Obstruction | Unreachable:
@@ -136,8 +138,21 @@ class Binder:
             if self._is_accepted(scene, motion.paths[:2]) and self._is_accepted(
                 scene.with_held(None).with_body(motion.placed), motion.paths[2:]
             ):
-                return _placed(scene, motion, placement)
+                return self._followed(scene, _placed(scene, motion, placement), (scene.held.name,))
         return Unreachable("MuJoCo finds penetration")
+
+    def _followed(self, scene: Scene, bound: Bound, touched: tuple[str, ...]) -> Bound | Unreachable:
+        """The same motion; of a robot that is told TCP poses, if its joints find a way that is free."""
+        if self.follower is None:
+            return bound
+        way = follow(self.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
+        if way is None:
+            return Unreachable("the hand gets stuck on the way")
+        hits = way.hits(self._compiled(scene).with_padding(0.0), scene.mask(touched))
+        if hits:
+            return Unreachable(f"on its own way the arm touches {', '.join(self._compiled(scene).names_of(hits))}")
+        state = RobotState(bound.scene.state.base, way.end, bound.scene.state.finger_position)
+        return replace(bound, scene=bound.scene.with_state(state))
 
     def _compiled(self, scene: Scene) -> CollisionWorld:
         if self._world is None or self._world.scene.objects != scene.objects:

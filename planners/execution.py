@@ -13,6 +13,7 @@ from planners.arm_motion import tcp_pose
 from planners.monitor import Deviation, MonitorConfig, Snapshot, Surprise, displaced, slipped, strayed
 from planners.scene import RobotState
 from planners.solution import BoundAction, Solution
+from planners.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.trajectory import CONTROL_STEP, Trajectory
 
 __all__ = ["CONTROL_STEP", "Command", "Execution", "Outcome", "Step"]
@@ -21,12 +22,6 @@ Array = NDArray[np.float64]
 
 _GRIP_DELAY = 4
 """Control steps after the fingers have closed until the grip is taken as the one to keep."""
-
-
-_PATIENCE = 60
-"""Control steps at most that a hand is waited for at one sample."""
-_ON_THE_WAY, _PRECISE = 0.03, 0.006
-"""[m] that the hand may be behind, on free paths and where the fingers close or open; 5 times that in [rad]."""
 
 
 class Outcome(Enum):
@@ -134,16 +129,13 @@ class Execution:
 
     def _has_to_wait(self, now: Snapshot) -> bool:
         """Whether a hand that is told TCP poses is still on its way; it is waited for, but not for ever."""
-        if not self._by_tcp or self._last is None or self._waited >= _PATIENCE:
+        if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
             self._waited = 0
             return False
         wanted = tcp_pose(self._robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
-        distance = float(np.linalg.norm(wanted[:3, 3] - now.T_world_tcp[:3, 3]))
-        turn = float(np.linalg.norm(wanted[:3, :3] - now.T_world_tcp[:3, :3])) / np.sqrt(2.0)
-        precision = _PRECISE if self._is_near_contact() else _ON_THE_WAY
-        is_behind = distance > precision or turn > 5 * precision
-        self._waited = self._waited + 1 if is_behind else 0
-        return is_behind
+        behind = is_behind(wanted, now.T_world_tcp, PRECISE if self._is_near_contact() else ON_THE_WAY)
+        self._waited = self._waited + 1 if behind else 0
+        return behind
 
     def _is_near_contact(self) -> bool:
         """Whether the fingers are about to close or to open."""

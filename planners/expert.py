@@ -18,6 +18,7 @@ from planners.robot_geometry import robot_arrays
 from planners.scene import RobotState, Scene, SceneError
 from planners.solution import Infeasible, Solution
 from planners.solve import Planner
+from planners.tcp_following import TcpFollower
 from planners.strategies import strategy as find_strategy
 
 __all__ = ["EpisodeReport", "ExpertConfig", "TampExpert"]
@@ -40,6 +41,8 @@ class ControlledEnv(Protocol):
     robot: RobotSpec
 
     def joint_action(self, q_target: Array, gripper_width: float) -> Array: ...
+
+    def tcp_follower(self) -> TcpFollower: ...
 
     def ee_action(self, base_target: Array, T_world_tcp: Array, gripper_width: float) -> Array: ...
 
@@ -128,7 +131,8 @@ class TampExpert:
         self._strategy = strategy
         self._seed = seed
         self._config = config or ExpertConfig()
-        self._planner = Planner(self._env.robot)
+        follower = self._env.tcp_follower() if self._env.config.control_mode == "ee" else None
+        self._planner = Planner(self._env.robot, follower=follower)
         self._report = EpisodeReport()
         self.done = True
         self.solution: Solution | Infeasible | None = None

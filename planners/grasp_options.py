@@ -30,11 +30,13 @@ class SamplingConfig:
     Attributes:
         directions: of approach, evenly about the vertical (n of section 3.3).
         torsos, rolls: values of torso height and upper-arm roll tried for each hand pose.
+        near_home: only the posture nearest to home, for robots that are told TCP poses.
     """
 
     directions: int = 24
     torsos: int = 6
     rolls: int = 18
+    near_home: bool = False
 
 
 class BasePlacer(Protocol):
@@ -131,19 +133,17 @@ class GraspCatalogue:
         poses = HandPoses(bases, hands[index])
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
-        found = scan_postures(self._world, self.chain, poses, self.grid, opening, ignore=ignore)
+        found = scan_postures(self._world, self.chain, poses, self._grid(), opening, ignore=ignore)
         options = [
             GraspOption(body.name, bases[pair], q, float(poses.hands[pair, 3]), opening, int(hits), float(quality))
             for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
         ]
         return tuple(sorted(options, key=lambda option: (option.blockers.bit_count(), -option.quality)))
 
-    @property
-    def grid(self) -> PostureGrid:
-        """Torso heights and upper-arm rolls to try."""
-        torsos = np.linspace(self.chain.lower[0], self.chain.upper[0], self.config.torsos + 2)[1:-1]
-        rolls = -np.pi + (np.arange(self.config.rolls) + 0.5) * (2 * np.pi / self.config.rolls)
-        return PostureGrid(torsos, rolls)
+    def _grid(self) -> PostureGrid:
+        if self.config.near_home:
+            return PostureGrid.near_home(self.chain)
+        return PostureGrid.over(self.chain, self.config.torsos, self.config.rolls)
 
 
 def _same_objects(one: Scene, other: Scene) -> bool:

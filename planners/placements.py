@@ -73,6 +73,7 @@ class PlacementSearch:
         yaws: directions of the hand tried at each location.
         torsos, rolls: values of torso height and upper-arm roll tried for each.
         candidates_per_level: locations tried per refinement of the grid.
+        near_home: only the posture nearest to home, for robots that are told TCP poses.
     """
 
     placer: BasePlacer
@@ -82,6 +83,7 @@ class PlacementSearch:
     torsos: int = 4
     rolls: int = 12
     candidates_per_level: int = 120
+    near_home: bool = False
 
     def find(
         self, scene: Scene, keep_clear: Sequence[GraspOption], strategy: Strategy, rng: np.random.Generator
@@ -154,7 +156,7 @@ class PlacementSearch:
         assert scene.held is not None
         body = scene.body(scene.held.name)
         opening = self._opening(scene, body)
-        found = scan_postures(world, self.chain, poses, self._grid, opening, held=scene.held, first_free=True)
+        found = scan_postures(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, hand = poses.bases[found.pair[best]], poses.hands[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
@@ -164,11 +166,8 @@ class PlacementSearch:
     def _opening(self, scene: Scene, body: Body) -> float:
         return gripper_opening(scene.robot, body.half_width)
 
-    @property
     def _grid(self) -> PostureGrid:
-        torsos = np.linspace(self.chain.lower[0], self.chain.upper[0], self.torsos + 2)[1:-1]
-        rolls = -np.pi + (np.arange(self.rolls) + 0.5) * (2 * np.pi / self.rolls)
-        return PostureGrid(torsos, rolls)
+        return PostureGrid.near_home(self.chain) if self.near_home else PostureGrid.over(self.chain, self.torsos, self.rolls)
 
 
 def _can_reach(scene: Scene, base: Array, hands: Array) -> NDArray[np.bool_]:

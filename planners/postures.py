@@ -16,7 +16,7 @@ from irm.kinematics import ArmChain, arm_jacobian, fk_frames, ik_arm
 from irm.manipulability import condition
 from planners.clearance_search import bit_count
 from planners.collision import CollisionWorld
-from planners.collision_kernel import Attached, Obstacles, configuration_hits, make_workspace
+from planners.collision_kernel import Attached, Obstacles, Workspace, configuration_hits, make_workspace
 from planners.robot_geometry import RobotArrays, robot_arrays
 from planners.scene import FURNITURE_BIT, SELF_BIT, HeldObject
 
@@ -28,7 +28,7 @@ _FURNITURE = np.uint64(1 << FURNITURE_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
 _SOLID = np.uint64((1 << FURNITURE_BIT) | (1 << SELF_BIT))
 _NONE = np.uint64(0)
-_PER_MASK = 3
+_PER_MASK = 6
 """Postures kept for one set of blockers, each from another hand pose or base."""
 _CAPACITY = 96
 _TRAVEL_COST = 0.004
@@ -41,6 +41,8 @@ _ELBOW_WORTH = 0.4
 _LIFT = 0.2
 """[m] that the torso can lift the hand straight up, in whatever posture the arm is."""
 _LIFT_WORTH = 0.5
+_LIFT_WEIGHT = 10.0
+"""[rad/m] What a metre of torso travel counts when the posture nearest to home is looked for."""
 _VERTICAL_SLIDE = 5
 
 
@@ -52,10 +54,26 @@ class HandPoses(NamedTuple):
 
 
 class PostureGrid(NamedTuple):
-    """Values of the two free parameters of the closed form: `torsos` (t,) [m], `rolls` (r,) [rad]."""
+    """Values of the two free parameters of the closed form: `torsos` (t,) [m], `rolls` (r,) [rad].
+
+    `nearest_home`: of the postures for one hand pose only the one nearest to the home posture counts. That is where a
+    robot ends up that is told TCP poses and keeps its joints near home by itself.
+    """
 
     torsos: Array
     rolls: Array
+    nearest_home: bool = False
+
+    @classmethod
+    def over(cls, chain: ArmChain, torsos: int, rolls: int) -> PostureGrid:
+        """Evenly spaced torso heights, off the limits, and upper-arm rolls."""
+        heights = np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1]
+        return cls(heights, -np.pi + (np.arange(rolls) + 0.5) * (2 * np.pi / rolls))
+
+    @classmethod
+    def near_home(cls, chain: ArmChain, torsos: int = 10, rolls: int = 36) -> PostureGrid:
+        """A finer grid, of which only the posture nearest to home counts."""
+        return cls.over(chain, torsos, rolls)._replace(nearest_home=True)
 
 
 class Postures(NamedTuple):
@@ -112,6 +130,7 @@ def scan_postures(
         world.active(ignore),
         world.padding,
         first_free,
+        grid.nearest_home,
     )
     return Postures(*rows)
 
@@ -285,6 +304,39 @@ def _order_by_hits(known: NDArray[np.uint64]) -> NDArray[np.int64]:
 
 
 @njit(cache=True)
+def _consider(
+    robot: RobotArrays,
+    obstacles: Obstacles,
+    work: Workspace,
+    base: Array,
+    q: Array,
+    pair: int,
+    opening: float,
+    active: np.uint64,
+    by_hand: np.uint64,
+    padding: float,
+    first_free: bool,
+    home: Array,
+    rows_q: Array,
+    rows_pair: NDArray[np.int64],
+    rows_hits: NDArray[np.uint64],
+    rows_quality: Array,
+    count: int,
+) -> int:
+    """Keep a posture if it is worth it; the new count. What the hand hits is known and not looked at again."""
+    wanted = active & ~by_hand & ~_SELF
+    hits = configuration_hits(robot, obstacles, work, base, q, opening, wanted, padding, first_free)
+    hits |= by_hand
+    if hits & _SOLID != _NONE or (first_free and hits != _NONE):
+        return count
+    if _is_bettered(hits, rows_hits, count, _CAPACITY):
+        return count
+    if configuration_hits(robot, obstacles, work, base, q, opening, active & _SELF, padding, True):
+        return count
+    return _insert(q, pair, hits, _quality(robot, q, home), rows_q, rows_pair, rows_hits, rows_quality, count)
+
+
+@njit(cache=True)
 def _scan(
     robot: RobotArrays,
     obstacles: Obstacles,
@@ -302,6 +354,7 @@ def _scan(
     active: np.uint64,
     padding: float,
     first_free: bool,
+    nearest_home: bool,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.uint64], Array]:
     """The loop of `scan_postures`: hands that hit little come first; what they hit need not be looked at again."""
     work = make_workspace(robot, held)
@@ -311,6 +364,7 @@ def _scan(
     rows_hits = np.empty(_CAPACITY, np.uint64)
     rows_quality = np.empty(_CAPACITY)
     found = np.empty((MAX_SOLUTIONS, n))
+    nearest = np.empty(n)
     R, p = np.zeros((3, 3)), np.empty(3)
     R[2, 2] = 1.0
     order = np.arange(bases.shape[0]) if first_free else _order_by_hits(known)
@@ -327,6 +381,7 @@ def _scan(
         R[0, 1] = -R[1, 0]
         c, s, x, y = math.cos(base[2]), math.sin(base[2]), hand[0] - base[0], hand[1] - base[1]
         p[0], p[1], p[2] = c * x + s * y, c * y - s * x, hand[2]
+        least = np.inf
         for torso in torsos:
             if _is_bettered(by_hand, rows_hits, count, _PER_MASK):
                 break
@@ -334,19 +389,24 @@ def _scan(
                 solutions = ik_arm(links, R, p, torso, roll, lower, upper, found)
                 for k in range(_one_of_mirrored(found, solutions, home, lower, upper)):
                     q = found[k]
-                    wanted = active & ~by_hand & ~_SELF
-                    hits = configuration_hits(
-                        robot, obstacles, work, base, q, opening, wanted, padding, first_free
-                    )
-                    hits |= by_hand
-                    if hits & _SOLID != _NONE or (first_free and hits != _NONE):
+                    if nearest_home:
+                        travel = (_LIFT_WEIGHT * (q[0] - home[0])) ** 2 + ((q[1:] - home[1:]) ** 2).sum()
+                        solid = active & _SOLID
+                        if travel < least and not configuration_hits(
+                            robot, obstacles, work, base, q, opening, solid, padding, True
+                        ):
+                            least = travel
+                            nearest[:] = q
                         continue
-                    if _is_bettered(hits, rows_hits, count, _CAPACITY):
-                        continue
-                    if configuration_hits(robot, obstacles, work, base, q, opening, active & _SELF, padding, True):
-                        continue
-                    quality = _quality(robot, q, home)
-                    count = _insert(q, pair, hits, quality, rows_q, rows_pair, rows_hits, rows_quality, count)
+                    count = _consider(
+                        robot, obstacles, work, base, q, pair, opening, active, by_hand, padding, first_free, home,
+                        rows_q, rows_pair, rows_hits, rows_quality, count,
+                    )  # fmt: skip
+        if least < np.inf:
+            count = _consider(
+                robot, obstacles, work, base, nearest, pair, opening, active, by_hand, padding, first_free, home,
+                rows_q, rows_pair, rows_hits, rows_quality, count,
+            )  # fmt: skip
         if first_free and count > 0:
             break
     return rows_q[:count].copy(), rows_pair[:count].copy(), rows_hits[:count].copy(), rows_quality[:count].copy()

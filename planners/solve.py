@@ -18,17 +18,20 @@ from planners.binding import Binder
 from planners.clearance_floor import ClearanceFloor, FloorLimits
 from planners.clearance_floor import clearance_floor as floor_of_options
 from planners.engines import task_planner
-from planners.grasp_options import GraspCatalogue
+from planners.grasp_options import GraspCatalogue, SamplingConfig
 from planners.placements import PlacementSearch
 from planners.scene import Scene
 from planners.solution import Cause, Infeasible, Solution
 from planners.strategies import strategy as find_strategy
 from planners.symbolic import TaskPlanner
 from planners.tamp import Search, TampLimits, task_and_motion_plan
+from planners.tcp_following import TcpFollower
 from planners.validation import validate
 
 __all__ = ["Planner", "clearance_floor", "map_placer", "solve"]
 
+_BASES, _BASES_BY_TCP = 3, 8
+"""Base poses tried for each hand pose; more where only one posture counts at each."""
 _ATTEMPTS = 3
 """Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
 
@@ -72,9 +75,9 @@ def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None
     return Planner(scene.robot).clearance_floor(scene, target, limits)
 
 
-def map_placer(scene: Scene) -> MapPlacer:
+def map_placer(scene: Scene, per_hand: int = _BASES) -> MapPlacer:
     """Base poses for hand poses in this scene, from the robot's cached reachability map."""
-    return MapPlacer(_inverse_map(scene.robot), free_floor(scene))
+    return MapPlacer(_inverse_map(scene.robot), free_floor(scene), per_hand)
 
 
 @dataclass(frozen=True)
@@ -84,10 +87,12 @@ class Planner:
     Attributes:
         robot: which one.
         engine: name of the task planner, see `planners.engines`; None for the default.
+        follower: model of how the joints follow, for a robot that is told TCP poses; None for one told joint targets.
     """
 
     robot: RobotSpec
     engine: str | None = None
+    follower: TcpFollower | None = None
 
     @cached_property
     def _task_planner(self) -> TaskPlanner:
@@ -123,11 +128,15 @@ class Planner:
         return floor_of_options(scene, target, _Blockers(self._catalogue(scene), scene), limits)
 
     def _binder(self, scene: Scene, rng: np.random.Generator) -> Binder:
-        search = PlacementSearch(map_placer(scene), ArmChain.from_robot(self.robot))
-        return Binder(self._catalogue(scene), search, rng)
+        search = PlacementSearch(self._placer(scene), ArmChain.from_robot(self.robot), near_home=self.follower is not None)
+        return Binder(self._catalogue(scene), search, rng, follower=self.follower)
+
+    def _placer(self, scene: Scene) -> MapPlacer:
+        return map_placer(scene, _BASES_BY_TCP if self.follower else _BASES)
 
     def _catalogue(self, scene: Scene) -> GraspCatalogue:
-        return GraspCatalogue(map_placer(scene), ArmChain.from_robot(self.robot))
+        sampling = SamplingConfig(near_home=self.follower is not None)
+        return GraspCatalogue(self._placer(scene), ArmChain.from_robot(self.robot), sampling)
 
 
 @dataclass(frozen=True)
