@@ -2,9 +2,10 @@
 
 from gymnasium.envs.registration import register
 
-__all__ = ["OBJECT_COUNTS"]
+__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS"]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
+SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
 
 for _count in OBJECT_COUNTS:
     register(
@@ -17,3 +18,10 @@ for _count in OBJECT_COUNTS:
 
 register(id="clutter_env/Reach-v0", entry_point="clutter_env.goal_env:ReachEnv", max_episode_steps=100)
 register(id="clutter_env/Pick-v0", entry_point="clutter_env.goal_env:PickEnv", max_episode_steps=100)
+
+for _count in SKILL_OBJECT_COUNTS:
+    register(
+        id=f"clutter_env/Skill-o{_count}-v0",
+        entry_point="clutter_env.skill_env:SkillEnv",
+        kwargs={"num_objects": _count},
+    )

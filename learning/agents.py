@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 
 from learning.policy import Policy
-from learning.rl import ALGORITHMS, GOAL_ALGORITHMS, ScaledActions, load_model
+from learning.rl import ALGORITHMS, GOAL_ALGORITHMS, ScaledActions, load_model, training_env
 from learning.runs import load_run
 
 __all__ = ["CLONERS", "POLICY_FILE", "Agent", "load_agent", "model_agent"]
@@ -30,7 +30,7 @@ def load_agent(directory: Path, env: gym.Env) -> Agent:
     algorithm = load_run(directory)["algorithm"]
     if algorithm in CLONERS:
         return Policy.load(directory / POLICY_FILE).act
-    return model_agent(algorithm, load_model(algorithm, directory), env)
+    return model_agent(algorithm, load_model(algorithm, directory, training_env(algorithm, env)), env)
 
 
 def model_agent(algorithm: str, model: Any, env: gym.Env) -> Agent:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -18,6 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
+from learning.dataset import write_json
 from learning.episode import Episode
 from learning.errors import LearningError
 from learning.features import NEAR_SCALE
@@ -41,6 +43,7 @@ ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
 )
 """SAC and TQC learn goal environments with hindsight; PPO and MaskablePPO learn skills."""
 GOAL_ALGORITHMS = ("sac", "tqc")
+HISTORY_FILE = "history.json"
 _MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
 
 BASE_SCALE, TURN_SCALE = 0.1, 0.2
@@ -165,8 +168,8 @@ def save_model(model: BaseAlgorithm, directory: Path) -> None:
     part.replace(directory / _MODEL)
 
 
-def load_model(name: str, directory: Path, env: gym.Env | None = None) -> BaseAlgorithm:
-    """The model that `save_model` wrote; with an environment, ready to go on learning.
+def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = False) -> BaseAlgorithm:
+    """The model that `save_model` wrote; with its replay buffer it is ready to go on learning.
 
     Raises:
         LearningError: there is none.
@@ -175,19 +178,20 @@ def load_model(name: str, directory: Path, env: gym.Env | None = None) -> BaseAl
     if not path.exists():
         raise LearningError(f"there is no model in {directory}")
     model = ALGORITHMS[name].load(path, env=env, device="cpu")
-    if env is not None and isinstance(model, OffPolicyAlgorithm):
+    if with_buffer and isinstance(model, OffPolicyAlgorithm):
         model.load_replay_buffer(directory / _BUFFER, truncate_last_traj=True)
     return model
 
 
 class Checkpoints(BaseCallback):
-    """Calls `evaluate` and saves the model every so many steps."""
+    """Calls `evaluate` and saves the model every so many steps; keeps the history of an interrupted run."""
 
     def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
         super().__init__()
         self._directory, self._every, self._evaluate = directory, every, evaluate
         self._next = every
-        self.history: list[dict[str, float]] = []
+        path = directory / HISTORY_FILE
+        self.history: list[dict[str, float]] = json.loads(path.read_text()) if path.exists() else []
 
     def _on_training_start(self) -> None:
         self._next = (self.num_timesteps // self._every + 1) * self._every
@@ -199,6 +203,7 @@ class Checkpoints(BaseCallback):
             for name, value in self.history[-1].items():
                 self.logger.record(f"held_out/{name}", value)
             save_model(self.model, self._directory)
+            write_json(self._directory / HISTORY_FILE, self.history)
         return True
 
 

@@ -24,6 +24,7 @@ from learning.policy import Policy
 from learning.rl import (
     ALGORITHMS,
     GOAL_ALGORITHMS,
+    HISTORY_FILE,
     Checkpoints,
     add_demonstrations,
     imitate,
@@ -108,9 +109,7 @@ def train(run: Run, resume: bool = False) -> list[dict[str, float]]:
         )
     run.directory.mkdir(parents=True, exist_ok=True)
     write_json(run.directory / RUN_FILE, run.describe())
-    history = _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
-    write_json(run.directory / "history.json", history)
-    return history
+    return _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
 
 
 def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
@@ -119,7 +118,7 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     judge = run.task.make()
     seeds = held_out_seeds(run.evaluation_episodes)
     if resume and (run.directory / "model.zip").exists():
-        model = load_model(run.algorithm, run.directory, env)
+        model = load_model(run.algorithm, run.directory, env, with_buffer=True)
         model.tensorboard_log = str(run.directory)
     else:
         model = make_model(run.algorithm, env, run.seed, run.directory)
@@ -153,6 +152,7 @@ def _clone(run: Run) -> list[dict[str, float]]:
 
         def report_round(index: int, policy: Policy, examples: Examples) -> None:
             history.append({"round": index, "examples": len(examples)})
+            write_json(run.directory / HISTORY_FILE, history)
             writer.add_scalar("train/examples", len(examples), index)
             policy.save(run.directory / POLICY_FILE)
 
