@@ -58,6 +58,7 @@ class Binder:
     rng: np.random.Generator
     floor_limits: FloorLimits | None = None
     follower: TcpFollower | None = None
+    has_banned: bool = False
     _referee: Referee | None = None
     _world: CollisionWorld | None = None
     _put_down: dict[int, tuple[Placement, Bound | Obstruction | Unreachable]] = field(default_factory=dict)
@@ -82,6 +83,7 @@ class Binder:
 
     def ban(self, scene: Scene, grasp: GraspOption) -> None:
         """Do not offer a grasp again: no motion leads to it."""
+        self.has_banned = True
         self.catalogue.ban(scene, grasp)
 
     def obstruct(self, scene: Scene, grasp: GraspOption, blockers: frozenset[str]) -> None:

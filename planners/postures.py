@@ -199,25 +199,17 @@ def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> fl
 
 
 @njit(cache=True)
-def _one_of_mirrored(found: Array, count: int, home: Array, lower: Array, upper: Array) -> int:
-    """Keep, of solutions whose links lie alike, the one nearest home: positive elbows, one wrist each."""
+def _turned_home(found: Array, count: int, home: Array, lower: Array, upper: Array) -> int:
+    """Keep the solutions with a positive elbow (the others lie alike), their roll joints turned to near home."""
     kept = 0
-    nearest = 0.0
     for k in range(count):
         if found[k, 4] < 0.0:
             continue
         for joint in (3, 5, 7):
-            found[k, joint] = _nearest_turn(found[k, joint], home[joint], lower[joint], upper[joint])
-        travel = 0.0
-        for joint in (5, 6, 7):
-            travel += abs(found[k, joint] - home[joint])
-        is_mirrored = kept > 0 and found[kept - 1, 1] == found[k, 1] and found[kept - 1, 4] == found[k, 4]
-        if is_mirrored and travel >= nearest:
-            continue
-        if not is_mirrored:
-            kept += 1
-        found[kept - 1] = found[k]
-        nearest = travel
+            found[kept, joint] = _nearest_turn(found[k, joint], home[joint], lower[joint], upper[joint])
+        for joint in (0, 1, 2, 4, 6):
+            found[kept, joint] = found[k, joint]
+        kept += 1
     return kept
 
 
@@ -387,7 +379,7 @@ def _scan(
                 break
             for roll in rolls:
                 solutions = ik_arm(links, R, p, torso, roll, lower, upper, found)
-                for k in range(_one_of_mirrored(found, solutions, home, lower, upper)):
+                for k in range(_turned_home(found, solutions, home, lower, upper)):
                     q = found[k]
                     if nearest_home:
                         travel = (_LIFT_WEIGHT * (q[0] - home[0])) ** 2 + ((q[1:] - home[1:]) ** 2).sum()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -30,7 +30,7 @@ from planners.validation import validate
 
 __all__ = ["Planner", "clearance_floor", "map_placer", "solve"]
 
-_BASES, _BASES_BY_TCP = 3, 8
+_BASES, _BASES_NEAR_HOME = 3, 8
 """Base poses tried for each hand pose; more where only one posture counts at each."""
 _ATTEMPTS = 3
 """Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
@@ -113,12 +113,10 @@ class Planner:
         rng = rng or np.random.default_rng(0)
         started = time.process_time()
         outcome: Solution | Infeasible | None = None
-        for _ in range(_ATTEMPTS if way.plans_ahead else 1):
-            search = Search(
-                target, way, self._task_planner, self._binder(scene, rng), TampLimits(seconds=time_limit)
-            )
+        for binder in self._binders(scene, rng, _ATTEMPTS if way.plans_ahead else 1):
+            search = Search(target, way, self._task_planner, binder, TampLimits(seconds=time_limit))
             outcome = task_and_motion_plan(search, scene)
-            if isinstance(outcome, Solution) or outcome.cause not in (Cause.NO_CLEARANCE_LOCATION, Cause.MOTION):
+            if isinstance(outcome, Solution) or outcome.cause is Cause.TIME_LIMIT or _is_proved(outcome, binder):
                 break
         assert outcome is not None
         return replace(outcome, stats=replace(outcome.stats, total_s=time.process_time() - started))
@@ -127,16 +125,27 @@ class Planner:
         """As the function `clearance_floor`."""
         return floor_of_options(scene, target, _Blockers(self._catalogue(scene), scene), limits)
 
-    def _binder(self, scene: Scene, rng: np.random.Generator) -> Binder:
-        search = PlacementSearch(self._placer(scene), ArmChain.from_robot(self.robot), near_home=self.follower is not None)
-        return Binder(self._catalogue(scene), search, rng, follower=self.follower)
-
-    def _placer(self, scene: Scene) -> MapPlacer:
-        return map_placer(scene, _BASES_BY_TCP if self.follower else _BASES)
+    def _binders(self, scene: Scene, rng: np.random.Generator, attempts: int) -> Iterator[Binder]:
+        """A motion layer for each attempt; for a robot told TCP poses the first one keeps to postures near home."""
+        for attempt in range(attempts + (self.follower is not None)):
+            near_home = self.follower is not None and attempt == 0
+            placer = map_placer(scene, _BASES_NEAR_HOME if near_home else _BASES)
+            catalogue = GraspCatalogue(placer, self._chain, SamplingConfig(near_home=near_home))
+            search = PlacementSearch(placer, self._chain, near_home=near_home)
+            yield Binder(catalogue, search, rng, follower=self.follower)
 
     def _catalogue(self, scene: Scene) -> GraspCatalogue:
-        sampling = SamplingConfig(near_home=self.follower is not None)
-        return GraspCatalogue(self._placer(scene), ArmChain.from_robot(self.robot), sampling)
+        return GraspCatalogue(map_placer(scene), self._chain)
+
+    @cached_property
+    def _chain(self) -> ArmChain:
+        return ArmChain.from_robot(self.robot)
+
+
+def _is_proved(outcome: Infeasible, binder: Binder) -> bool:
+    """Whether another attempt could not do better: the grasps themselves, none of them banned, say that there is no way."""
+    by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
+    return by_grasps and not outcome.clearances and not binder.has_banned and binder.follower is None
 
 
 @dataclass(frozen=True)
