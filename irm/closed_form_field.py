@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
-PAN_SAMPLES = 72
-"""Pan angles per turn, 5 degrees apart; a multiple of 4, so that quarter turns map samples to samples."""
+PAN_SAMPLES = 144
+"""Pan angles per turn, 2.5 degrees apart; a multiple of 4, so that quarter turns map samples to samples."""
 
 
 @njit(cache=True)

@@ -8,6 +8,8 @@ axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import floor, inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,16 +111,17 @@ class Orientations:
         """
         m = refinement(parameters.orientations)
         rolls = parameters.rolls or (1 if free_roll else 4)
-        groups = []
+        groups: list[tuple[float, float, int]] = []
         for ring in _rings(m, parameters.pitches):
             pole = abs(ring) == m
-            for roll in range(1 if pole else rolls):
-                groups.append((ring * np.pi / (2 * m), _signed(2 * np.pi * roll / rolls), rolls if pole else 4 * m))
-        pitch, roll, count = (np.array(column) for column in zip(*groups, strict=True))
+            for k in range(1 if pole else rolls):
+                groups.append((ring * np.pi / (2 * m), _signed(2 * np.pi * k / rolls), rolls if pole else 4 * m))
+        pitch, roll = np.array([group[0] for group in groups]), np.array([group[1] for group in groups])
+        count = np.array([group[2] for group in groups], dtype=np.int64)
         start = np.concatenate([[0], np.cumsum(count)])
         for array in (pitch, roll, count, start):
             array.setflags(write=False)
-        return Orientations(pitch, roll, count.astype(np.int64), start, free_roll and rolls == 1, np.pi / (2 * m))
+        return Orientations(pitch, roll, count, start, free_roll and rolls == 1, np.pi / (2 * m))
 
     @property
     def size(self) -> int:
@@ -132,7 +135,7 @@ class Orientations:
 
     def is_pole(self, group: int) -> bool:
         """Whether the hand points straight up or down, so that yaw and roll are one."""
-        return bool(abs(self.pitch[group]) > np.pi / 2 - _ANGLE_ROUNDING)
+        return bool(abs(self._groups[group][1]) > pi / 2 - _ANGLE_ROUNDING)
 
     def nearest(self, pitch: float, roll: float) -> int:
         """The group that holds a pitch and a roll [rad].
@@ -140,17 +143,23 @@ class Orientations:
         Raises:
             QueryError: the map has no ring within half a step of the pitch, or no such roll.
         """
-        if not abs(pitch) <= np.pi / 2 + _ANGLE_ROUNDING:
+        if not abs(pitch) <= pi / 2 + _ANGLE_ROUNDING:
             raise QueryError(f"pitch must lie in [-π/2, π/2], not {pitch}")
-        distance = np.abs(self.pitch - pitch)
-        if distance.min() > self.step / 2 + _ANGLE_ROUNDING:
+        best, nearest, ring = -1, inf, inf
+        for group, group_pitch, group_roll in self._groups:
+            apart = abs(group_pitch - pitch)
+            turn = 0.0 if self.free_roll else abs(_signed(roll - group_roll))
+            if apart < ring - _ANGLE_ROUNDING or (apart < ring + _ANGLE_ROUNDING and turn < nearest):
+                best, nearest, ring = group, turn, apart
+        if ring > self.step / 2 + _ANGLE_ROUNDING:
             known = ", ".join(f"{np.degrees(p):.1f}" for p in np.unique(self.pitch))
             raise QueryError(f"this map does not cover pitch {np.degrees(pitch):.1f} degrees; it has rings at {known}")
-        ring = np.flatnonzero(distance < distance.min() + _ANGLE_ROUNDING)
-        if self.free_roll or self.is_pole(int(ring[0])):
-            return int(ring[0])
-        apart = np.abs(np.array([_signed(roll - r) for r in self.roll[ring]]))
-        return int(ring[apart.argmin()])
+        return best
+
+    @cached_property
+    def _groups(self) -> tuple[tuple[int, float, float], ...]:
+        """Number, pitch and roll of every group, as plain numbers for `nearest`."""
+        return tuple(zip(range(len(self.pitch)), self.pitch.tolist(), self.roll.tolist(), strict=True))
 
 
 def _rings(m: int, pitches: tuple[float, ...]) -> list[int]:
@@ -167,7 +176,7 @@ def _rings(m: int, pitches: tuple[float, ...]) -> list[int]:
 
 def _signed(angle: float) -> float:
     """The same angle in [-π, π)."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+    return (angle + pi) % (2 * pi) - pi
 
 
 @dataclass(frozen=True)
@@ -184,7 +193,9 @@ class MapGrid:
         bottom: [m] lower face of the lowest layer.
         layers: number of layers.
         torsos: (t,) torso heights, `voxel` apart [m].
+        torso_range: lowest and highest torso a pose of the map may use [m]; equal for a torso that stays.
         orientations: of the hand.
+        cut_below, cut_above: whether the parameters' heights, not the floor or the arm's reach, end the grid there.
     """
 
     voxel: float
@@ -193,7 +204,10 @@ class MapGrid:
     bottom: float
     layers: int
     torsos: tuple[float, ...]
+    torso_range: tuple[float, float]
     orientations: Orientations
+    cut_below: bool
+    cut_above: bool
 
     @staticmethod
     def of(chain: ArmChain, home_torso: float, parameters: MapParameters) -> MapGrid:
@@ -204,8 +218,10 @@ class MapGrid:
         slides = chain.axes[1:] >= PRISMATIC
         reach += float(np.maximum(np.abs(chain.lower[1:]), np.abs(chain.upper[1:]))[slides].sum())
         shoulder = chain.offsets[0] + chain.offsets[1]
-        lowest = max(0, int(np.floor(max(parameters.heights[0], shoulder[2] + torsos[0] - reach) / voxel + 1e-9)))
-        highest = int(np.ceil(min(parameters.heights[1], shoulder[2] + torsos[-1] + reach) / voxel - 1e-9))
+        floor = max(0.0, float(shoulder[2] + torsos[0] - reach))
+        ceiling = float(shoulder[2] + torsos[-1] + reach)
+        lowest = int(np.floor(max(parameters.heights[0], floor) / voxel + 1e-9))
+        highest = int(np.ceil(min(parameters.heights[1], ceiling) / voxel - 1e-9))
         if highest <= lowest:
             raise ReachabilityError(f"{chain.robot} reaches nothing at heights {parameters.heights} m")
         return MapGrid(
@@ -215,8 +231,16 @@ class MapGrid:
             bottom=lowest * voxel,
             layers=highest - lowest,
             torsos=torsos,
+            torso_range=(float(chain.lower[0]), float(chain.upper[0])) if parameters.lift else (torsos[0], torsos[0]),
             orientations=Orientations.sample(parameters, has_free_roll(chain)),
+            cut_below=parameters.heights[0] > floor,
+            cut_above=parameters.heights[1] < ceiling,
         )
+
+    @property
+    def top(self) -> float:
+        """[m] upper face of the highest layer."""
+        return self.bottom + self.layers * self.voxel
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -230,7 +254,7 @@ class MapGrid:
 
     def layer(self, z: float) -> int:
         """Index of the layer that holds a height; may lie outside the grid."""
-        return int(np.floor((z - self.bottom) / self.voxel))
+        return floor((z - self.bottom) / self.voxel)
 
     def layer_height(self, layer: int) -> float:
         """[m] of a layer's middle."""
@@ -238,7 +262,7 @@ class MapGrid:
 
     def axis(self, side: int) -> Floats:
         """(2 half,) cell centres along x (side 0) or y (side 1) in the base frame [m]."""
-        return self.centre[side] + (np.arange(2 * self.half) + 0.5 - self.half) * self.voxel
+        return np.asarray(self.centre[side] + (np.arange(2 * self.half) + 0.5 - self.half) * self.voxel)
 
 
 def _torso_samples(chain: ArmChain, home: float, parameters: MapParameters) -> tuple[float, ...]:

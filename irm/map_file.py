@@ -21,7 +21,7 @@ from irm.kinematics import ArmChain
 
 __all__ = ["load_arrays", "map_key", "save_arrays"]
 
-FORMAT = "reachability map 1"
+FORMAT = "reachability map 2"
 """Changed whenever the numbers of a map, or their meaning, change."""
 
 _COLUMNS = {
@@ -48,7 +48,7 @@ def save_arrays(path: Path, robot: str, key: str, parameters: MapParameters, arr
     descriptor, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
     try:
         with os.fdopen(descriptor, "wb") as file:
-            np.savez(file, about=np.array(json.dumps(about)), **arrays)
+            np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
         os.replace(draft, path)
     except BaseException:
         os.unlink(draft)

@@ -176,8 +176,7 @@ def _columns(cells: NDArray[Any], best: Singles, torso: NDArray[Any], flags: NDA
 def _heights_without_torso(grid: MapGrid) -> Floats:
     """Every height of a layer's middle above a torso sample: torsos lie one voxel apart, so most coincide."""
     lowest = grid.layer_height(0) - grid.torsos[-1]
-    heights: Floats = lowest + np.arange(grid.layers + len(grid.torsos) - 1) * grid.voxel
-    return heights
+    return np.asarray(lowest + np.arange(grid.layers + len(grid.torsos) - 1) * grid.voxel)
 
 
 def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:

@@ -14,7 +14,6 @@ from irm.manipulability import manipulability
 
 CHAIN = ArmChain.from_robot(FETCH)
 ROLLS = np.linspace(-np.pi, np.pi, 72, endpoint=False)
-WRAP = np.array([4, 6, 8]) - 1
 
 
 def random_configuration(rng: np.random.Generator) -> np.ndarray:
@@ -59,7 +58,8 @@ def test_every_inverse_solution_reaches_the_pose_within_the_limits():
         T = forward(CHAIN, random_configuration(rng))
         for q in inverse(CHAIN, T, [0.05, 0.2, 0.35], ROLLS):
             np.testing.assert_allclose(forward(CHAIN, q), T, atol=1e-6)
-            assert np.all(q >= CHAIN.lower) and np.all(q <= CHAIN.upper)
+            assert np.all(q >= CHAIN.lower)
+            assert np.all(q <= CHAIN.upper)
             assert np.all(np.abs(q[[3, 5, 7]]) <= np.pi + 1e-9)
             solved += 1
     assert solved > 500
