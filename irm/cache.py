@@ -10,7 +10,7 @@ from typing import Any
 import platformdirs
 
 from assets.robots import RobotSpec
-from irm.errors import MapFileError
+from irm.errors import MapFileError, MapMismatchError
 from irm.grid import MapParameters
 from irm.kinematics import ArmChain
 from irm.map_file import map_key
@@ -40,7 +40,7 @@ def cached_map(robot: RobotSpec, *, progress: bool = False, **parameters: Any) -
     if path.exists():
         try:
             return ReachabilityMap.load(path, robot)
-        except MapFileError as error:
+        except (MapFileError, MapMismatchError) as error:
             _LOG.warning("%s; building the map again", error)
     built = ReachabilityMap.build(robot, progress=progress, **parameters)
     try:
