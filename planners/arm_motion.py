@@ -105,7 +105,7 @@ class RRTConfig:
         margin: [rad] beyond start and goal from which joints with more than a turn of play are sampled.
     """
 
-    iterations: int = 1500
+    iterations: int = 600
     shortcuts: int = 20
     step: float = 0.015
     margin: float = 1.5

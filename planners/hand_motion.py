@@ -216,14 +216,15 @@ def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: 
     """Whether the hand can leave a grasp of that object upwards, if no other object were there."""
     others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
     contact = _grasp_contact(world, base, np.asarray(q_grasp, dtype=float), name, others)
-    overhead = any(line.up > 0.0 and isinstance(_trace(contact, line), _Option) for line in LINES)
-    return overhead or (_is_covered(world) and any(isinstance(_trace(contact, line), _Option) for line in LINES))
+    lines = LINES if _is_covered(world) else tuple(line for line in LINES if line.up > 0.0)
+    return any(isinstance(_trace(contact, line), _Option) for line in lines)
 
 
 def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
     """Whether the hand can bring an object down to a posture, let go and leave without touching anything."""
     contact, _ = _release_contact(world, base, np.asarray(q_release, dtype=float), held, 0)
-    return any(isinstance(option := _trace(contact, line), _Option) and not option.hits for line in LINES)
+    lines = LINES if _is_covered(world) else tuple(line for line in LINES if line.up > 0.0)
+    return any(isinstance(option := _trace(contact, line), _Option) and not option.hits for line in lines)
 
 
 def _is_covered(world: CollisionWorld) -> bool:
