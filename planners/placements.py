@@ -106,17 +106,23 @@ class PlacementSearch:
         standing = [other for other in scene.objects if other.name != body.name]
         occupied = footprint_mask(grid, standing, _MARGIN)
         forbidden = keep_clear_mask(world, grid, keep_clear, body.top - body.bottom + 2 * _GAP)
-        for locations in placement_levels(scene.support, rng, self.config):
-            none_in_work = np.zeros(len(locations), dtype=bool)
-            here = scene.state.base[:2]
-            order = clearance_order(
-                grid, forbidden, occupied, body.radius + _GAP, locations, none_in_work, here
-            )
+        here = scene.state.base[:2]
+        for locations in self._levels(scene, strategy, rng):
+            nowhere = np.zeros(len(locations), dtype=bool)
+            order = clearance_order(grid, forbidden, occupied, body.radius + _GAP, locations, nowhere, here)
             if strategy.locations == "random":
                 order = rng.permutation(order)
             chosen = locations[order[: self.candidates_per_level]]
             yield from self._from_here(scene, world, chosen[::-1] if strategy.locations == "priority" else chosen)
             yield from self._after_a_drive(scene, world, chosen)
+
+    def _levels(self, scene: Scene, strategy: Strategy, rng: np.random.Generator) -> Iterator[Array]:
+        """The paper's grid of locations, then finer ones; all at once where they are drawn at random."""
+        levels = placement_levels(scene.support, rng, self.config)
+        if strategy.locations == "random":
+            yield np.concatenate(list(levels))
+        else:
+            yield from levels
 
     def _from_here(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
         """Placements from where the base stands."""

@@ -122,7 +122,9 @@ class Referee:
         for phase, end in zip(motion.phases, ends, strict=True):
             rows = np.flatnonzero((motion.times >= phase.start) & (motion.times <= end))
             if len(rows):
-                yield _Stretch(states[rows], phase.held, 0)
+                held = phase.touched if phase.held else None
+                between = () if phase.touched is None else (phase.touched.name,)
+                yield _Stretch(states[rows], held, self.scene.mask(between))
 
     def _refine(self, stretch: _Stretch, step: float) -> NDArray[np.float64]:
         """Cut the straight pieces so that no point of the robot moves more than `step` [m] in one."""

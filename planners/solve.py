@@ -130,15 +130,16 @@ class Planner:
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
             placer = map_placer(scene, _BASES_NEAR_HOME if near_home else _BASES)
-            catalogue = GraspCatalogue(placer, self._chain, SamplingConfig(near_home=near_home))
-            search = PlacementSearch(placer, self._chain, near_home=near_home)
+            catalogue = GraspCatalogue(placer, self.chain, SamplingConfig(near_home=near_home))
+            search = PlacementSearch(placer, self.chain, near_home=near_home)
             yield Binder(catalogue, search, rng, follower=self.follower)
 
     def _catalogue(self, scene: Scene) -> GraspCatalogue:
-        return GraspCatalogue(map_placer(scene), self._chain)
+        return GraspCatalogue(map_placer(scene), self.chain)
 
     @cached_property
-    def _chain(self) -> ArmChain:
+    def chain(self) -> ArmChain:
+        """The robot's torso and arm."""
         return ArmChain.from_robot(self.robot)
 
 
