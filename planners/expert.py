@@ -178,6 +178,11 @@ class TampExpert:
         return replace(self._report, clearances=clearances, duplicated=duplicated)
 
     @property
+    def target(self) -> str:
+        """The object to retrieve."""
+        return self._target
+
+    @property
     def phase(self) -> str:
         """What the robot is doing, for example "PickUp object_03: lift"; "" while it waits."""
         return "" if self._execution is None else self._execution.phase
