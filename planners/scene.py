@@ -120,9 +120,11 @@ class Body:
         """[m] of the upright circle about `position` that contains the body's outline from above."""
         vertical = self.rotation[2]
         if self.shape == "cylinder":
-            lying = math.sqrt(max(1.0 - vertical[2] ** 2, 0.0))
-            reach = lying * self.half_extents[2] + abs(vertical[2]) * self.half_extents[0]
-            return float(max(reach, math.hypot(lying * self.half_extents[2], self.half_extents[0])))
+            half, radius = self.half_extents[2], self.half_extents[0]
+            standing, lying = abs(vertical[2]), math.hypot(vertical[0], vertical[1])
+            if half * standing < radius * lying:
+                return math.hypot(half, radius)
+            return float(lying * half + standing * radius)
         signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float)
         corners = (signs * self.half_extents) @ self.rotation.T
         return float(np.hypot(corners[:, 0], corners[:, 1]).max())
