@@ -286,7 +286,7 @@ def trace_straight(
 
 def trace_by_torso(
     world: CollisionWorld,
-    base: NDArray[np.float64],
+    _base: NDArray[np.float64],
     q_start: NDArray[np.float64],
     direction: ArrayLike,
     distance: float,

@@ -117,9 +117,7 @@ def _way_round(
     upper[:3] += (ROAM, ROAM, math.pi)
     work = make_workspace(world.robot, world.attached(held))
     arguments = 0.0, world.active(0), world.padding, STEP
-    path = connect(
-        world.robot, world.obstacles, work, X[0], X[1:], lower, upper, *arguments, config.iterations, rng
-    )
+    path = connect(world.robot, world.obstacles, work, X[0], X[1:], lower, upper, *arguments, config.iterations, rng)
     if not len(path):
         return None
     path = shorten(world.robot, world.obstacles, work, path, *arguments, config.shortcuts, rng)

@@ -45,7 +45,7 @@ class MapPlacer:
     yaw_tolerance: float = 1e-6
 
     def bases(self, hands: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad], and each one's hand (m,) as index."""
+        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad]; index of the hand of each (m,)."""
         yaws = hands[:, 3]
         ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
         found = self.map.query_batch(hands[:, :3], yaw_ranges=ranges, free_space=self.floor, k=self.per_hand)

@@ -18,7 +18,14 @@ from planners.grasp_options import GraspOption
 from planners.scene import Scene
 from planners.solution import Cause
 
-__all__ = ["Commitments", "NoCommitment", "OptionSource", "greedy_commitments", "smallest_commitments", "varied_commitments"]
+__all__ = [
+    "Commitments",
+    "NoCommitment",
+    "OptionSource",
+    "greedy_commitments",
+    "smallest_commitments",
+    "varied_commitments",
+]
 
 
 Volume: TypeAlias = Callable[[GraspOption], int]
@@ -138,9 +145,7 @@ def varied_commitments(
     return Commitments(commitments.target, tuple(names[i] for i in order[:-1]), MappingProxyType(grasps))
 
 
-def _random_order(
-    source: OptionSource, scene: Scene, commitments: Commitments, rng: np.random.Generator
-) -> list[int]:
+def _random_order(source: OptionSource, scene: Scene, commitments: Commitments, rng: np.random.Generator) -> list[int]:
     """An order in which the objects can be removed, the target last."""
     waiting = {scene.index(name) for name in commitments.grasps}
     last = scene.index(commitments.target)

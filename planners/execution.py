@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from enum import Enum, auto
 from typing import NamedTuple
 
@@ -203,5 +204,5 @@ class Execution:
     def _way_out(self) -> int:
         """Back before the hand has done its work at the bottom of the trajectory, on afterwards."""
         phases = self._trajectory.phases
-        changes = [later.start for before, later in zip(phases, phases[1:], strict=False) if before.held != later.held]
+        changes = [later.start for before, later in itertools.pairwise(phases) if before.held != later.held]
         return -1 if changes and self._time < changes[0] else 1

@@ -18,8 +18,8 @@ from planners.robot_geometry import robot_arrays
 from planners.scene import RobotState, Scene, SceneError
 from planners.solution import Infeasible, Solution
 from planners.solve import Planner
-from planners.tcp_following import TcpFollower
 from planners.strategies import strategy as find_strategy
+from planners.tcp_following import TcpFollower
 
 __all__ = ["EpisodeReport", "ExpertConfig", "TampExpert"]
 
@@ -158,16 +158,14 @@ class TampExpert:
 
     @property
     def report(self) -> EpisodeReport:
-        """How the episode went, or how it stands; an environment that ends at success may do so before the plan does."""
+        """How the episode went, or how it stands: at success the environment may end before the plan does."""
         if self.done or self._execution is None or self._execution.deviation is not None:
             return self._report
         lifted = self._held() == self._target and self._is_lifted()
         if not lifted:
             return replace(self._report, failure=self._report.failure or "unfinished", sim_s=self._elapsed)
         clearances = (*self._report.clearances, *self._execution.cleared)
-        return replace(
-            self._with_clearances(clearances), executed=True, scored=True, failure="", sim_s=self._elapsed
-        )
+        return replace(self._with_clearances(clearances), executed=True, scored=True, failure="", sim_s=self._elapsed)
 
     @property
     def _elapsed(self) -> float:
@@ -228,9 +226,7 @@ class TampExpert:
             floor = self._planner.clearance_floor(scene, self._target)
             self._report = replace(self._report, floor=floor.count if floor.proved else None)
         try:
-            self.solution = self._planner.solve(
-                scene, self._target, self._strategy, self._rng, self._config.planning_s
-            )
+            self.solution = self._planner.solve(scene, self._target, self._strategy, self._rng, self._config.planning_s)
         except SceneError as error:
             self._end(f"the scene cannot be planned in: {error}")
             return

@@ -43,7 +43,7 @@ class BasePlacer(Protocol):
     """Says where the base may stand."""
 
     def bases(self, hands: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad], and each one's hand (m,) as index."""
+        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad]; index of the hand of each (m,)."""
         ...
 
 
@@ -149,7 +149,16 @@ class GraspCatalogue:
 def _same_objects(one: Scene, other: Scene) -> bool:
     """Whether the objects stand where they stood; where the robot is does not matter."""
     held = (one.held.name if one.held else "") == (other.held.name if other.held else "")
-    return held and len(one.objects) == len(other.objects) and all(
-        a is b or (a.name == b.name and np.array_equal(a.position, b.position) and np.array_equal(a.quaternion, b.quaternion))
-        for a, b in zip(one.objects, other.objects, strict=True)
+    return (
+        held
+        and len(one.objects) == len(other.objects)
+        and all(
+            a is b
+            or (
+                a.name == b.name
+                and np.array_equal(a.position, b.position)
+                and np.array_equal(a.quaternion, b.quaternion)
+            )
+            for a, b in zip(one.objects, other.objects, strict=True)
+        )
     )

@@ -30,7 +30,18 @@ from planners.arm_motion import (
 from planners.collision import CollisionWorld
 from planners.scene import Body, HeldObject, RobotState
 
-__all__ = ["LINES", "SIDE_CLEARANCE", "Line", "PickMotion", "PlaceMotion", "can_leave", "can_put_down", "grip_opening", "plan_pick", "plan_place"]
+__all__ = [
+    "LINES",
+    "SIDE_CLEARANCE",
+    "Line",
+    "PickMotion",
+    "PlaceMotion",
+    "can_leave",
+    "can_put_down",
+    "grip_opening",
+    "plan_pick",
+    "plan_place",
+]
 
 SIDE_CLEARANCE = 0.012
 """[m] between an open finger and the object, each side."""
@@ -50,7 +61,7 @@ class Line(NamedTuple):
     held_up: float
     held_back: float
     by_torso: bool = False
-    """Vertical legs are left to the torso: slow, but what the arm is free of at the bottom it is free of all the way."""
+    """Vertical legs are left to the torso: slow, but what the arm is free of below it is free of all the way."""
 
 
 LINES = (
@@ -231,7 +242,8 @@ def _is_covered(world: CollisionWorld) -> bool:
     """Whether something above the table keeps the hand from coming from above."""
     table = world.scene.support
     return any(
-        box.lower[2] > table.top and (np.abs(box.position - table.position) < box.half_extents + table.half_extents)[:2].all()
+        box.lower[2] > table.top
+        and (np.abs(box.position - table.position) < box.half_extents + table.half_extents)[:2].all()
         for box in world.scene.furniture
         if box.lower[2] < table.top + 0.8
     )

@@ -55,7 +55,9 @@ class Placement:
         return np.asarray(self.body.position[:2])
 
 
-def keep_clear_mask(world: CollisionWorld, grid: SupportGrid, grasps: Sequence[GraspOption], height: float) -> NDArray[np.bool_]:
+def keep_clear_mask(
+    world: CollisionWorld, grid: SupportGrid, grasps: Sequence[GraspOption], height: float
+) -> NDArray[np.bool_]:
     """Cells where an object `height` [m] tall would stand in the way of these grasps."""
     if not grasps:
         return grid.empty()
@@ -155,9 +157,7 @@ class PlacementSearch:
             if free.any():
                 yield hands[free]
 
-    def _postures(
-        self, scene: Scene, world: CollisionWorld, poses: HandPoses, drives: bool
-    ) -> Iterator[Placement]:
+    def _postures(self, scene: Scene, world: CollisionWorld, poses: HandPoses, drives: bool) -> Iterator[Placement]:
         """The first of these poses for which a posture exists that the hand can come to and leave."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
@@ -173,13 +173,19 @@ class PlacementSearch:
         return gripper_opening(scene.robot, body.half_width)
 
     def _grid(self) -> PostureGrid:
-        return PostureGrid.near_home(self.chain) if self.near_home else PostureGrid.over(self.chain, self.torsos, self.rolls)
+        return (
+            PostureGrid.near_home(self.chain)
+            if self.near_home
+            else PostureGrid.over(self.chain, self.torsos, self.rolls)
+        )
 
 
 def _can_reach(scene: Scene, base: Array, hands: Array) -> NDArray[np.bool_]:
     """Hands (k, 4) not plainly out of reach: a cheap test before the arm is looked at."""
     links = scene.robot.chain
-    reach = sum(float(np.linalg.norm(link.offset)) for link in links[2:]) + float(np.linalg.norm(scene.robot.tcp_offset))
+    reach = sum(float(np.linalg.norm(link.offset)) for link in links[2:]) + float(
+        np.linalg.norm(scene.robot.tcp_offset)
+    )
     away = hands[:, :2] - base[:2]
     bearing = np.arctan2(away[:, 1], away[:, 0])
     turn = np.abs((hands[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)

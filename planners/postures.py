@@ -68,7 +68,8 @@ class PostureGrid(NamedTuple):
     def over(cls, chain: ArmChain, torsos: int, rolls: int) -> PostureGrid:
         """Evenly spaced torso heights, off the limits, and upper-arm rolls."""
         heights = np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1]
-        return cls(heights, -np.pi + (np.arange(rolls) + 0.5) * (2 * np.pi / rolls))
+        angles = -np.pi + (np.arange(rolls) + 0.5) * (2 * np.pi / rolls)
+        return cls(np.asarray(heights, np.float64), np.asarray(angles, np.float64))
 
     @classmethod
     def near_home(cls, chain: ArmChain, torsos: int = 10, rolls: int = 36) -> PostureGrid:

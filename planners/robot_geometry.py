@@ -13,7 +13,7 @@ from assets.robots import RobotSpec
 from irm.kinematics import ArmChain
 from planners.geometry import BOX, CYLINDER
 
-__all__ = ["BASE", "RobotArrays", "GeometryError", "collision_geoms", "link_of_body", "robot_arrays"]
+__all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
 
 BASE = -1
 """Link of what is fixed to the base; 0 is the torso, 1 … n - 1 the arm."""

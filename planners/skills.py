@@ -145,5 +145,3 @@ def _is_from(yaw: float, direction: int | None) -> bool:
     step = 2 * np.pi / DIRECTIONS
     away = (yaw - direction * step + np.pi) % (2 * np.pi) - np.pi
     return bool(abs(away) <= step / 2 + _EDGE)
-
-

@@ -144,7 +144,7 @@ class Planner:
 
 
 def _is_proved(outcome: Infeasible, binder: Binder) -> bool:
-    """Whether another attempt could not do better: the grasps themselves, none of them banned, say that there is no way."""
+    """Whether another attempt could do no better: the grasps, none of them banned, say that there is no way."""
     by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
     return by_grasps and not outcome.clearances and not binder.has_banned and binder.follower is None
 

@@ -20,7 +20,16 @@ from planners.references import grasp_references
 from planners.scene import Scene
 from planners.solution import BoundAction, Cause, Infeasible, ReplanRecord, Solution, SolveStats
 from planners.strategies import Strategy
-from planners.symbolic import ROBOT_INIT_LOC, GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem, format_atom
+from planners.symbolic import (
+    ROBOT_INIT_LOC,
+    GroundAction,
+    NoPlan,
+    SymbolicState,
+    TaskPlan,
+    TaskPlanner,
+    TaskProblem,
+    format_atom,
+)
 from planners.transitions import (
     GraspObstructed,
     LocationRefuted,
@@ -56,7 +65,7 @@ class PlanState:
 
 @dataclass(frozen=True)
 class Refutation:
-    """An action that motion planning refuted: what is in its way; nothing, if its references must mean something else."""
+    """An action that motion planning refuted, and what is in its way; nothing if it must be bound anew."""
 
     action: GroundAction
     blockers: frozenset[str] = frozenset()
@@ -102,7 +111,11 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                 before, state = state, update_initial_state_from_error(search, state, motion)
                 record(search, skeleton, index, motion, before, state)
                 break
-    return state if isinstance(state, Infeasible) else Solution(tuple(search.plan), tuple(search.clearances), stats(search))
+    return (
+        state
+        if isinstance(state, Infeasible)
+        else Solution(tuple(search.plan), tuple(search.clearances), stats(search))
+    )
 
 
 def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
@@ -178,7 +191,14 @@ def update_initial_state_from_error(
             return _commit(search, _standing_anywhere(state.symbols), state.scene)
 
 
-def record(search: Search, skeleton: TaskPlan, verified: int, error: Refutation | Infeasible, before: PlanState, after: PlanState | Infeasible) -> None:
+def record(
+    search: Search,
+    skeleton: TaskPlan,
+    verified: int,
+    error: Refutation | Infeasible,
+    before: PlanState,
+    after: PlanState | Infeasible,
+) -> None:
     """Keep what this turn of the loop tried and learnt, as in Fig. 11."""
     new = after.symbols.facts - before.symbols.facts if isinstance(after, PlanState) else frozenset()
     refuted = str(error.action) if isinstance(error, Refutation) else error.detail
@@ -204,7 +224,7 @@ def stats(search: Search) -> SolveStats:
 
 
 def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Decide what the grasp references stand for; a strategy that plans ahead tells the task planner what that means."""
+    """Decide what the grasp references stand for; who plans ahead tells the task planner what that means."""
     before = time.process_time()
 
     def arrange(commitments: Commitments) -> Commitments:
@@ -217,9 +237,7 @@ def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState |
     return PlanState(_with_obstructions(search, symbols, scene, found.commitments), scene, found)
 
 
-def _with_obstructions(
-    search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments
-) -> SymbolicState:
+def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
     """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
     blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
     for name in scene.names:
@@ -266,7 +284,7 @@ def _motion(search: Search, state: PlanState, action: GroundAction) -> Bound | R
         case GroundAction("MoveBase", (_, pose, _)) if pose.startswith(_GRASP_POSE):
             return _drive_to_grasp(search, state, action, pose.removeprefix(_GRASP_POSE))
         case GroundAction("MoveBase", (_, pose, _)):
-            return _drive_to_put_down(search, state, action, pose.removeprefix(_PUT_DOWN_POSE))
+            return _drive_to_put_down(search, state, pose.removeprefix(_PUT_DOWN_POSE))
         case GroundAction("PickUp", (name, *_)):
             return _pick_up(search, state, action, name)
         case _:
@@ -284,9 +302,7 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
     return Refutation(action)
 
 
-def _drive_to_put_down(
-    search: Search, state: PlanState, action: GroundAction, location: str
-) -> Bound | Infeasible:
+def _drive_to_put_down(search: Search, state: PlanState, location: str) -> Bound | Infeasible:
     """Drive to where the first placement that can be reached and carried out is served from."""
     assert state.scene.held is not None
     name = state.scene.held.name

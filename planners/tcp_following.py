@@ -1,7 +1,8 @@
-"""Trajectories for robots that are told TCP poses: what the joints will do on the way, and whether that hits anything."""
+"""Trajectories for robots that are told TCP poses: what the joints will do on the way, and what that hits."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -62,7 +63,7 @@ class Followed:
         """Runs of samples with the same thing, or nothing, in hand."""
         changes = [i for i in range(1, len(self.held)) if self.held[i] is not self.held[i - 1]]
         bounds = [0, *changes, len(self.held)]
-        return [slice(start, end) for start, end in zip(bounds, bounds[1:], strict=False) if end > start]
+        return [slice(start, end) for start, end in itertools.pairwise(bounds) if end > start]
 
 
 class _Sample(NamedTuple):

@@ -8,8 +8,6 @@ controller sees samples: what counts are their first and second differences, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -67,8 +65,9 @@ def time_parametrise(
             break
         stretch = min(max(np.sqrt(excess), 1.01), 1.5)
         clock, speed = clock * stretch, speed / stretch
-    times = CONTROL_STEP * np.arange(len(samples))
-    return Trajectory(times, samples[:, :3], samples[:, 3:], np.full(len(samples), finger_position), (phase,))
+    times = np.asarray(CONTROL_STEP * np.arange(len(samples)), np.float64)
+    fingers = np.full(len(samples), finger_position)
+    return Trajectory(times, samples[:, :3], samples[:, 3:], fingers, (phase,))
 
 
 def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState) -> Trajectory:
@@ -79,7 +78,7 @@ def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState) -> Tra
 
 
 def pick_trajectory(robot: RobotSpec, motion: PickMotion, state: RobotState) -> Trajectory:
-    """Phases "ready" (fingers), "transit", "approach", "close", "lift", "retreat"; the object counts as held from the lift."""
+    """Phases "ready" (fingers), "transit", "approach", "close", "lift", "retreat"; held from the lift on."""
     transit, approach, lift, retreat = motion.paths
     open_at = robot.finger_position(transit.opening)
     here = transit.drive_vectors[0]
@@ -105,9 +104,7 @@ def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -
         [
             _along(robot, transit, state.finger_position, "transit"),
             _along(robot, lower, state.finger_position, "lower"),
-            _fingers(
-                robot, place, state.finger_position, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME
-            ),
+            _fingers(robot, place, state.finger_position, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME),
             _along(robot, rise, open_at, "rise"),
             _along(robot, retreat, open_at, "retreat"),
         ]
@@ -124,7 +121,7 @@ def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> T
     """Stand for a while, in whole control steps."""
     count = 1 + int(np.ceil(duration / CONTROL_STEP - 1e-9))
     rows = np.tile(x, (count, 1))
-    times = CONTROL_STEP * np.arange(count)
+    times = np.asarray(CONTROL_STEP * np.arange(count), np.float64)
     return Trajectory(times, rows[:, :3], rows[:, 3:], np.full(count, finger_position), (phase,))
 
 
@@ -135,7 +132,8 @@ def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase,
     rests = int(np.ceil(settle / CONTROL_STEP - 1e-9))
     fingers = np.concatenate([np.linspace(start, end, moves + 1), np.full(rests, end)])
     rows = np.tile(x, (len(fingers), 1))
-    return Trajectory(CONTROL_STEP * np.arange(len(fingers)), rows[:, :3], rows[:, 3:], fingers, (phase,))
+    times = np.asarray(CONTROL_STEP * np.arange(len(fingers)), np.float64)
+    return Trajectory(times, rows[:, :3], rows[:, 3:], fingers, (phase,))
 
 
 def _without_repeats(path: Array) -> Array:

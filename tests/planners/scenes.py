@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from assets.robots import FETCH
@@ -42,5 +41,3 @@ def random_scene(count: int, seed: int) -> Scene:
         if all(apart):
             objects.append(cylinder(f"object_{len(objects):02d}", x, y, radius, height))
     return table_scene(*objects)
-
-

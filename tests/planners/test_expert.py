@@ -41,9 +41,14 @@ def run(seed: int, objects: int, mode: str = "joint", fault: Fault | None = None
 def test_an_episode_ends_in_success(mode: str) -> None:
     report, success, _ = run(seed=11, objects=5, mode=mode)
     assert success
-    assert report.planned and report.executed and report.scored and report.failure == ""
-    assert report.sim_s > 1.0 and report.planning_s > 0.0
-    assert report.floor is not None and len(report.clearances) >= report.floor
+    assert report.planned
+    assert report.executed
+    assert report.scored
+    assert report.failure == ""
+    assert report.sim_s > 1.0
+    assert report.planning_s > 0.0
+    assert report.floor is not None
+    assert len(report.clearances) >= report.floor
 
 
 def move(env: gymnasium.Env, name: str, shift: tuple[float, float, float], tilt: float = 0.0) -> None:
@@ -108,8 +113,10 @@ FAULTS = {"push": push_the_target, "knock": knock_out_of_the_hand, "topple": top
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_noticed_and_recovered_from(fault: str) -> None:
     report, success, happened = run(seed=11, objects=5, fault=FAULTS[fault])
-    assert happened and success
-    assert report.replans >= 1 and report.surprises
+    assert happened
+    assert success
+    assert report.replans >= 1
+    assert report.surprises
 
 
 @pytest.mark.slow

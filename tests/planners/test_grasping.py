@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.planners.scenes import cylinder, random_scene, table_scene
 
 from assets.robots import FETCH
 from irm.kinematics import ArmChain
@@ -18,6 +17,7 @@ from planners.scene import FURNITURE_BIT, SELF_BIT, RobotState, Scene
 from planners.solution import Cause
 from planners.solve import map_placer
 from planners.strategies import STRATEGIES, UnknownStrategy, strategy
+from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << FURNITURE_BIT | 1 << SELF_BIT
 CHAIN = ArmChain.from_robot(FETCH)
@@ -87,7 +87,9 @@ def assert_can_be_carried_out(scene: Scene, commitments: Commitments) -> None:
 def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
     source, search = catalogue(scene), PlacementSearch(map_placer(scene), CHAIN)
     target = next(
-        name for name in scene.names if isinstance(c := next(smallest_commitments(source, scene, name)), Commitments) and c.order
+        name
+        for name in scene.names
+        if isinstance(c := next(smallest_commitments(source, scene, name)), Commitments) and c.order
     )
     commitments = next(smallest_commitments(source, scene, target))
     assert isinstance(commitments, Commitments)

@@ -126,11 +126,11 @@ def test_placement_grid_has_the_papers_25_points_within_the_margin() -> None:
 def test_levels_get_finer_stay_within_the_margin_and_depend_on_the_seed_alone() -> None:
     levels = list(placement_levels(TABLE, np.random.default_rng(0)))
     again = list(placement_levels(TABLE, np.random.default_rng(0)))
-    assert [len(level) for level in levels] == [25, 81, 289]
+    assert [len(level) for level in levels] == [25, 81, 289, 1089]
     np.testing.assert_array_equal(levels[0], placement_grid(TABLE))
     for level, twin in zip(levels, again, strict=True):
         np.testing.assert_array_equal(level, twin)
-        assert (np.abs(level) <= (0.29 + 1e-12, 0.44 + 1e-12)).all()
+        assert (np.abs(level) <= (0.305 + 1e-12, 0.455 + 1e-12)).all()
 
 
 def test_a_table_smaller_than_its_margins_offers_its_centre() -> None:

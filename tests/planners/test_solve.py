@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 from assets.robots import FETCH
 from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solve
@@ -12,6 +11,7 @@ from planners.referee import Referee
 from planners.scene import RobotState, SceneError, UnknownObject
 from planners.solution import Cause
 from planners.strategies import STRATEGIES, UnknownStrategy
+from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 PLANNER = Planner(FETCH)
 
@@ -36,9 +36,12 @@ def test_a_plan_takes_and_puts_in_turn_and_ends_with_the_target(strategy: str, p
     found = PLANNER.solve(scene, target, strategy, np.random.default_rng(0))
     assert isinstance(found, Solution), found
     hands = [action for action in found.actions if action.name != "MoveBase"]
-    assert hands[-1].name == "PickUp" and hands[-1].target == target
+    assert hands[-1].name == "PickUp"
+    assert hands[-1].target == target
     for taken, put in zip(hands[:-1:2], hands[1:-1:2], strict=True):
-        assert taken.name == "PickUp" and put.name == "PutDownForClearance" and taken.target == put.target
+        assert taken.name == "PickUp"
+        assert put.name == "PutDownForClearance"
+        assert taken.target == put.target
     assert found.clearances == tuple(put.target for put in hands[1:-1:2])
 
 
@@ -58,7 +61,8 @@ def test_lookahead_meets_the_floor_and_clears_nothing_twice(problem: tuple[Scene
     floor = clearance_floor(scene, target)
     found = PLANNER.solve(scene, target, rng=np.random.default_rng(0))
     assert isinstance(found, Solution)
-    assert floor.proved and floor.count is not None
+    assert floor.proved
+    assert floor.count is not None
     assert floor.count <= len(found.clearances) <= floor.count + 1
     assert found.duplicated == ()
 
@@ -76,7 +80,8 @@ def test_mujoco_finds_no_deep_penetration_at_a_finer_step(problem: tuple[Scene, 
 def test_the_same_generator_gives_the_same_plan(problem: tuple[Scene, str]) -> None:
     scene, target = problem
     one, other = (PLANNER.solve(scene, target, rng=np.random.default_rng(7)) for _ in range(2))
-    assert isinstance(one, Solution) and isinstance(other, Solution)
+    assert isinstance(one, Solution)
+    assert isinstance(other, Solution)
     assert [str(action) for action in one.actions] == [str(action) for action in other.actions]
     for mine, yours in zip(one.actions, other.actions, strict=True):
         assert np.array_equal(mine.trajectory.q, yours.trajectory.q)
@@ -98,7 +103,8 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     assert isinstance(found, Solution), found
     assert [action.name for action in found.actions if action.name != "MoveBase"] == ["PutDownForClearance", "PickUp"]
     nothing_to_do = PLANNER.solve(in_hand, "object_00")
-    assert isinstance(nothing_to_do, Solution) and nothing_to_do.actions == ()
+    assert isinstance(nothing_to_do, Solution)
+    assert nothing_to_do.actions == ()
 
 
 def test_unknown_object_and_strategy_are_named() -> None:
