@@ -53,7 +53,7 @@ def demonstrate(job: Job, seed: int) -> Outcome:
     except Exception as problem:
         if isinstance(problem, OSError) and problem.errno in _NO_SPACE:
             raise
-        return Outcome(seed, reason=f"crashed: {traceback.format_exc(limit=-3)}")
+        return Outcome(seed, reason=f"crashed: {type(problem).__name__}: {problem}\n{traceback.format_exc()}")
     if not episode.succeeded:
         why = episode.report.get("failure") or "the episode ended without success"
         return Outcome(seed, reason=f"no success: {why}", steps=len(episode))

@@ -19,10 +19,11 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
+from clutter_env.observation import OBJECT_FIELDS
 from learning.dataset import write_json
 from learning.episode import Episode
 from learning.errors import LearningError
-from learning.features import NEAR_SCALE
+from learning.features import NEAR_SCALES, OBJECTS_FROM, TCP
 from learning.skill_policy import MaskableSkillPolicy, SkillPolicy
 
 __all__ = [
@@ -79,7 +80,9 @@ class GoalFeatures(BaseFeaturesExtractor):
     """`features.feature_vector` of a goal observation, for batches on torch."""
 
     def __init__(self, space: gym.spaces.Dict) -> None:
-        super().__init__(space, int(np.prod(space["observation"].shape)) + 6)  # type: ignore[arg-type]
+        size = int(np.prod(space["observation"].shape))  # type: ignore[arg-type]
+        ways = 1 + (size > OBJECTS_FROM)
+        super().__init__(space, size + ways * 3 * (1 + len(NEAR_SCALES)))
 
     def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """(k, f)."""
@@ -88,8 +91,16 @@ class GoalFeatures(BaseFeaturesExtractor):
         sine, cosine = vector[:, 2], vector[:, 3]
         ahead = cosine * way[:, 0] + sine * way[:, 1]
         left = cosine * way[:, 1] - sine * way[:, 0]
-        local = torch.stack((ahead, left, way[:, 2]), dim=1)
-        return torch.cat((vector, 2 * local, torch.tanh(NEAR_SCALE * local)), dim=1)
+        parts = [vector, *_near_and_far(torch.stack((ahead, left, way[:, 2]), dim=1))]
+        if vector.shape[1] > OBJECTS_FROM:
+            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, len(OBJECT_FIELDS))
+            target = (rows[:, :, 2:5] * rows[:, :, 1:2]).sum(1)
+            parts += _near_and_far(target - vector[:, TCP])
+        return torch.cat(parts, dim=1)
+
+
+def _near_and_far(way: torch.Tensor) -> list[torch.Tensor]:
+    return [2 * way, *(torch.tanh(scale * way) for scale in NEAR_SCALES)]
 
 
 def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> BaseAlgorithm:

@@ -31,8 +31,8 @@ FINGER_ROOM = 0.012
 """[m] between the object and each opened finger."""
 CARRY_LIFT = 0.01
 """[m] by which an object is carried higher than its goal: it must not scrape along the table."""
-APPROACH = 0.3
-"""Share of the remaining way that one step asks for: joints of limited acceleration would overshoot with more."""
+GAIN, TURN_GAIN = 1.6, 1.0
+"""[1/s] of the hand's velocity over its distance and angle from where it should be: with more it overshoots."""
 STANDOFF = 0.75
 """[m] ahead of the base where the hand reaches well."""
 
@@ -44,8 +44,7 @@ def reach(env: GoalEnv) -> Script:
         goal = _goal(env)
         x, y, yaw = env.world.controller.state.target[:3]
         ahead = math.cos(yaw) * (goal[0] - x) + math.sin(yaw) * (goal[1] - y) - STANDOFF
-        base = np.array([x + math.cos(yaw) * ahead, y + math.sin(yaw) * ahead, yaw])
-        return "reach", _hand_action(env, goal, env.robot.max_opening, base)
+        return "reach", _hand_action(env, goal, env.robot.max_opening, ahead)
 
     return script
 
@@ -93,12 +92,30 @@ def _is_aligned(env: GoalEnv, tcp: Array, grasp: Array) -> bool:
     return abs(float(ahead)) < ALIGNED[0] and abs(float(across)) < ALIGNED[1]
 
 
-def _hand_action(env: GoalEnv, point: Array, width: float, base: Array | None = None) -> NDArray[Any]:
-    """The action that moves the hand, level and along the base's heading, towards a point (3,); the base may stay."""
-    now = env.world.controller.state.target[:3]
-    cosine, sine = math.cos(now[2]), math.sin(now[2])
-    tcp = _tcp(env)
-    pose = np.eye(4)
-    pose[:2, :2] = [[cosine, -sine], [sine, cosine]]
-    pose[:3, 3] = tcp + APPROACH * (point - tcp)
-    return env.ee_action(now if base is None else base, pose, width)
+def _hand_action(env: GoalEnv, point: Array, width: float, ahead: float = 0.0) -> NDArray[Any]:
+    """The action that moves the hand, level and along the base's heading, towards a point (3,).
+
+    Velocities in proportion to what is seen to be left, so that the same state always gives the same action.
+
+    Args:
+        env: where.
+        point: [m] in the world.
+        width: of the gripper [m].
+        ahead: [m] by which the base should drive forward.
+    """
+    yaw = float(env.world.controller.state.target[2])
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    R_base_world = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    R_base_tcp = R_base_world @ env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
+    linear = GAIN * (R_base_world @ (point - _tcp(env))) / env.robot.max_tcp_velocity[0]
+    angular = TURN_GAIN * _level_error(R_base_tcp) / env.robot.max_tcp_velocity[1]
+    linear /= max(1.0, float(np.abs(linear).max()))
+    drive = GAIN * ahead / env.robot.max_velocity[0]
+    grip = env.world.controller.grip_action(width)
+    return np.clip(np.concatenate(((drive, 0.0, 0.0), linear, angular, (grip,))), -1.0, 1.0)
+
+
+def _level_error(R_base_tcp: Array) -> Array:
+    """Rotation vector (3,) that turns the hand level and straight ahead, for small angles."""
+    x_axis, z_axis = R_base_tcp[:, 0], R_base_tcp[:, 2]
+    return 0.5 * (np.cross(x_axis, (1.0, 0.0, 0.0)) + np.cross(z_axis, (0.0, 0.0, 1.0)))

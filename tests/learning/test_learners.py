@@ -113,8 +113,9 @@ def test_features_do_not_depend_on_the_order_of_the_objects() -> None:
     assert np.array_equal(feature_vector(observation), feature_vector(other))
 
 
-def test_torch_features_are_the_numpy_ones() -> None:
-    env = REACH.make()
+@pytest.mark.parametrize("task", [REACH, PICK])
+def test_torch_features_are_the_numpy_ones(task: Task) -> None:
+    env = task.make()
     observation, _ = env.reset(seed=1)
     batch = {name: torch.from_numpy(np.asarray(value))[None] for name, value in observation.items()}
     ours = GoalFeatures(env.observation_space)(batch)[0].numpy()

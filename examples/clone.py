@@ -1,0 +1,20 @@
+"""Clone a scripted expert: twenty demonstrations of Pick, one network, one minute."""
+
+import torch
+
+from learning.bc import CloneConfig, clone, examples_of
+from learning.episode import record
+from learning.evaluation import held_out_seeds, success_rate
+from learning.experts import make_expert
+from learning.task import Task
+
+torch.set_num_threads(1)
+task = Task("clutter_env/Pick-v0")
+env = task.make()
+episodes = [record(task, env, make_expert(env), seed) for seed in range(20)]
+print(f"{sum(episode.succeeded for episode in episodes)} of {len(episodes)} demonstrations succeed")
+
+examples = examples_of(episode for episode in episodes if episode.succeeded)
+policy = clone(examples, CloneConfig(steps=3000), report=lambda step, loss: print(f"step {step}: loss {loss:.4f}"))
+print("success of the clone:", success_rate(env, policy.act, held_out_seeds(20)))
+env.close()

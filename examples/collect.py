@@ -1,0 +1,19 @@
+"""Record five demonstrations that replay bit for bit, and read them back."""
+
+from pathlib import Path
+
+from learning.collect import collect, demonstrate
+from learning.dataset import Dataset, Job
+from learning.task import Task
+from learning.workers import LocalWorkers
+
+if __name__ == "__main__":
+    job = Job(Task("clutter_env/Retrieve-o5-v0"), expert="lookahead", episodes=5)
+    dataset = Dataset.open_for(job, Path("outputs/example_demos"))
+    workers = LocalWorkers(demonstrate, job, count=2)
+    collect(job, dataset, workers, report=lambda outcome: print("seed", outcome.seed, outcome.reason or "kept"))
+    workers.close()
+
+    for episode in dataset:
+        print(f"seed {episode.seed}: {len(episode)} steps, first skill {episode.skills[0]!r}")
+        print(episode.plan)

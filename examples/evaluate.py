@@ -1,0 +1,16 @@
+"""Compare two contenders on the same held-out scenes, with bootstrap intervals."""
+
+from learning.baselines import greedy_agent, random_agent
+from learning.evaluation import held_out_seeds, play
+from learning.tables import markdown, summarise
+from learning.task import Task
+
+SCENES = 5
+env = Task("clutter_env/Skill-o10-v0").make()
+contenders = {"random": random_agent(env, seed=0), "greedy": greedy_agent(env)}
+rows = [
+    summarise("o10", name, [[play(env, act, seed) for seed in held_out_seeds(SCENES)]], floors={}, seed=0)
+    for name, act in contenders.items()
+]
+print(markdown(rows))
+env.close()
