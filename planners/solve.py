@@ -24,7 +24,8 @@ from planners.scene import Scene
 from planners.solution import Cause, Infeasible, Solution
 from planners.strategies import strategy as find_strategy
 from planners.symbolic import TaskPlanner
-from planners.tamp import Search, TampLimits, task_and_motion_plan
+from planners.tamp import task_and_motion_plan
+from planners.tamp_state import Search, TampLimits
 from planners.tcp_following import TcpFollower
 from planners.validation import validate
 

@@ -1,35 +1,30 @@
 """Algorithm 1 of Lee & Kim 2019: a task plan with references, bound or refuted action by action, then replanned.
 
-`task_and_motion_plan` is the algorithm; the names of its steps are the paper's. Beside it stands `Search`, which holds
-what the algorithm was given and what it has found so far.
+`task_and_motion_plan` is the algorithm; the names of its steps are the paper's. What they pass on is in `tamp_state`.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
 
-from planners.arm_motion import Obstruction
-from planners.binding import Binder, Bound
+from planners.action_motion import motion_behind
+from planners.binding import Bound
 from planners.commitments import Commitments, NoCommitment
-from planners.lookahead import Foresight, keep_clear
-from planners.placements import Placement
 from planners.references import grasp_references
 from planners.scene import Scene
-from planners.solution import BoundAction, Cause, Infeasible, ReplanRecord, Solution, SolveStats
-from planners.strategies import Strategy
+from planners.solution import BoundAction, Cause, Infeasible, ReplanRecord, Solution
 from planners.symbolic import (
     ROBOT_INIT_LOC,
     GroundAction,
     NoPlan,
     SymbolicState,
     TaskPlan,
-    TaskPlanner,
     TaskProblem,
     format_atom,
 )
+from planners.tamp_state import PlanState, Refutation, Search, infeasible, stats
 from planners.transitions import (
     GraspObstructed,
     LocationRefuted,
@@ -38,56 +33,7 @@ from planners.transitions import (
     update_from_error,
 )
 
-__all__ = ["PlanState", "Search", "TampLimits", "task_and_motion_plan"]
-
-_GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
-
-
-@dataclass(frozen=True)
-class TampLimits:
-    """When to give up: seconds (None: no limit), put-downs in one plan, task plans in one plan, seconds for each."""
-
-    seconds: float | None = None
-    clearances: int = 60
-    task_plans: int = 200
-    task_planning_s: float = 10.0
-
-
-@dataclass(frozen=True)
-class PlanState:
-    """What Algorithm 1 calls s0: the facts, the scene they are about, and what the references stand for."""
-
-    symbols: SymbolicState
-    scene: Scene
-    foresight: Foresight
-    places: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
-
-
-@dataclass(frozen=True)
-class Refutation:
-    """An action that motion planning refuted, and what is in its way; nothing if it must be bound anew."""
-
-    action: GroundAction
-    blockers: frozenset[str] = frozenset()
-
-
-@dataclass
-class Search:
-    """One run of Algorithm 1: what it was given, the plan F so far, and its counts."""
-
-    target: str
-    strategy: Strategy
-    task_planner: TaskPlanner
-    binder: Binder
-    limits: TampLimits = field(default_factory=TampLimits)
-    plan: list[BoundAction] = field(default_factory=list)
-    clearances: list[str] = field(default_factory=list)
-    history: list[ReplanRecord] = field(default_factory=list)
-    task_plans: int = 0
-    task_planning_s: float = 0.0
-    motion_planning_s: float = 0.0
-    started: float = field(default_factory=time.perf_counter)
-    started_cpu: float = field(default_factory=time.process_time)
+__all__ = ["task_and_motion_plan"]
 
 
 def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
@@ -151,7 +97,7 @@ def call_motion_planning(search: Search, state: PlanState, action: GroundAction)
     """A motion behind the action's references, or what refutes it."""
     before = time.process_time()
     try:
-        return _motion(search, state, action)
+        return motion_behind(search, state, action)
     finally:
         search.motion_planning_s += time.process_time() - before
 
@@ -204,23 +150,6 @@ def record(
     refuted = str(error.action) if isinstance(error, Refutation) else error.detail
     plan = tuple(str(action) for action in skeleton.actions)
     search.history.append(ReplanRecord(plan, verified, refuted, tuple(sorted(format_atom(fact) for fact in new))))
-
-
-def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
-    """The end of the search without a plan."""
-    return Infeasible(cause, detail, objects, tuple(search.clearances), stats(search))
-
-
-def stats(search: Search) -> SolveStats:
-    """The counts so far."""
-    return SolveStats(
-        replans=len(search.history),
-        task_plans=search.task_plans,
-        task_planning_s=search.task_planning_s,
-        motion_planning_s=search.motion_planning_s,
-        total_s=time.process_time() - search.started_cpu,
-        history=tuple(search.history),
-    )
 
 
 def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
@@ -276,60 +205,3 @@ def _standing_anywhere(symbols: SymbolicState) -> SymbolicState:
     """The robot where it is, but under no base pose's name: those are about to mean other poses."""
     here = symbols.robot_at
     return symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove={("robotAt", here)})
-
-
-def _motion(search: Search, state: PlanState, action: GroundAction) -> Bound | Refutation | Infeasible:
-    """The motion that one action's references are bound to, or what refutes it."""
-    match action:
-        case GroundAction("MoveBase", (_, pose, _)) if pose.startswith(_GRASP_POSE):
-            return _drive_to_grasp(search, state, action, pose.removeprefix(_GRASP_POSE))
-        case GroundAction("MoveBase", (_, pose, _)):
-            return _drive_to_put_down(search, state, pose.removeprefix(_PUT_DOWN_POSE))
-        case GroundAction("PickUp", (name, *_)):
-            return _pick_up(search, state, action, name)
-        case _:
-            return _put_down(search, state, action)
-
-
-def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name: str) -> Bound | Refutation:
-    grasp = state.foresight.commitments.grasps.get(name)
-    if grasp is None:
-        return Refutation(action)
-    driven = search.binder.drive(state.scene, grasp.base)
-    if isinstance(driven, Bound):
-        return driven
-    search.binder.ban(state.scene, grasp)
-    return Refutation(action)
-
-
-def _drive_to_put_down(search: Search, state: PlanState, location: str) -> Bound | Infeasible:
-    """Drive to where the first placement that can be reached and carried out is served from."""
-    assert state.scene.held is not None
-    name = state.scene.held.name
-    clear_of = keep_clear(search.strategy, state.foresight.commitments, name)
-    planned = state.foresight.places.get(name)
-    for placement in search.binder.placements(state.scene, clear_of, search.strategy, planned):
-        driven = search.binder.drive(state.scene, placement.base)
-        if isinstance(driven, Bound) and isinstance(search.binder.put_down(driven.scene, placement), Bound):
-            return replace(driven, placement=placement, location=location)
-    detail = f"no place on the table for {name} that keeps clear of what remains to be done"
-    return infeasible(search, Cause.NO_CLEARANCE_LOCATION, detail, (name,))
-
-
-def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) -> Bound | Refutation:
-    grasp = state.foresight.commitments.grasps[name]
-    picked = search.binder.pick_up(state.scene, grasp)
-    if isinstance(picked, Bound):
-        return picked
-    if isinstance(picked, Obstruction) and picked.phase == "grasp":
-        return Refutation(action, frozenset(picked.blockers))
-    if isinstance(picked, Obstruction):
-        search.binder.obstruct(state.scene, grasp, picked.blockers)
-    else:
-        search.binder.ban(state.scene, grasp)
-    return Refutation(action)
-
-
-def _put_down(search: Search, state: PlanState, action: GroundAction) -> Bound | Refutation:
-    placed = search.binder.put_down(state.scene, state.places[action.args[-1]])
-    return placed if isinstance(placed, Bound) else Refutation(action)
