@@ -92,8 +92,8 @@ class PictureMaker:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._device)
         self._device.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
-    def colour(self, data: mujoco.MjData, camera: str) -> NDArray[np.uint8]:
-        """(height, width, 3) uint8."""
+    def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8; `camera` is one of the model's, or a view of one's own."""
         width, height = self._size
         picture = np.empty((height, width, 3), np.uint8)
         self._draw(data, camera, picture, None)
@@ -122,20 +122,25 @@ class PictureMaker:
     def _draw(
         self,
         data: mujoco.MjData,
-        camera: str,
+        camera: str | mujoco.MjvCamera,
         picture: NDArray[np.uint8] | None,
         depth: NDArray[np.float32] | None,
     ) -> None:
         assert self._context is not None
         self._context.make_current()
-        view = mujoco.MjvCamera()
-        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        view.fixedcamid = self._model.camera(camera).id
+        view = self._fixed(camera) if isinstance(camera, str) else camera
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._option, None, view, everything, self._scene)
         viewport = mujoco.MjrRect(0, 0, *self._size)
         mujoco.mjr_render(viewport, self._scene, self._device)
         mujoco.mjr_readPixels(picture, depth, viewport, self._device)
+
+    def _fixed(self, camera: str) -> mujoco.MjvCamera:
+        """The view of one of the model's cameras."""
+        view = mujoco.MjvCamera()
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = self._model.camera(camera).id
+        return view
 
     def close(self) -> None:
         """Free what the graphics driver holds; may be called twice."""
