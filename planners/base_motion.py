@@ -54,6 +54,7 @@ def plan_base(
     goal: ArrayLike,
     q: ArrayLike,
     *,
+    opening: float | None = None,
     held: HeldObject | None = None,
     rng: np.random.Generator | None = None,
     config: RRTConfig = DEFAULT_EFFORT,
@@ -65,21 +66,24 @@ def plan_base(
         start: (3,) base pose.
         goal: (3,) base pose; its yaw may be any number of turns away.
         q: (8,) posture during the drive.
+        opening: of the gripper [m]; by default closed around what is in hand, else as wide as it goes.
         held: what is in hand.
         rng: for the random tree; seed 0 if not given.
         config: effort of the random tree.
     """
     here, there, posture = (np.array(v, dtype=float) for v in (start, goal, q))
+    if opening is None:
+        opening = 0.0 if held is not None else world.scene.robot.max_opening
     there[2] = here[2] + math.remainder(there[2] - here[2], 2 * math.pi)
     for waypoints in _simple_ways(here, there):
         path = BasePath(waypoints, posture, held)
-        if not world.path_hits(path.drive_vectors, 0.0, held):
+        if not world.path_hits(path.drive_vectors, opening, held):
             return path
     for name, place in (("start", here), ("goal", there)):
-        touched = world.hits(place, posture, 0.0, held)
+        touched = world.hits(place, posture, opening, held)
         if touched:
             return Unreachable(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
-    found = _way_round(world, here, there, posture, held, rng or np.random.default_rng(0), config)
+    found = _way_round(world, here, there, posture, opening, held, rng or np.random.default_rng(0), config)
     return Unreachable("drive: no way round the furniture") if found is None else BasePath(found, posture, held)
 
 
@@ -106,6 +110,7 @@ def _way_round(
     start: Array,
     goal: Array,
     q: Array,
+    opening: float,
     held: HeldObject | None,
     rng: np.random.Generator,
     config: RRTConfig,
@@ -116,9 +121,9 @@ def _way_round(
     lower[:3] -= (ROAM, ROAM, math.pi)
     upper[:3] += (ROAM, ROAM, math.pi)
     work = make_workspace(world.robot, world.attached(held))
-    arguments = 0.0, world.active(0), world.padding, STEP
+    arguments = opening, world.active(0), world.padding, STEP
     path = connect(world.robot, world.obstacles, work, X[0], X[1:], lower, upper, *arguments, config.iterations, rng)
     if not len(path):
         return None
     path = shorten(world.robot, world.obstacles, work, path, *arguments, config.shortcuts, rng)
-    return None if world.path_hits(path, 0.0, held) else np.asarray(path[:, :3])
+    return None if world.path_hits(path, opening, held) else np.asarray(path[:, :3])

@@ -117,6 +117,11 @@ def _along(robot: RobotSpec, path: ArmPath, finger_position: float, name: str) -
     return time_parametrise(path.drive_vectors, robot, finger_position, phase, held is not None)
 
 
+def _steps(count: int) -> Array:
+    """The first control times [s]."""
+    return np.asarray(CONTROL_STEP * np.arange(count), dtype=float)
+
+
 def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> Trajectory:
     """Stand for a while, in whole control steps."""
     count = 1 + int(np.ceil(duration / CONTROL_STEP - 1e-9))

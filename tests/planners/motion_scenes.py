@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.planners.scenes import HEIGHT, random_scene
 
 from assets.robots import FETCH
 from irm.kinematics import ArmChain, inverse
 from planners.collision import CollisionWorld
 from planners.hand_motion import SIDE_CLEARANCE
 from planners.scene import Body, FurnitureBox, Scene
+from tests.planners.scenes import HEIGHT, random_scene
 
 CHAIN = ArmChain.from_robot(FETCH)
 BOARD = FurnitureBox("shelf_board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0.35, 0.52, 0.01]))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from planners.geometry import BOX, CYLINDER, Solids, are_within, core_distance, height
+from tests.planners.slow_geometry import distance, project
 
 NEAR = 1e-5
 """[m] Closer to the threshold than this, both answers are right."""
@@ -26,30 +26,6 @@ def random_solids(count: int, rng: np.random.Generator) -> Solids:
     radius = np.where(rng.random(count) < 0.5, rng.uniform(0, 0.05, count), 0.0)
     bound = np.linalg.norm(half, axis=1) + radius
     return Solids(core, half, radius, bound, rng.uniform(-0.15, 0.15, (count, 3)), rotation.reshape(-1, 3, 3))
-
-
-def project(solids: Solids, i: int, point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nearest point of a core."""
-    local = solids.rotation[i].T @ (point - solids.position[i])
-    half = solids.half[i]
-    if solids.core[i] == CYLINDER:
-        local[:2] *= min(1.0, half[0] / max(np.hypot(*local[:2]), 1e-12))
-        local[2] = np.clip(local[2], -half[2], half[2])
-    else:
-        local = np.clip(local, -half, half)
-    return np.asarray(solids.position[i] + solids.rotation[i] @ local)
-
-
-def distance(solids: Solids, i: int, j: int) -> float:
-    """Distance between two primitives; radii taken off, so that it may be negative."""
-    a = solids.position[i]
-    for _ in range(4000):
-        b = project(solids, j, a)
-        closer = project(solids, i, b)
-        if np.abs(closer - a).max() < 1e-11:
-            break
-        a = closer
-    return float(np.linalg.norm(a - b) - solids.radius[i] - solids.radius[j])
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
-from tests.planners.motion_scenes import mixed_scene
-from tests.planners.scenes import cylinder, table_scene
 
 from assets.robots import FETCH
 from clutter_env.layout import LAYOUTS, sample_scene
 from clutter_env.model import ModelIndex, compile_model
 from planners.scene import Body, HeldObject, Scene, SceneError, UnknownObject
+from tests.planners.motion_scenes import mixed_scene
+from tests.planners.scenes import cylinder, table_scene
 
 
 def test_masks_and_names_are_inverse() -> None:
@@ -67,16 +70,26 @@ def test_arrays_cannot_be_written() -> None:
         (lambda scene: scene.with_held(HeldObject("cup", np.eye(4))), "known objects"),
         (lambda scene: Scene(FETCH, scene.state, (scene.objects[0],) * 2, scene.furniture), "duplicate"),
         (lambda scene: Scene(FETCH, scene.state, scene.objects, ()).support, "table_top"),
-        (lambda scene: Body("a", "cone", [1, 1, 1], [0, 0, 0], [1, 0, 0, 0]), "known shapes"),  # type: ignore[arg-type]
-        (lambda scene: Body("a", "box", [1, 0, 1], [0, 0, 0], [1, 0, 0, 0]), "positive"),
-        (lambda scene: Body("a", "box", [1, 1, 1], [0, np.nan, 0], [1, 0, 0, 0]), "finite"),
-        (lambda scene: Body("a", "box", [1, 1], [0, 0, 0], [1, 0, 0, 0]), "shape"),
     ],
 )
-def test_nonsense_is_refused_with_the_valid_names(change, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_nonsense_is_refused_with_the_valid_names(change: Callable[[Scene], object], message: str) -> None:
     with pytest.raises(SceneError, match=message):
         change(mixed_scene(2, 0))
     assert issubclass(UnknownObject, SceneError)
+
+
+@pytest.mark.parametrize(
+    ("shape", "half_extents", "position", "message"),
+    [
+        ("cone", [1, 1, 1], [0, 0, 0], "known shapes"),
+        ("box", [1, 0, 1], [0, 0, 0], "positive"),
+        ("box", [1, 1, 1], [0, np.nan, 0], "finite"),
+        ("box", [1, 1], [0, 0, 0], "shape"),
+    ],
+)
+def test_impossible_bodies_are_refused(shape: Any, half_extents: Any, position: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        Body("a", shape, half_extents, position, np.array([1.0, 0, 0, 0]))
 
 
 def test_more_objects_than_bits_are_refused() -> None:
@@ -94,7 +107,10 @@ def test_from_mujoco_reads_what_the_simulation_holds(layout: str) -> None:
     rng = np.random.default_rng(1)
     for i in range(10):
         quaternion = rng.normal(size=4)
-        data.joint(f"object_{i:02d}_joint").qpos[:] = [*rng.uniform(-1, 1, 3), *(quaternion / np.linalg.norm(quaternion))]
+        data.joint(f"object_{i:02d}_joint").qpos[:] = [
+            *rng.uniform(-1, 1, 3),
+            *(quaternion / np.linalg.norm(quaternion)),
+        ]
     data.qpos[index.drive_qpos] = [-1.0, 0.2, 0.3, *FETCH.home]
     data.qpos[index.finger_qpos] = 0.02
     mujoco.mj_forward(model, data)
