@@ -34,15 +34,19 @@ $(VENV)/.dev: $(VENV)/.core
 	$(PIP) install --quiet --constraint constraints.txt --editable ".[dev]"
 	@touch $@
 
-setup: $(VENV)/.visuals $(VENV)/.dev
+$(VENV)/.rl: $(VENV)/.core
+	$(PIP) install --quiet --constraint constraints.txt --editable ".[rl]"
+	@touch $@
+
+setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl
 
 demo: $(VENV)/.visuals
 	$(BIN)/python scripts/run_episode.py --objects $(OBJECTS)
 
-test: $(VENV)/.dev
+test: $(VENV)/.dev $(VENV)/.rl
 	$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
 
-test-slow: $(VENV)/.dev
+test-slow: $(VENV)/.dev $(VENV)/.rl
 	$(BIN)/python -m pytest -q -n $(WORKERS)
 
 check: $(VENV)/.dev
