@@ -6,7 +6,7 @@ as done: the object is put where the plan would put it, and no time passes.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -59,7 +59,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     says), and those of `RetrieveEnv` but for `control_mode`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012  as in gym.Env
 
     def __init__(
         self,

@@ -122,7 +122,7 @@ class RayWorkers(Generic[R]):
 
     def _get(self, reference: Any) -> R | WorkerDied:
         try:
-            return self._ray.get(reference)  # type: ignore[no-any-return]
+            return self._ray.get(reference)
         except self._ray.exceptions.RayTaskError as problem:
             return WorkerDied(str(problem.cause), is_final=True)
         except self._ray.exceptions.RayError as problem:
