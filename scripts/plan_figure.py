@@ -29,7 +29,7 @@ def draw_plan(solution: Solution, scene: Scene, target: str, strategy: Strategy,
     pictures.append((f"{len(choices) + 1}  the way to {target} is free", _last(choices, solution, scene, target)))
     columns = min(_COLUMNS, len(pictures))
     rows = -(-len(pictures) // columns)
-    figure = Figure(figsize=(4.6 * columns, 3.65 * rows + 0.65), layout="constrained")
+    figure = Figure(figsize=(4.6 * columns, 3.4 * rows + 0.5), layout="constrained")
     all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for axes, (title, picture) in zip(all_axes, pictures, strict=False):
         draw_clearance(axes, picture, title)
