@@ -101,9 +101,7 @@ class ClassicalInverseReachabilityMap:
 
 def _inverse_transforms(rm: ReachabilityMap) -> Floats:
     """T_base of equation 4, shape (4, n, 4): row r of transform k is [r, k], so that one product moves them all."""
-    orientations = rm.grid.orientations
-    pitch, roll = np.repeat(orientations.pitch, orientations.count), np.repeat(orientations.roll, orientations.count)
-    R = np.array([rotation(*angles) for angles in zip(orientations.yaw, pitch, roll, strict=True)])
+    R = np.array([rotation(*angles) for angles in rm.grid.orientations.angles])
     _, orientation, _, _ = rm.indices()
     R_transposed = R.transpose(0, 2, 1)[orientation]
     T = np.zeros((4, len(rm), 4))

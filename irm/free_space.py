@@ -135,8 +135,8 @@ class FreeSpace:
         width, depth = raster.cells.shape
         kind = raster.cells.ravel()[np.clip(i, 0, width - 1) * depth + np.clip(j, 0, depth - 1)]
         free: NDArray[np.bool_] = (kind == FREE) & inside
-        for k in np.flatnonzero((kind == MIXED) & inside):
-            free.flat[k] = point_is_free(raster, x.flat[k], y.flat[k])
+        mixed = (kind == MIXED) & inside
+        free[mixed] = _are_outside(raster.vertices, raster.starts, raster.radius, x[mixed], y[mixed])
         return free
 
     @cached_property
@@ -213,6 +213,15 @@ def _is_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: f
         if inside:
             return False
     return True
+
+
+@njit(cache=True)
+def _are_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    """`_is_outside` of many points (n,)."""
+    outside = np.empty(x.shape[0], np.bool_)
+    for k in range(x.shape[0]):
+        outside[k] = _is_outside(vertices, starts, radius, x[k], y[k])
+    return outside
 
 
 @njit(cache=True, inline="always")

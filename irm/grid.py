@@ -83,7 +83,7 @@ def has_free_roll(chain: ArmChain) -> bool:
     return bool(turns_about_approach and chain.upper[-1] - chain.lower[-1] >= 2 * np.pi - _ANGLE_ROUNDING)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Orientations:
     """Sampled hand orientations, grouped by the pair (pitch, roll). Arrays are read-only.
 
@@ -133,6 +133,14 @@ class Orientations:
         """(size,) yaw of every orientation [rad]."""
         return np.concatenate([np.arange(n) * (2 * np.pi / n) for n in self.count])
 
+    @cached_property
+    def angles(self) -> Floats:
+        """(size, 3) yaw, pitch and roll of every orientation [rad]."""
+        pitch, roll = (np.repeat(column, self.count) for column in (self.pitch, self.roll))
+        angles = np.column_stack([self.yaw, pitch, roll])
+        angles.setflags(write=False)
+        return angles
+
     def is_pole(self, group: int) -> bool:
         """Whether the hand points straight up or down, so that yaw and roll are one."""
         return bool(abs(self._groups[group][1]) > pi / 2 - _ANGLE_ROUNDING)
@@ -179,7 +187,7 @@ def _signed(angle: float) -> float:
     return (angle + pi) % (2 * pi) - pi
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MapGrid:
     """Voxels and orientations of one map, and the torso heights that were tried.
 

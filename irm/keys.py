@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.errors import QueryError
-from irm.grid import MapGrid
+from irm.grid import MapGrid, Orientations
 from irm.placement import approach_yaws, is_full_turn
 
 __all__ = ["Key", "Turns", "base_turns", "find_key", "find_keys", "flat_key", "nearby_keys", "outer_turns"]
@@ -62,7 +62,7 @@ def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
     Raises:
         QueryError: an angle is not finite, or the map was built without this height or pitch.
     """
-    group, exact, shift = _find_group(grid, pitch, roll)
+    group, exact, shift = _find_group(grid.orientations, pitch, roll)
     layer = grid.layer(z)
     if not 0 <= layer < grid.layers:
         _require_covered(grid, z)
@@ -79,18 +79,18 @@ def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key,
     for height in (float(z.min()), float(z.max())):
         if not 0 <= grid.layer(height) < grid.layers:
             _require_covered(grid, height)
-    group, exact, shift = _find_group(grid, pitch, roll)
+    group, exact, shift = _find_group(grid.orientations, pitch, roll)
     layers = np.floor((z - grid.bottom) / grid.voxel).astype(np.int64)
     keys = layers * len(grid.orientations.pitch) + group
     keys[(layers < 0) | (layers >= grid.layers)] = -1
     return Key(0, group, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.voxel)
 
 
-def _find_group(grid: MapGrid, pitch: float, roll: float) -> tuple[int, bool, float]:
+@lru_cache(maxsize=1024)
+def _find_group(orientations: Orientations, pitch: float, roll: float) -> tuple[int, bool, float]:
     """Group, whether it is hit exactly, and yaw shift of a pitch and a roll."""
     if not (isfinite(pitch) and isfinite(roll)):
         raise QueryError(f"pitch and roll must be finite numbers [rad], not {pitch} and {roll}")
-    orientations = grid.orientations
     group = orientations.nearest(pitch, roll)
     exact = abs(pitch - float(orientations.pitch[group])) < _EXACT
     if orientations.free_roll:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import ceil, isfinite, pi
 
@@ -69,7 +70,8 @@ class BasePlacement:
     @staticmethod
     def nothing(status: Status) -> BasePlacement:
         """No base at all."""
-        return BasePlacement(status, np.empty((0, 3)), *np.empty((3, 0)), np.empty(0, dtype=bool))
+        none = np.empty(0)
+        return BasePlacement(status, np.empty((0, 3)), none, none, none, np.empty(0, dtype=bool))
 
     @staticmethod
     def of_rows(rows: Floats) -> BasePlacement:
@@ -77,7 +79,7 @@ class BasePlacement:
         rows.setflags(write=False)
         certain = rows[:, 6] > 0.5
         certain.setflags(write=False)
-        status = Status.YES if True in certain else Status.UNKNOWN
+        status = Status.YES if certain.any() else Status.UNKNOWN
         return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain)
 
     @staticmethod
@@ -145,14 +147,14 @@ def as_positions(positions: ArrayLike) -> Floats:
     return points
 
 
-def as_yaw_range(yaw_range: ArrayLike) -> tuple[float, float]:
+def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
     """A pair of finite angles, at most a turn apart [rad].
 
     Raises:
         QueryError: the range is empty, longer than a turn, or not finite.
     """
     try:
-        low, high = (float(bound) for bound in yaw_range)  # type: ignore[union-attr]
+        low, high = (float(bound) for bound in yaw_range)
     except (TypeError, ValueError):
         raise QueryError(f"yaw_range is a pair of numbers [rad], not {yaw_range!r}") from None
     if not (isfinite(low) and isfinite(high)):
@@ -176,11 +178,11 @@ def approach_yaws(yaw_range: tuple[float, float], step: float, samples: int = 1)
     low, high = yaw_range
     if is_full_turn(yaw_range):
         count = samples * ceil(2 * pi / step / samples - _ROUNDING)
-        return low + np.arange(count) * (2 * pi / count)
+        return np.asarray(low + np.arange(count) * (2 * pi / count))
     count = ceil((high - low) / step - _ROUNDING) + 1
     if count == 1:
         return np.array([(low + high) / 2])
-    return low + np.arange(count) * ((high - low) / (count - 1))
+    return np.asarray(low + np.arange(count) * ((high - low) / (count - 1)))
 
 
 def as_count(k: int) -> int:

@@ -54,7 +54,7 @@ def floor_distance(raster: Raster, x: float, y: float) -> float:
 
 @njit(cache=True)
 def _gap(raster: Raster, x: float, y: float) -> float:
-    """`floor_distance`, sharpened for a point on or near furniture: to be free is to be `radius` away from each outline."""
+    """`floor_distance`, sharpened near furniture: to be free is to be `radius` away from each outline."""
     gap = floor_distance(raster, x, y)
     if gap > 0.0:
         vertices, starts = raster.vertices, raster.starts

@@ -137,10 +137,8 @@ class ReachabilityMap:
     @property
     def yaw_pitch_roll(self) -> Floats:
         """(n, 3) hand orientations γ, β, α in the base frame [rad]."""
-        orientations = self.grid.orientations
         _, orientation, _, _ = self.indices()
-        group = np.searchsorted(orientations.start, orientation, side="right") - 1
-        return np.column_stack([orientations.yaw[orientation], orientations.pitch[group], orientations.roll[group]])
+        return np.asarray(self.grid.orientations.angles[orientation])
 
     @property
     def torso(self) -> Floats:

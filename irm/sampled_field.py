@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from irm.grid import MapGrid, MapParameters, Orientations
+from irm.grid import MapGrid, MapParameters
 from irm.kinematics import ArmChain, fk_frames
 from irm.manipulability import condition
 from irm.numerical import approach_pose, random_seeds
@@ -59,7 +59,7 @@ def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Fl
         postures = random_seeds(chain, parameters.samples, 0.0, rng)
         postures, cells = _sorted_by_layer(chain, grid, postures, heights)
         orientations = grid.orientations
-        R = np.array([rotation(*angles) for angles in _angles(orientations)])
+        R = np.array([rotation(*angles) for angles in orientations.angles])
         neighbours = orientation_neighbours(orientations)
         arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
         below = np.zeros((*grid.shape[1:], chain.size), dtype=np.float32)
@@ -79,12 +79,6 @@ def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Fl
             yield layer.mu
 
     return layers
-
-
-def _angles(orientations: Orientations) -> Floats:
-    """(size, 3) yaw, pitch, roll of every orientation [rad]."""
-    pitch, roll = (np.repeat(column, orientations.count) for column in (orientations.pitch, orientations.roll))
-    return np.column_stack([orientations.yaw, pitch, roll])
 
 
 def _sorted_by_layer(chain: ArmChain, grid: MapGrid, postures: Floats, heights: Floats) -> tuple[Floats, Integers]:

@@ -71,10 +71,12 @@ def arrange(rm: ReachabilityMap) -> Tiles:
     x, y = c * hand_x - s * hand_y, s * hand_x + c * hand_y
     key, keys = z * groups + group, grid.layers * groups
     order, tiles = _tiles(key, keys, x, y, rm.manipulability)
-    bases = [values[order].astype(np.float32) for values in (x, y, yaw, rm.manipulability, rm.torso)]
+    columns: tuple[NDArray[Any], ...] = (x, y, yaw, rm.manipulability, rm.torso)
+    bases: list[NDArray[Any]] = [values[order].astype(np.float32) for values in columns]
     voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
-    rings = _rings(voxel[order], key[order], keys, *bases[:2], bases[3])
-    result = Tiles(*bases, rm.flags[order], *tiles, np.searchsorted(key[order], np.arange(keys + 1)), *rings)
+    rings = _rings(voxel[order], key[order], keys, np.hypot(bases[0], bases[1]), bases[3])
+    base_first = np.searchsorted(key[order], np.arange(keys + 1))
+    result = Tiles._make([*bases, rm.flags[order], *tiles, base_first, *rings])
     for array in result:
         array.setflags(write=False)
     return result
@@ -102,13 +104,13 @@ def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple
 
 
 def _rings(
-    voxel: Integers, key: Integers, keys: int, x: Singles, y: Singles, mu: Singles
+    voxel: Integers, key: Integers, keys: int, distance: Singles, mu: Singles
 ) -> tuple[Integers, Singles, Integers, Integers]:
     """`ring_base` to `ring_skip`: of each voxel's bases the best, sorted by key and μ."""
     by_voxel = _sorted_descending(voxel, mu)
     best = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]
     best = best[_sorted_descending(key[best], mu[best])]
-    radius = np.hypot(x[best], y[best])
+    radius = distance[best]
     first = np.searchsorted(key[best], np.arange(keys + 1))
     steps = int(radius.max(initial=0.0) / RING_WIDTH) + 2
     skip = np.repeat(first[1:, None], steps, axis=1)

@@ -1,0 +1,101 @@
+"""Maps small enough for tests, and a second robot: six joints on a lift, without a closed form."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH, ChainLink
+from irm.free_space import FreeSpace
+from irm.inverse import InverseReachabilityMap
+from irm.reachability import ReachabilityMap
+
+LIFT_ARM = dataclasses.replace(
+    FETCH,
+    name="lift_arm",
+    chain=(
+        ChainLink("lift", (0.05, 0.0, 0.4), "z", 0.0, 0.3, prismatic=True),
+        ChainLink("pan", (0.0, 0.0, 0.2), "z", -2.9, 2.9),
+        ChainLink("shoulder", (0.0, 0.0, 0.1), "y", -2.0, 2.0),
+        ChainLink("elbow", (0.42, 0.0, 0.0), "y", -2.6, 2.6),
+        ChainLink("wrist_pitch", (0.39, 0.05, 0.0), "y", -2.2, 2.2),
+        ChainLink("wrist_yaw", (0.09, 0.0, 0.0), "z", -1.8, 1.8),
+        ChainLink("wrist_roll", (0.08, 0.0, 0.0), "x", -2.5, 2.5),
+    ),
+    tcp_offset=(0.12, 0.0, 0.0),
+    home=(0.1, 0.0, -0.9, 1.6, -0.7, 0.0, 0.0),
+    closed_form_ik="",
+)
+
+LIFT_ARM_MJCF = """
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <worldbody>
+    <body name="lift" pos="0.05 0 0.4"><joint name="lift" type="slide" axis="0 0 1"/><geom size="0.05" mass="1"/>
+      <body pos="0 0 0.2"><joint name="pan" axis="0 0 1"/><geom size="0.05" mass="1"/>
+        <body pos="0 0 0.1"><joint name="shoulder" axis="0 1 0"/><geom size="0.05" mass="1"/>
+          <body pos="0.42 0 0"><joint name="elbow" axis="0 1 0"/><geom size="0.05" mass="1"/>
+            <body pos="0.39 0.05 0"><joint name="wrist_pitch" axis="0 1 0"/><geom size="0.05" mass="1"/>
+              <body pos="0.09 0 0"><joint name="wrist_yaw" axis="0 0 1"/><geom size="0.05" mass="1"/>
+                <body pos="0.08 0 0"><joint name="wrist_roll" axis="1 0 0"/><geom size="0.05" mass="1"/>
+                  <site name="tcp" pos="0.12 0 0"/>
+                </body>
+              </body>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="session")
+def lift_arm():
+    return LIFT_ARM
+
+
+@pytest.fixture(scope="session")
+def lift_arm_mjcf():
+    return LIFT_ARM_MJCF
+
+
+@pytest.fixture(scope="session")
+def coarse_map():
+    """Fetch, every pitch and height, coarse."""
+    return ReachabilityMap.build(FETCH, voxel=0.1, orientations=62)
+
+
+@pytest.fixture(scope="session")
+def coarse_inverse(coarse_map):
+    return InverseReachabilityMap(coarse_map)
+
+
+@pytest.fixture(scope="session")
+def level_map():
+    """Fetch with a level gripper above tables, as a planner would want it."""
+    return ReachabilityMap.build(FETCH, orientations=266, pitches=(0.0,), heights=(0.7, 1.2))
+
+
+@pytest.fixture(scope="session")
+def level_inverse(level_map):
+    return InverseReachabilityMap(level_map)
+
+
+@pytest.fixture(scope="session")
+def lift_arm_map():
+    return ReachabilityMap.build(LIFT_ARM, voxel=0.15, orientations=26, samples=100_000)
+
+
+@pytest.fixture(scope="session")
+def table_floor():
+    """Floor around the paper's table, grown by 0.3 m as in its Fig. 2."""
+    return FreeSpace.from_boxes([(0.0, 0.0, 0.8, 1.6)], radius=0.3)
+
+
+@pytest.fixture
+def cups():
+    """(n, 3) hand positions on that table."""
+    rng = np.random.default_rng(7)
+    return np.column_stack([rng.uniform(-0.35, 0.35, 60), rng.uniform(-0.75, 0.75, 60), rng.uniform(0.78, 0.98, 60)])
