@@ -14,7 +14,7 @@ from irm.kinematics import ArmChain, forward
 from planners.collision import STEP, CollisionWorld
 from planners.collision_kernel import make_workspace
 from planners.robot_geometry import RobotArrays
-from planners.rrt_kernel import connect, shorten
+from planners.rrt_kernel import connect, round_corners, shorten
 from planners.scene import FURNITURE_BIT, SELF_BIT, HeldObject, RobotState
 from planners.straight_kernel import track_line
 
@@ -336,6 +336,7 @@ def _search(
         if not len(path):
             return None
         path = shorten(world.robot, world.obstacles, work, path, *arguments, step, config.shortcuts, rng)
+        path = round_corners(world.robot, world.obstacles, work, path, *arguments, step)
         if not world.path_hits(path, opening, held, ignore):
             return np.asarray(path[:, len(base) :])
     return None

@@ -22,13 +22,14 @@ from planners.collision_kernel import (
 )
 from planners.robot_geometry import RobotArrays
 
-__all__ = ["connect", "shorten"]
+__all__ = ["connect", "round_corners", "shorten"]
 
 Array = NDArray[np.float64]
 
 _NONE = np.uint64(0)
 _EXTENSION = 0.5
 """[m] that a tree grows towards a random target at once."""
+_ARC_PIECES = 8
 _LEAST_PROGRESS = 3
 """Steps that a blocked extension must have made to be kept."""
 
@@ -225,3 +226,53 @@ def shorten(
         if edge_hits(robot, obstacles, work, a, b, opening, active, padding, step, True) == _NONE:
             path = _without_repeats(_splice(path, i, a, j, b), work.reach)
     return path
+
+
+@njit(cache=True)
+def _arc(before: Array, corner: Array, after: Array, share: float) -> Array:
+    """A parabola (pieces + 1, d) tangent to both sides of a corner, over that share of each side."""
+    arc = np.empty((_ARC_PIECES + 1, corner.shape[0]))
+    for k in range(_ARC_PIECES + 1):
+        t = k / _ARC_PIECES
+        for joint in range(corner.shape[0]):
+            into, out = (before[joint] - corner[joint]) * share, (after[joint] - corner[joint]) * share
+            arc[k, joint] = corner[joint] + (1.0 - t) * (1.0 - t) * into + t * t * out
+    return arc
+
+
+@njit(cache=True)
+def round_corners(
+    robot: RobotArrays,
+    obstacles: Obstacles,
+    work: Workspace,
+    path: Array,
+    opening: float,
+    active: np.uint64,
+    padding: float,
+    step: float,
+) -> Array:
+    """The path with its corners rounded as far as that is free: it can then be followed without stopping at them."""
+    corners = path.shape[0] - 2
+    if corners < 1:
+        return path
+    rounded = np.empty((2 + corners * (_ARC_PIECES + 1), path.shape[1]))
+    rounded[0] = path[0]
+    count = 1
+    for i in range(1, corners + 1):
+        share, found = 0.5, False
+        while not found and share > 0.05:
+            arc = _arc(path[i - 1], path[i], path[i + 1], share)
+            found = True
+            for k in range(_ARC_PIECES):
+                if edge_hits(robot, obstacles, work, arc[k], arc[k + 1], opening, active, padding, step, True) != _NONE:
+                    found = False
+                    break
+            share *= 0.5
+        if found:
+            rounded[count : count + _ARC_PIECES + 1] = arc
+            count += _ARC_PIECES + 1
+        else:
+            rounded[count] = path[i]
+            count += 1
+    rounded[count] = path[corners + 1]
+    return _without_repeats(rounded[: count + 1], work.reach)

@@ -26,6 +26,8 @@ HEADROOM = 0.97
 """Share of the limits that is used; rounding and the turning base frame take the rest."""
 _CORNER_SHARE = 0.45
 """Share of the acceleration spent on corners; the rest is for speeding up and slowing down."""
+_TINY = 1e-12
+"""A turn by less is none."""
 _GRID = 0.04
 """[s] at full speed between the points at which the speed is computed."""
 _STRETCHES = 30
@@ -164,26 +166,33 @@ def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
     return length, points
 
 
+def _in_units_of(acceleration: Array, vectors: Array) -> Array:
+    """The largest share (k,) of its joint's acceleration that each row (k, 11) takes; base x and y count together."""
+    planar = np.hypot(vectors[:, 0], vectors[:, 1]) / acceleration[:2].min()
+    return np.asarray(np.maximum(planar, (np.abs(vectors[:, 2:]) / acceleration[2:]).max(axis=1)))
+
+
 def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
-    """Speed along the path (m,), in seconds at full speed per second: at most 1, and 0 at the ends."""
+    """Speed along the path (m,), in seconds at full speed per second: at most 1, and 0 at the ends.
+
+    Corners, and the turning of the frame in which a turning base drives, take a part of the acceleration; what they do
+    not take at full speed is left for speeding up and slowing down.
+    """
     steps = np.diff(length)
     direction = np.diff(points, axis=0) / steps[:, None]
-    planar = np.hypot(direction[:, 0], direction[:, 1])
-    demand = np.abs(direction) / acceleration
-    demand[:, :2] = (planar / acceleration[:2].min())[:, None]
-    thrust = (1.0 - _CORNER_SHARE) / demand.max(axis=1)
-    squared = np.ones(len(length))
-    turn = np.abs(np.diff(direction, axis=0)) / acceleration
-    turn[:, :2] = (np.hypot(*np.diff(direction[:, :2], axis=0).T) / acceleration[:2].min())[:, None]
-    sharpest = np.maximum(turn.max(axis=1), 1e-12)
+    turn = np.maximum(_in_units_of(acceleration, np.diff(direction, axis=0)), _TINY)
     mean_step = 0.5 * (steps[:-1] + steps[1:])
-    squared[1:-1] = np.minimum(
-        1.0, np.minimum((_CORNER_SHARE * CONTROL_STEP / sharpest) ** 2, _CORNER_SHARE * mean_step / sharpest)
-    )
-    swing = planar * np.abs(direction[:, 2]) / acceleration[:2].min()
-    limit = np.minimum(1.0, _CORNER_SHARE / np.maximum(swing, 1e-12))
-    squared[:-1], squared[1:] = np.minimum(squared[:-1], limit), np.minimum(squared[1:], limit)
+    at_corners = np.zeros(len(length))
+    at_corners[1:-1] = np.maximum(turn / CONTROL_STEP, turn / mean_step)
+    swing = np.hypot(direction[:, 0], direction[:, 1]) * np.abs(direction[:, 2]) / acceleration[:2].min()
+    squared = np.ones(len(length))
+    squared[1:-1] = np.minimum((_CORNER_SHARE * CONTROL_STEP / turn) ** 2, _CORNER_SHARE * mean_step / turn)
+    slow = _CORNER_SHARE / np.maximum(swing, _TINY)
+    squared = np.minimum(squared, np.minimum(np.append(slow, 1.0), np.append(1.0, slow)))
+    squared = np.minimum(squared, 1.0)
     squared[0] = squared[-1] = 0.0
+    taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
+    thrust = (1.0 - np.minimum(taken, _CORNER_SHARE)) / _in_units_of(acceleration, direction)
     for i in range(len(steps)):
         squared[i + 1] = min(squared[i + 1], squared[i] + 2 * thrust[i] * steps[i])
     for i in range(len(steps) - 1, -1, -1):
