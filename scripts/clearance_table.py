@@ -16,7 +16,7 @@ import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -33,6 +33,8 @@ from trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 
 _PATIENCE = 6
 """A trial is killed after so many times the planner's own time limit, an episode in physics after ten times that."""
+_CHANGES_NOTHING = ("jobs", "retry_crashes", "report_only", "output", "json")
+"""Arguments that a table does not depend on."""
 _RESETS_PER_SCENE = 50
 """Resets looked at for each obstructed scene wanted, before saying that there are too few."""
 
@@ -88,6 +90,18 @@ class Arguments:
         """What all trials of a table have in common."""
         names = ("layout", "physics", "control_mode", "time_limit")
         return {name: getattr(self, name) for name in names}
+
+    @property
+    def command(self) -> str:
+        """The command that makes this table, without what does not change it."""
+        words = ["python", "scripts/clearance_table.py"]
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name not in _CHANGES_NOTHING and value != entry.default:
+                flag = f"--{entry.name.replace('_', '-')}"
+                values = value if isinstance(value, tuple) else () if value is True else (value,)
+                words += [flag, *map(str, values)]
+        return shlex.join(words)
 
 
 def main(arguments: Arguments) -> None:
@@ -229,10 +243,8 @@ def write_page(
     plot(scenes, rows, picture)
     page.parent.mkdir(parents=True, exist_ok=True)
     kind = f'in physics, "{arguments.control_mode}" mode' if arguments.physics else "plans only"
-    shown = [word for word in sys.argv[1:] if word not in ("--report-only", "--retry-crashes")]
-    command = shlex.join(["python", "scripts/clearance_table.py", *shown])
     page.write_text(
-        f"# Clearance table ({kind})\n\n```sh\n{command}\n```\n\n"
+        f"# Clearance table ({kind})\n\n```sh\n{arguments.command}\n```\n\n"
         f"Layout {arguments.layout!r}; each strategy on the same scenes: the environment's own resets from seed "
         f"{arguments.seed} on whose target is obstructed. How to read the columns: "
         "[planners.md](planners.md#reading-the-clearance-table).\n\n"

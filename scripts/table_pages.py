@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from table_statistics import Interval, Row, Scenes, Times
 
@@ -176,7 +177,10 @@ def plot(scenes: Sequence[Scenes], rows: Sequence[Row], path: Path) -> None:
     success.set(title="Share of obstructed scenes solved", ylim=(-0.02, 1.04))
     clearances.set(title="Objects cleared, scenes solved")
     duplicated.set(title="Objects cleared twice or more, scenes solved")
-    seconds.set(title="CPU time of a solve [s]: median, up to the 95th percentile", yscale="log")
+    seconds.set(title="CPU time of a solve [s]: median to 95th percentile", yscale="log")
+    seconds.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    seconds.yaxis.set_major_formatter("{x:g}")
+    seconds.yaxis.set_minor_formatter("")
     ticks = sorted({row.objects for row in rows})
     for axes in (success, clearances, duplicated, seconds):
         axes.set(xlabel="objects on the table", xticks=ticks)
