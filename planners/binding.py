@@ -13,7 +13,7 @@ from planners.arm_motion import ArmPath, Obstruction, Unreachable
 from planners.base_motion import plan_base
 from planners.clearance_floor import FloorLimits
 from planners.collision import CollisionWorld
-from planners.commitments import NoCommitment
+from planners.commitments import LeaveAlone, NoCommitment, OptionSource
 from planners.grasp_options import GraspCatalogue, GraspOption
 from planners.hand_motion import PickMotion, PlaceMotion, can_leave, plan_pick, plan_place
 from planners.lookahead import Arrange, Foresight, commitments_for
@@ -63,11 +63,25 @@ class Binder:
     _world: CollisionWorld | None = None
     _put_down: dict[int, tuple[Placement, Bound | Obstruction | Unreachable]] = field(default_factory=dict)
 
-    def foresee(self, strategy: Strategy, scene: Scene, target: str, arrange: Arrange) -> Foresight | NoCommitment:
-        """The first way to go about it that the strategy can think of, through grasps that the hand can leave again."""
+    def foresee(
+        self, strategy: Strategy, scene: Scene, target: str, arrange: Arrange, cleared: Sequence[str] = ()
+    ) -> Foresight | NoCommitment:
+        """The first way to go about it that the strategy can think of, through grasps that the hand can leave again.
+
+        A strategy with a full Negative Goal Region takes up what was `cleared` before only if nothing else helps.
+        """
+        left_alone = frozenset(cleared) if strategy.region == "ngr" else frozenset()
+        found = self._foresee(strategy, LeaveAlone(self.catalogue, left_alone), scene, target, arrange)
+        if isinstance(found, NoCommitment) and left_alone:
+            return self._foresee(strategy, self.catalogue, scene, target, arrange)
+        return found
+
+    def _foresee(
+        self, strategy: Strategy, source: OptionSource, scene: Scene, target: str, arrange: Arrange
+    ) -> Foresight | NoCommitment:
         while True:
             ways = commitments_for(
-                strategy, self.catalogue, self.placement_search, scene, target, arrange, self.rng, self.floor_limits
+                strategy, source, self.placement_search, scene, target, arrange, self.rng, self.floor_limits
             )
             found = next(ways)
             stuck = [] if isinstance(found, NoCommitment) else self._stuck(scene, found)

@@ -122,11 +122,18 @@ def _compose(
     R: Array, p: Array, frame: int, local: Array, turn: Array, row: int, position: Array, rotation: Array, index: int
 ) -> None:
     """Write to `index` the world pose of what stands at `local[row]`, `turn[row]` in frame `frame` of R, p."""
-    for i in range(3):
-        a, b, c = R[frame, i, 0], R[frame, i, 1], R[frame, i, 2]
-        position[index, i] = p[frame, i] + a * local[row, 0] + b * local[row, 1] + c * local[row, 2]
-        for j in range(3):
-            rotation[index, i, j] = a * turn[row, 0, j] + b * turn[row, 1, j] + c * turn[row, 2, j]
+    ax, ay, az = R[frame, 0, 0], R[frame, 0, 1], R[frame, 0, 2]
+    bx, by, bz = R[frame, 1, 0], R[frame, 1, 1], R[frame, 1, 2]
+    cx, cy, cz = R[frame, 2, 0], R[frame, 2, 1], R[frame, 2, 2]
+    x, y, z = local[row, 0], local[row, 1], local[row, 2]
+    position[index, 0] = p[frame, 0] + ax * x + ay * y + az * z
+    position[index, 1] = p[frame, 1] + bx * x + by * y + bz * z
+    position[index, 2] = p[frame, 2] + cx * x + cy * y + cz * z
+    for j in range(3):
+        x, y, z = turn[row, 0, j], turn[row, 1, j], turn[row, 2, j]
+        rotation[index, 0, j] = ax * x + ay * y + az * z
+        rotation[index, 1, j] = bx * x + by * y + bz * z
+        rotation[index, 2, j] = cx * x + cy * y + cz * z
 
 
 @njit(cache=True)

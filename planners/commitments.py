@@ -20,6 +20,7 @@ from planners.solution import Cause
 
 __all__ = [
     "Commitments",
+    "LeaveAlone",
     "NoCommitment",
     "OptionSource",
     "greedy_commitments",
@@ -38,6 +39,18 @@ class OptionSource(Protocol):
     def options(self, scene: Scene, name: str) -> tuple[GraspOption, ...]:
         """Grasps of that object where it stands, with what blocks each now; best first."""
         ...
+
+
+@dataclass(frozen=True)
+class LeaveAlone:
+    """The same grasps, but none of some objects: they stay where they are."""
+
+    source: OptionSource
+    names: frozenset[str]
+
+    def options(self, scene: Scene, name: str) -> tuple[GraspOption, ...]:
+        """As `OptionSource.options`."""
+        return () if name in self.names else self.source.options(scene, name)
 
 
 @dataclass(frozen=True)

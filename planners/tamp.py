@@ -159,7 +159,7 @@ def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState |
     def arrange(commitments: Commitments) -> Commitments:
         return _in_planned_order(search, _with_obstructions(search, symbols, scene, commitments), commitments)
 
-    found = search.binder.foresee(search.strategy, scene, search.target, arrange)
+    found = search.binder.foresee(search.strategy, scene, search.target, arrange, search.clearances)
     search.motion_planning_s += time.process_time() - before
     if isinstance(found, NoCommitment):
         return infeasible(search, found.cause, _explain(found), found.objects)
