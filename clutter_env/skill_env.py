@@ -52,8 +52,8 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     failed since the objects last changed), then the share of the budget left and the flag of a failed attempt to take.
 
     Episodes end with success, with the target lost, or when the budget is spent. The reward is 1 for success less
-    `SKILL_COST` for every skill. `info` has, besides `is_success`, `target`, `held` and `num_fallen`: `failure` (why the
-    last skill failed, "" if it did not) and `moved` (names of the objects cleared so far, in order).
+    `SKILL_COST` for every skill. `info` has, besides `is_success`, `target`, `held` and `num_fallen`: `failure` (why
+    the last skill failed, "" if it did not) and `moved` (names of the objects cleared so far, in order).
 
     Keyword arguments: `simulation` ("physics" or "twin"), `budget` (skills), `geometric_mask` (what `action_masks`
     says), and those of `RetrieveEnv` but for `control_mode`.

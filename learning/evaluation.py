@@ -60,7 +60,7 @@ def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | No
         observation, _, terminated, truncated, info = env.step(act(observation))
         steps += 1
         is_over = terminated or truncated or steps == max_steps
-        failure = "target lost" if terminated else "time limit"
+        failure = "budget spent" if terminated else "time limit"
     return _score(env, seed, info, before, steps, started, info.get("failure") or failure)
 
 
@@ -97,6 +97,8 @@ def _score(
     arena = _arena(env)
     away[arena.target_slot : arena.target_slot + 1] = False
     is_success = bool(info["is_success"])
+    if arena.target_slot >= 0 and arena.seen.is_off[arena.target_slot]:
+        failure = "target lost"
     return Score(
         seed=seed,
         is_success=is_success,

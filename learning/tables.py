@@ -65,7 +65,7 @@ def summarise(
         steps=bootstrap([[score.steps for score in run] for run in runs], rng),
         sim_s=bootstrap([[score.sim_s for score in run] for run in runs], rng),
         wall_s=bootstrap([[score.wall_s for score in run] for run in runs], rng),
-        failures=Counter(score.failure for run in runs for score in run if not score.is_success),
+        failures=dict(Counter(score.failure for run in runs for score in run if not score.is_success)),
     )
 
 
