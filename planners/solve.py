@@ -113,14 +113,14 @@ class Planner:
         way = find_strategy(strategy)
         rng = rng or np.random.default_rng(0)
         started = time.process_time()
-        outcome: Solution | Infeasible | None = None
+        outcomes: list[Solution | Infeasible] = []
         for binder in self._binders(scene, rng, _ATTEMPTS if way.plans_ahead else 1):
             search = Search(target, way, self._task_planner, binder, TampLimits(seconds=time_limit))
-            outcome = task_and_motion_plan(search, scene)
-            if isinstance(outcome, Solution) or outcome.cause is Cause.TIME_LIMIT or _is_proved(outcome, binder):
+            outcomes.append(task_and_motion_plan(search, scene))
+            if _is_final(outcomes[-1], binder):
                 break
-        assert outcome is not None
-        return replace(outcome, stats=replace(outcome.stats, total_s=time.process_time() - started))
+        best = min(outcomes, key=_shortcoming)
+        return replace(best, stats=replace(best.stats, total_s=time.process_time() - started))
 
     def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
         """As the function `clearance_floor`."""
@@ -144,10 +144,23 @@ class Planner:
         return ArmChain.from_robot(self.robot)
 
 
-def _is_proved(outcome: Infeasible, binder: Binder) -> bool:
-    """Whether another attempt could do no better: the grasps, none of them banned, say that there is no way."""
+def _is_final(outcome: Solution | Infeasible, binder: Binder) -> bool:
+    """Whether another attempt could do no better.
+
+    A plan that clears something twice can be bettered; a refusal cannot if the grasps, none of them banned, say so.
+    """
+    if isinstance(outcome, Solution):
+        return not outcome.duplicated
     by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
-    return by_grasps and not outcome.clearances and not binder.has_banned and binder.follower is None
+    is_proved = by_grasps and not outcome.clearances and not binder.has_banned and binder.follower is None
+    return is_proved or outcome.cause is Cause.TIME_LIMIT
+
+
+def _shortcoming(outcome: Solution | Infeasible) -> tuple[bool, int, int]:
+    """Plans before refusals, then few objects cleared twice, then few clearances."""
+    if isinstance(outcome, Infeasible):
+        return True, 0, 0
+    return False, len(outcome.duplicated), len(outcome.clearances)
 
 
 @dataclass(frozen=True)
