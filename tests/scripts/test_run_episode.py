@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -113,3 +114,11 @@ def test_many_episodes_are_counted(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert len((tmp_path / "episodes.jsonl").read_text().splitlines()) == 2
     assert "success" in result.stdout
+
+
+@pytest.mark.slow
+def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    code = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "planners.md").read_text(), re.DOTALL)
+    assert code is not None
+    exec(code[1], {})
+    assert "scored=True" in capsys.readouterr().out
