@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision_kernel import Attached, Obstacles, many_hits, path_hits
+from planners.collision_kernel import Attached, Obstacles
+from planners.edge_kernel import many_hits, path_hits
 from planners.geometry import BOX, CYLINDER, Solids
 from planners.robot_geometry import RobotArrays, robot_arrays
 from planners.scene import FURNITURE_BIT, SELF_BIT, Body, HeldObject, Scene

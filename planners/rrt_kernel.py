@@ -13,13 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.collision_kernel import (
-    Obstacles,
-    Workspace,
-    configuration_hits,
-    edge_hits,
-    edge_samples,
-)
+from planners.collision_kernel import Obstacles, Workspace, configuration_hits
+from planners.edge_kernel import edge_hits, edge_samples
 from planners.robot_geometry import RobotArrays
 
 __all__ = ["connect", "round_corners", "shorten"]

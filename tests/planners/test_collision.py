@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from planners.arm_motion import ArmPath
 from planners.collision import CollisionWorld
-from planners.collision_kernel import edge_samples, make_workspace, place_robot
+from planners.collision_kernel import make_workspace, place_robot
+from planners.edge_kernel import edge_samples
 from planners.referee import Referee
 from planners.scene import FURNITURE_BIT, HeldObject
 from tests.planners.motion_scenes import grasp_postures, mixed_scene
