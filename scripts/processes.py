@@ -99,13 +99,16 @@ def _serve(function: Callable[[Any], Any], pipe: Connection, parent: int) -> Non
     while True:
         try:
             job = pipe.recv()
-        except EOFError:
+        except (EOFError, ConnectionError):
             return
         try:
             result = function(job)
         except Exception:  # a crash of one job is a result to report, with all there is to know about it
             result = Crash(traceback.format_exc())
-        pipe.send(result)
+        try:
+            pipe.send(result)
+        except ConnectionError:
+            return
 
 
 def _end_with(parent: int) -> None:
@@ -119,7 +122,7 @@ def _collect(worker: _Worker[Any], limit_s: float) -> tuple[Any] | None:
     if worker.pipe.poll():
         try:
             return (worker.pipe.recv(),)
-        except (EOFError, ConnectionResetError):
+        except (EOFError, ConnectionError):
             worker.process.join()
             return (Crash(f"the process ended with exit code {worker.process.exitcode}"),)
     if time.monotonic() > worker.deadline:
