@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from irm.errors import QueryError
-from irm.kinematics import ArmChain, inverse
+from irm.kinematics import PRISMATIC, ArmChain, inverse
 from irm.numerical import random_seeds, solve
 from irm.orientation_index import rotation
 from irm.placement import BasePlacement, as_positions
@@ -149,9 +150,9 @@ def _posture_path(
     for T in T_base_tcp:
         found = postures(chain, T, how)
         if layers and len(found):
-            gap = _steps(chain, found[:, None], layers[-1][None], how)
-            near = gap.min(axis=1) <= 1.0
-            found, parent = found[near], gap[near].argmin(axis=1)
+            limits, turning = _step_limits(chain, how)
+            parent = _nearest_parents(found, layers[-1], limits, turning)
+            found, parent = found[parent >= 0], parent[parent >= 0]
         else:
             parent = np.zeros(len(found), dtype=np.int64)
         if is_free is not None:
@@ -164,12 +165,32 @@ def _posture_path(
     return _backwards(chain, layers, parents)
 
 
-def _steps(chain: ArmChain, a: Floats, b: Floats, how: PostureSearch) -> Floats:
-    """Largest joint difference in units of the step allowed; joints that turn freely take the short way round."""
-    apart = np.abs(a - b)
-    turning = (chain.axes < 3) & (chain.upper - chain.lower >= 2 * np.pi)
-    apart[..., turning] = np.minimum(apart[..., turning], 2 * np.pi - apart[..., turning])
-    return np.asarray(np.maximum(apart[..., 0] / how.largest_lift, apart[..., 1:].max(axis=-1) / how.largest_step))
+def _step_limits(chain: ArmChain, how: PostureSearch) -> tuple[Floats, NDArray[np.bool_]]:
+    """(1 + n,) largest step of each joint, and which joints turn freely and so take the short way round."""
+    limits = np.full(chain.size, how.largest_step)
+    limits[0] = how.largest_lift
+    return limits, (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
+
+
+@njit(cache=True)
+def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """For each posture (k, n) the nearest of those before (m, n), measured in steps; -1 if none is within one step."""
+    parents = np.full(found.shape[0], -1)
+    for i in range(found.shape[0]):
+        nearest = 1.0
+        for j in range(before.shape[0]):
+            widest = 0.0
+            for joint in range(limits.shape[0]):
+                apart = abs(found[i, joint] - before[j, joint])
+                if turning[joint]:
+                    apart = min(apart, abs(2.0 * np.pi - apart))
+                widest = max(widest, apart / limits[joint])
+                if widest > nearest:
+                    break
+            if widest <= nearest:
+                nearest = widest
+                parents[i] = j
+    return parents
 
 
 def _backwards(chain: ArmChain, layers: list[Floats], parents: list[NDArray[np.int64]]) -> Floats:
