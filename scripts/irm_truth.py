@@ -135,8 +135,8 @@ def measure_strips(robot: RobotSpec, cases: int, seed: int) -> Strips:
         floor = _strip(rng.uniform(0.05, 0.1), rng.uniform(-np.pi, np.pi), rng.uniform(0.3, 1.1), robot.base_radius)
         hand = (0.0, 0.0, rng.uniform(0.5, 1.3))
         middle, width = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, np.pi)
-        asked = {"yaw_range": (middle - width, middle + width), "free_space": floor}
-        slow, fast = full_scan(inverse_map, hand, **asked), inverse_map.query(hand, **asked)  # type: ignore[arg-type] # one dictionary of mixed keyword arguments
+        asked: dict[str, Any] = {"yaw_range": (middle - width, middle + width), "free_space": floor}
+        slow, fast = full_scan(inverse_map, hand, **asked), inverse_map.query(hand, **asked)
         scanned += len(slow)
         found += len(slow) and len(fast)
         same += bool(np.array_equal(slow.manipulability, fast.manipulability))
