@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -100,7 +101,7 @@ def _solve_exactly(chain: ArmChain, T: Floats) -> NDArray[np.bool_]:
     pans = np.linspace(chain.lower[1], chain.upper[1], PANS)
     turns = np.column_stack([np.cos(pans), np.sin(pans)])
     torsos = np.linspace(chain.lower[0], chain.upper[0], TORSOS)
-    return np.asarray(_any_solution(chain.links, chain.lower, chain.upper, T, torsos, turns))
+    return np.asarray(_any_solution(chain.links, chain.lower, chain.upper, T, torsos, turns))  # type: ignore[untyped-decorator] # numba has no types here
 
 
 @njit(cache=True)
