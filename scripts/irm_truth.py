@@ -101,10 +101,10 @@ def _solve_exactly(chain: ArmChain, T: Floats) -> NDArray[np.bool_]:
     pans = np.linspace(chain.lower[1], chain.upper[1], PANS)
     turns = np.column_stack([np.cos(pans), np.sin(pans)])
     torsos = np.linspace(chain.lower[0], chain.upper[0], TORSOS)
-    return np.asarray(_any_solution(chain.links, chain.lower, chain.upper, T, torsos, turns))  # type: ignore[untyped-decorator] # numba has no types here
+    return np.asarray(_any_solution(chain.links, chain.lower, chain.upper, T, torsos, turns))
 
 
-@njit(cache=True)
+@njit(cache=True)  # type: ignore[untyped-decorator] # numba has no types here
 def _any_solution(
     links: Floats, lower: Floats, upper: Floats, T: Floats, torsos: Floats, turns: Floats
 ) -> NDArray[np.bool_]:
