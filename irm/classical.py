@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.keys import Key, base_turns, find_key
@@ -39,7 +41,7 @@ class ClassicalInverseReachabilityMap:
 
     def query(
         self,
-        position: ArrayLike,
+        position: Iterable[float],
         *,
         pitch: float = 0.0,
         roll: float = 0.0,
@@ -72,7 +74,7 @@ class ClassicalInverseReachabilityMap:
         return BasePlacement.of_rows(rows)
 
     def _candidates(
-        self, point: Floats, yaw: float, angles: tuple[float, float], space: FreeSpace
+        self, point: Sequence[float], yaw: float, angles: tuple[float, float], space: FreeSpace
     ) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
         """Move the whole map to the hand; number, x, y, yaw and approach yaw of the bases on free ground."""
         T_world_tcp = np.eye(4)

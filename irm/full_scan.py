@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
-from numpy.typing import ArrayLike
 
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse import InverseReachabilityMap
@@ -16,7 +17,7 @@ __all__ = ["full_scan"]
 
 def full_scan(
     inverse_map: InverseReachabilityMap,
-    position: ArrayLike,
+    position: Iterable[float],
     *,
     pitch: float = 0.0,
     roll: float = 0.0,

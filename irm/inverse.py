@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -56,7 +58,7 @@ class InverseReachabilityMap:
 
     def query(
         self,
-        position: ArrayLike,
+        position: Iterable[float],
         *,
         pitch: float = 0.0,
         roll: float = 0.0,
@@ -168,7 +170,7 @@ class InverseReachabilityMap:
         self,
         waypoints: ArrayLike,
         *,
-        target: ArrayLike | None = None,
+        target: Iterable[float] | None = None,
         pitch: float = 0.0,
         roll: float = 0.0,
         yaw_range: tuple[float, float] = FULL_TURN,
@@ -194,7 +196,7 @@ class InverseReachabilityMap:
         offsets = as_positions(waypoints)
         if target is None:
             return path_in_world(self, offsets, as_yaw_range(yaw_range), limits)
-        return path_at_target(self, as_position(target), offsets, as_yaw_range(yaw_range), limits)
+        return path_at_target(self, np.array(as_position(target)), offsets, as_yaw_range(yaw_range), limits)
 
     def query_multi(
         self,
@@ -227,7 +229,7 @@ class InverseReachabilityMap:
             self._fields[group] = group_field(self.reachability_map, group)
         return self._fields[group]
 
-    def may_exist(self, point: Floats, key: Key, yaw_range: tuple[float, float], space: FreeSpace) -> bool:
+    def may_exist(self, point: Sequence[float], key: Key, yaw_range: tuple[float, float], space: FreeSpace) -> bool:
         """Whether the outer map, that of all cells next to a reachable one, has a base on or near free floor."""
         grid = self.reachability_map.grid
         keys = nearby_keys(grid, key)

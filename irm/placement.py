@@ -76,10 +76,10 @@ class BasePlacement:
     @staticmethod
     def of_rows(rows: Floats) -> BasePlacement:
         """From kernel rows (k, 7), k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
-        rows.setflags(write=False)
+        rows.flags.writeable = False
         certain = rows[:, 6] > 0.5
-        certain.setflags(write=False)
-        status = Status.YES if certain.any() else Status.UNKNOWN
+        certain.flags.writeable = False
+        status = Status.YES if True in certain.tolist() else Status.UNKNOWN
         return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain)
 
     @staticmethod
@@ -127,16 +127,19 @@ class PlacementBatch:
         return PlacementBatch(count, rows[..., :3], rows[..., 4], rows[..., 5], rows[..., 3], certain)
 
 
-def as_position(position: ArrayLike) -> Floats:
-    """(3,) finite numbers.
+def as_position(position: Iterable[float]) -> tuple[float, float, float]:
+    """Three finite numbers.
 
     Raises:
         QueryError: they are not.
     """
-    point = np.asarray(position, dtype=float)
-    if point.shape != (3,) or not np.isfinite(point).all():
+    try:
+        x, y, z = (float(value) for value in position)
+    except (TypeError, ValueError):
+        raise QueryError(f"a hand position is three finite numbers [m], not {position!r}") from None
+    if not (isfinite(x) and isfinite(y) and isfinite(z)):
         raise QueryError(f"a hand position is three finite numbers [m], not {position!r}")
-    return point
+    return x, y, z
 
 
 def as_positions(positions: ArrayLike) -> Floats:
