@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["CollectionError", "DatasetError", "LearningError", "UnknownExpert"]
+__all__ = ["CollectionError", "DatasetError", "LearningError", "UnknownExpert", "UnknownTask"]
 
 
 class LearningError(ValueError):
@@ -19,3 +19,7 @@ class CollectionError(LearningError, RuntimeError):
 
 class UnknownExpert(LearningError):
     """No expert of that name for that environment; the message lists the known ones."""
+
+
+class UnknownTask(LearningError):
+    """No environment of that name, or not with those keyword arguments; the message lists the known ones."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from learning.errors import UnknownExpert
 from learning.scripted import SCRIPTS
+from learning.task import family
 
 __all__ = ["Expert", "expert_names", "make_expert"]
 
@@ -53,9 +55,11 @@ class Expert(Protocol):
 
 
 def expert_names(env_id: str) -> tuple[str, ...]:
-    """The experts that know an environment."""
-    family = _family(env_id)
-    return (family,) if family in SCRIPTS else STRATEGY_NAMES
+    """The experts that know an environment; none acts by skills."""
+    kind = family(env_id)
+    if kind == "skill":
+        return ()
+    return (kind,) if kind in SCRIPTS else STRATEGY_NAMES
 
 
 def make_expert(env: gym.Env, name: str = "") -> Expert:
@@ -66,6 +70,10 @@ def make_expert(env: gym.Env, name: str = "") -> Expert:
     """
     assert env.spec is not None
     known = expert_names(env.spec.id)
+    if not known:
+        raise UnknownExpert(
+            f"no expert acts in {env.spec.id}; those of the Retrieve environments act in the same scenes"
+        )
     if name and name not in known:
         raise UnknownExpert(f"no expert {name!r} for {env.spec.id}; known ones: {', '.join(known)}")
     chosen = name or known[0]
@@ -95,12 +103,15 @@ class ScriptedExpert:
 
 
 class PlannerExpert:
-    """`planners.TampExpert`, imported when it is first needed."""
+    """`planners.TampExpert`, imported when it is first needed.
+
+    It gives up after so many task plans and clearances, not by the clock: a loaded machine finds the same plans.
+    """
 
     def __init__(self, env: gym.Env, strategy: str) -> None:
-        from planners.expert import TampExpert
+        from planners.expert import ExpertConfig, TampExpert
 
-        self._expert = TampExpert(env, strategy=strategy)
+        self._expert = TampExpert(env, strategy=strategy, config=ExpertConfig(planning_s=math.inf))
 
     @property
     def done(self) -> bool:
@@ -134,8 +145,3 @@ class PlannerExpert:
 def json_values(value: Any) -> dict[str, Any]:
     """A dataclass as JSON values; what JSON does not know becomes text."""
     return dict(json.loads(json.dumps(dataclasses.asdict(value), default=str)))
-
-
-def _family(env_id: str) -> str:
-    """ "Retrieve", "Reach", … of an id such as clutter_env/Reach-v0, in lower case."""
-    return env_id.rpartition("/")[2].partition("-")[0].lower()

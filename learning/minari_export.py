@@ -26,7 +26,7 @@ MINARI_VERSION = "0.5.3"
 """The version of Minari whose layout this is."""
 
 
-def export_minari(dataset: Dataset, root: Path, dataset_id: str, about: str = "") -> Path:
+def export_minari(dataset: Dataset, root: Path, dataset_id: str, about: str = "", replace: bool = False) -> Path:
     """Write the dataset below `root` (Minari's own is $MINARI_DATASETS_PATH or ~/.minari/datasets); its directory.
 
     Args:
@@ -34,13 +34,14 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str, about: str = ""
         root: directory of Minari datasets.
         dataset_id: such as "clutter_env/retrieve-o15-v0".
         about: a description.
+        replace: whether a dataset of that name is replaced.
 
     Raises:
         DatasetError: there is a dataset of that name already, or `dataset` is not finished.
     """
     seeds = dataset.seeds
     final = root / dataset_id
-    if final.exists():
+    if final.exists() and not replace:
         raise DatasetError(f"{final} exists; choose another dataset id or remove it")
     part = final.with_name(f".{final.name}.{os.getpid()}.part")
     data = part / "data"
@@ -48,6 +49,8 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str, about: str = ""
     try:
         steps = _write_episodes(dataset, seeds, data / "main_data.hdf5")
         write_json(data / "metadata.json", _metadata(dataset, dataset_id, about, len(seeds), steps, data))
+        if final.exists():
+            shutil.rmtree(final)
         os.replace(part, final)
     finally:
         shutil.rmtree(part, ignore_errors=True)

@@ -12,8 +12,10 @@ from typing import Any
 import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
+from clutter_env.errors import ConfigError
+from learning.errors import UnknownTask
 
-__all__ = ["HELD_OUT", "Task", "versions"]
+__all__ = ["HELD_OUT", "Task", "family", "versions"]
 
 HELD_OUT = 1_000_000
 """Seeds from here on are for evaluation: nothing is collected or trained on them."""
@@ -29,8 +31,23 @@ class Task:
     keywords: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, **more: Any) -> gym.Env:
-        """The environment; `more` keyword arguments win over the task's own."""
-        return gym.make(self.env_id, **{**self.keywords, **more})
+        """The environment; `more` keyword arguments win over the task's own.
+
+        Raises:
+            UnknownTask: no such environment, or it cannot be made with these keyword arguments.
+        """
+        try:
+            return gym.make(self.env_id, **{**self.keywords, **more})
+        except gym.error.UnregisteredEnv:
+            known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
+            raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}") from None
+        except ConfigError as problem:
+            raise UnknownTask(f"{self.env_id}: {problem}") from problem
+
+    @property
+    def family(self) -> str:
+        """ "retrieve", "skill", "reach", "pick": what environments of one id but for its number have in common."""
+        return family(self.env_id)
 
     def to_json(self) -> str:
         """Text from which `from_json` makes an equal task."""
@@ -41,6 +58,11 @@ class Task:
         """The task that `to_json` described."""
         content = json.loads(text)
         return cls(content["env_id"], content["keywords"])
+
+
+def family(env_id: str) -> str:
+    """The family of an id: "retrieve" of clutter_env/Retrieve-o15-v0."""
+    return env_id.rpartition("/")[2].partition("-")[0].lower()
 
 
 def versions() -> dict[str, str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -40,6 +41,14 @@ from learning.task import Task
 __all__ = ["LEARNERS", "Run", "train"]
 
 LEARNERS = (*ALGORITHMS, *CLONERS)
+FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        **dict.fromkeys(GOAL_ALGORITHMS, ("reach", "pick")),
+        **dict.fromkeys(set(ALGORITHMS) - set(GOAL_ALGORITHMS), ("skill",)),
+        **dict.fromkeys(CLONERS, ("retrieve", "reach", "pick")),
+    }
+)
+"""The families of environments that each algorithm learns on."""
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""
 
@@ -80,6 +89,9 @@ class Run:
         """Raise LearningError for a combination that makes no sense."""
         if self.algorithm not in LEARNERS:
             raise LearningError(f"no algorithm {self.algorithm!r}; known ones: {', '.join(LEARNERS)}")
+        if self.task.family not in FAMILIES[self.algorithm]:
+            fitting = ", ".join(name for name in LEARNERS if self.task.family in FAMILIES[name])
+            raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}")
         if self.algorithm in CLONERS and self.demonstrations is None:
             raise LearningError(f"{self.algorithm} needs demonstrations: collect some with collect_demos.py")
         if min(self.steps, self.checkpoint_every, self.evaluation_episodes) < 1:
@@ -99,8 +111,9 @@ def train(run: Run, resume: bool = False) -> list[dict[str, float]]:
         resume: go on from the last checkpoint, if there is one, until `run.steps` in all.
 
     Raises:
-        LearningError: see `Run.check`; or the directory holds a run already and is not to be resumed.
+        LearningError: see `Run.check` and `Task.make`; or the directory holds a run already and is not to be resumed.
     """
+    run.task.make().close()
     run.check()
     torch.set_num_threads(1)
     if (run.directory / RUN_FILE).exists() and not resume:

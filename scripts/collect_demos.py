@@ -89,11 +89,17 @@ def make_job(arguments: Arguments) -> Job:
         raise LearningError(f"--seed {arguments.seed} is not valid; it must be from 0 to {HELD_OUT - 1}")
     chosen = {"control_mode": arguments.control_mode, "layout": arguments.layout}
     keywords = {name: value for name, value in chosen.items() if value}
+    task = Task(arguments.env, keywords)
+    task.make().close()
     known = expert_names(arguments.env)
+    if not known:
+        raise LearningError(
+            f"no expert acts in {arguments.env}; collect in the Retrieve environment of as many objects"
+        )
     expert = arguments.strategy or known[0]
     if expert not in known:
         raise LearningError(f"--strategy {expert!r} is not valid for {arguments.env}; valid ones: {', '.join(known)}")
-    return Job(Task(arguments.env, keywords), expert, arguments.episodes, arguments.seed)
+    return Job(task, expert, arguments.episodes, arguments.seed)
 
 
 def run(arguments: Arguments, job: Job, dataset: Dataset) -> tuple[list[int], int]:
@@ -126,7 +132,8 @@ def export(arguments: Arguments, dataset: Dataset) -> Path:
     about = (
         f"{len(dataset)} demonstrations of {arguments.env}; every one replays bit for bit from its seed and actions."
     )
-    return export_minari(dataset, arguments.minari_root or arguments.out / "minari", name, about)
+    root = arguments.minari_root or arguments.out / "minari"
+    return export_minari(dataset, root, name, about, replace=arguments.minari_root is None)
 
 
 if __name__ == "__main__":
