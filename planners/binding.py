@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.arm_motion import ArmPath, Obstruction, Unreachable
+from planners.arm_motion import FIXED_BITS, ArmPath, Obstruction, Unreachable
 from planners.base_motion import plan_base
 from planners.clearance_floor import FloorLimits
 from planners.collision import CollisionWorld
@@ -123,7 +123,8 @@ class Binder:
             return found
         trajectory = drive_trajectory(scene.robot, found, scene.state)
         state = RobotState(np.asarray(base), scene.state.q, scene.state.finger_position)
-        return self._followed(scene, Bound(trajectory, scene.with_state(state)), ())
+        bound = self._followed(scene, Bound(trajectory, scene.with_state(state)), ())
+        return Unreachable("the arm in tow touches something") if isinstance(bound, Obstruction) else bound
 
     def pick_up(self, scene: Scene, grasp: GraspOption) -> Bound | Obstruction | Unreachable:
         """Take an object through a grasp from where the base stands, and carry it."""
@@ -157,16 +158,19 @@ class Binder:
                 return self._followed(scene, _placed(scene, motion, placement), (scene.held.name,))
         return Unreachable("MuJoCo finds penetration")
 
-    def _followed(self, scene: Scene, bound: Bound, touched: tuple[str, ...]) -> Bound | Unreachable:
-        """The same motion; of a robot that is told TCP poses, if its joints find a way that is free."""
+    def _followed(self, scene: Scene, bound: Bound, touched: tuple[str, ...]) -> Bound | Obstruction | Unreachable:
+        """The same motion; of a robot that is told TCP poses, if its joints find a way that is free, else why not."""
         if self.follower is None:
             return bound
         way = follow(self.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
         if way is None:
             return Unreachable("the hand gets stuck on the way")
-        hits = way.hits(self._compiled(scene).with_padding(0.0), scene.mask(touched))
+        world = self._compiled(scene).with_padding(0.0)
+        hits = way.hits(world, scene.mask(touched))
+        if hits & FIXED_BITS:
+            return Unreachable(f"on its own way the arm touches {', '.join(world.names_of(hits))}")
         if hits:
-            return Unreachable(f"on its own way the arm touches {', '.join(self._compiled(scene).names_of(hits))}")
+            return Obstruction(frozenset(world.names_of(hits)), "following")
         state = RobotState(bound.scene.state.base, way.end, bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 

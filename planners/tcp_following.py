@@ -60,10 +60,14 @@ class Followed:
         return found
 
     def _stretches(self) -> list[slice]:
-        """Runs of samples with the same thing, or nothing, in hand."""
-        changes = [i for i in range(1, len(self.held)) if self.held[i] is not self.held[i - 1]]
-        bounds = [0, *changes, len(self.held)]
-        return [slice(start, end) for start, end in itertools.pairwise(bounds) if end > start]
+        """Runs of samples with the same thing, or nothing, in hand, and the fingers still; moving, samples by pairs."""
+        is_new_hold = np.array([now is not before for before, now in itertools.pairwise(self.held)], dtype=bool)
+        moves = np.flatnonzero(np.diff(self.finger_position) != 0.0)
+        bounds = sorted({0, len(self.held), *(np.flatnonzero(is_new_hold) + 1), *moves, *(moves + 1)})
+        last = len(self.held) - 1
+        return [
+            slice(start, end + (end <= last and not is_new_hold[end - 1])) for start, end in itertools.pairwise(bounds)
+        ]
 
 
 class _Sample(NamedTuple):
