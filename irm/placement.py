@@ -76,9 +76,9 @@ class BasePlacement:
     @staticmethod
     def of_rows(rows: Floats) -> BasePlacement:
         """From kernel rows (k, 7), k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
-        rows.flags.writeable = False
+        rows.setflags(write=False)
         certain = rows[:, 6] > 0.5
-        certain.flags.writeable = False
+        certain.setflags(write=False)
         status = Status.YES if True in certain.tolist() else Status.UNKNOWN
         return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain)
 
@@ -134,7 +134,7 @@ def as_position(position: Iterable[float]) -> tuple[float, float, float]:
         QueryError: they are not.
     """
     try:
-        x, y, z = (float(value) for value in position)
+        x, y, z = map(float, position)
     except (TypeError, ValueError):
         raise QueryError(f"a hand position is three finite numbers [m], not {position!r}") from None
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
@@ -157,7 +157,7 @@ def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
         QueryError: the range is empty, longer than a turn, or not finite.
     """
     try:
-        low, high = (float(bound) for bound in yaw_range)
+        low, high = map(float, yaw_range)
     except (TypeError, ValueError):
         raise QueryError(f"yaw_range is a pair of numbers [rad], not {yaw_range!r}") from None
     if not (isfinite(low) and isfinite(high)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, hypot, pi, sin
+from math import cos, hypot, pi, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -48,7 +48,7 @@ def floor_distance(raster: Raster, x: float, y: float) -> float:
     inverse = 1.0 / raster.resolution
     i = min(int((inside_x - raster.x0) * inverse), raster.cells.shape[0] - 1)
     j = min(int((inside_y - raster.y0) * inverse), raster.cells.shape[1] - 1)
-    outside = hypot(x - inside_x, y - inside_y)
+    outside = 0.0 if x == inside_x and y == inside_y else hypot(x - inside_x, y - inside_y)
     return max(outside, raster.distance[i, j] - 1.4143 * raster.resolution)
 
 
@@ -129,7 +129,7 @@ def _best_in_tiles(
         if tiles.tile_mu[tile] < best:
             break
         tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
-        distance = hypot(tx, ty)
+        distance = sqrt(tx * tx + ty * ty)
         if bounded and distance + reach < gap:
             continue
         turn = 0

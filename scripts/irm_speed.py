@@ -76,7 +76,7 @@ def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list
         answers, fast = _timed(proposed.query, cups, asked, f"compiled {name}, {len(rm)} poses")
         for letter, query in (("R", classical.query), ("P", scan)):
             others, times = _timed(query, cups, asked, f"{letter}{name}, {len(rm)} poses")
-            same = sum(_best(a) == _best(b) for a, b in zip(answers, others, strict=True))
+            same = sum(bool(_best(a) == _best(b)) for a, b in zip(answers, others, strict=True))
             results.append(Timing(len(rm), f"{letter}{name}", times, same))
         results.append(Timing(len(rm), f"compiled {name}", fast, len(cups)))
         results.append(_batch(proposed, len(rm), name, asked, answers, cups, seed))
@@ -115,7 +115,7 @@ def _batch(
     """Time per query of ten batches, and parity on the cups themselves."""
     how = {"yaw_ranges": asked["yaw_range"], "free_space": asked["free_space"]}
     own = proposed.query_batch(cups, **how).manipulability[:, 0]
-    same = sum(_best(a) == (0.0 if np.isnan(mu) else mu) for a, mu in zip(answers, own, strict=True))
+    same = sum(bool(_best(a) == (0.0 if np.isnan(mu) else mu)) for a, mu in zip(answers, own, strict=True))
     times = []
     for k in range(10):
         many = _cups(BATCH, seed + 1 + k)
