@@ -59,7 +59,7 @@ def expert_names(env_id: str) -> tuple[str, ...]:
     kind = family(env_id)
     if kind == "skill":
         return ()
-    return (kind,) if kind in SCRIPTS else STRATEGY_NAMES
+    return (kind,) if kind in SCRIPTS else (*STRATEGY_NAMES, "front")
 
 
 def make_expert(env: gym.Env, name: str = "") -> Expert:
@@ -83,9 +83,15 @@ def make_expert(env: gym.Env, name: str = "") -> Expert:
 
 
 class ScriptedExpert:
-    """One of `SCRIPTS`: a function from the environment to its next action, with the name of the phase it is in."""
+    """One of `SCRIPTS`: a function from the environment to its next action, with the name of the phase it is in.
+
+    Raises:
+        UnknownExpert: the environment is not controlled by the hand's velocity.
+    """
 
     def __init__(self, env: gym.Env, name: str) -> None:
+        if env.unwrapped.config.control_mode != "ee":  # type: ignore[attr-defined]
+            raise UnknownExpert(f"the script {name!r} needs control_mode='ee'")
         self._env, self._name = env, name
         self.skill = ""
         self.done = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,7 +21,6 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from clutter_env.observation import OBJECT_FIELDS
 from learning.dataset import write_json
-from learning.episode import Episode
 from learning.errors import LearningError
 from learning.features import NEAR_SCALES, OBJECTS_FROM, TCP
 from learning.skill_policy import MaskableSkillPolicy, SkillPolicy
@@ -31,8 +30,6 @@ __all__ = [
     "Checkpoints",
     "GoalFeatures",
     "ScaledActions",
-    "add_demonstrations",
-    "imitate",
     "load_model",
     "make_model",
     "save_model",
@@ -121,52 +118,6 @@ def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> B
     return ALGORITHMS[name](**settings, **common)
 
 
-def add_demonstrations(model: OffPolicyAlgorithm, env: gym.Env, episodes: Iterable[Episode]) -> int:
-    """Put every transition of the episodes into the model's replay buffer, to be relabelled like its own; how many."""
-    buffer = model.replay_buffer
-    assert buffer is not None
-    assert isinstance(env, ScaledActions)
-    count = 0
-    for episode in episodes:
-        for step in range(len(episode)):
-            before = {name: values[step][None] for name, values in episode.observations.items()}
-            after = {name: values[step + 1][None] for name, values in episode.observations.items()}
-            is_last = step == len(episode) - 1
-            info = {
-                "is_success": bool(episode.is_success[step + 1]),
-                "TimeLimit.truncated": is_last and episode.truncated,
-            }
-            buffer.add(
-                before,
-                after,
-                env.reverse_action(episode.actions[step])[None],
-                np.array([episode.rewards[step]]),
-                np.array([is_last]),
-                [info],
-            )
-            count += 1
-    return count
-
-
-def imitate(model: SAC | TQC, env: gym.Env, episodes: Iterable[Episode], steps: int) -> float:
-    """Let the actor begin with what the demonstrations do; the last loss."""
-    assert isinstance(env, ScaledActions)
-    taken = list(episodes)
-    names = taken[0].observations.keys()
-    seen = {name: np.concatenate([episode.observations[name][:-1] for episode in taken]) for name in names}
-    observation, _ = model.policy.obs_to_tensor(seen)
-    wanted = torch.from_numpy(env.reverse_action(np.concatenate([episode.actions for episode in taken])))
-    loss = torch.tensor(0.0)
-    for _ in range(steps):
-        chosen = torch.randint(len(wanted), (256,))
-        mean = model.actor({name: value[chosen] for name, value in observation.items()}, deterministic=True)
-        loss = torch.nn.functional.mse_loss(mean, wanted[chosen])
-        model.actor.optimizer.zero_grad()
-        loss.backward()
-        model.actor.optimizer.step()
-    return float(loss.detach())
-
-
 def save_model(model: BaseAlgorithm, directory: Path) -> None:
     """Write model and replay buffer; each file is whole or the old one stays."""
     directory.mkdir(parents=True, exist_ok=True)
@@ -224,6 +175,7 @@ def _off_policy() -> dict[str, Any]:
         "replay_buffer_class": HerReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
         "learning_rate": 1e-3,
+        "ent_coef": "auto_0.1",
         "batch_size": 256,
         "gamma": 0.95,
         "tau": 0.02,

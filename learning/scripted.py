@@ -1,4 +1,4 @@
-"""Scripts that solve the goal environments: functions of the present state alone, fit to correct a learner."""
+"""Scripts for the goal environments and simple retrievals: functions of the present state, fit to correct a learner."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from clutter_env.base_env import BaseEnv
+from clutter_env.env import RetrieveEnv
 from clutter_env.goal_env import GoalEnv
 from clutter_env.layout import TABLE_HEIGHT
 
@@ -35,6 +37,12 @@ GAIN, TURN_GAIN = 1.6, 1.0
 """[1/s] of the hand's velocity over its distance and angle from where it should be: with more it overshoots."""
 STANDOFF = 0.75
 """[m] ahead of the base where the hand reaches well."""
+READY_HEIGHT = 1.10
+"""[m] of the hand while the base drives: above all objects."""
+AT_STAND = 0.03
+"""[m], [rad] from where the base should stand at which the hand comes down."""
+LIFT = 0.15
+"""[m] ahead of the hand while it lifts."""
 
 
 def reach(env: GoalEnv) -> Script:
@@ -44,7 +52,7 @@ def reach(env: GoalEnv) -> Script:
         goal = _goal(env)
         x, y, yaw = env.world.controller.state.target[:3]
         ahead = math.cos(yaw) * (goal[0] - x) + math.sin(yaw) * (goal[1] - y) - STANDOFF
-        return "reach", _hand_action(env, goal, env.robot.max_opening, ahead)
+        return "reach", _action(env, goal, env.robot.max_opening, (ahead, 0.0, 0.0))
 
     return script
 
@@ -53,31 +61,36 @@ def pick(env: GoalEnv) -> Script:
     """Come down around the object, close, carry it to the goal."""
 
     def script() -> tuple[str, NDArray[Any]]:
-        tcp, at = _tcp(env), env.seen.poses[env.target_slot, :3]
-        half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]  # type: ignore[union-attr]
-        opening = 2 * (half_width + FINGER_ROOM)
         if env.seen.held == env.target_slot:
-            goal = _goal(env)
-            return "carry", _hand_action(env, goal + (tcp - at) + (0, 0, CARRY_LIFT), 0.0)
-        height = max(env.robot.grasp_height, GRASP_SHARE * 2 * half_height)
-        grasp = np.array([at[0], at[1], TABLE_HEIGHT + height])
-        above = at[2] + half_height + HOVER
-        if _is_aligned(env, tcp, grasp):
-            if tcp[2] - grasp[2] < AT_GRASP:
-                return "close", _hand_action(env, grasp, 0.0)
-            return "descend", _hand_action(env, grasp, opening)
-        if tcp[2] < above - 0.02:
-            return "rise", _hand_action(env, np.array([*tcp[:2], above]), opening)
-        return "align", _hand_action(env, np.array([*grasp[:2], above]), opening)
+            above = _goal(env) - env.seen.poses[env.target_slot, :3] + (0, 0, CARRY_LIFT)
+            return "carry", _action(env, _tcp(env) + above, 0.0)
+        skill, point, width = _grasp(env)
+        return skill, _action(env, point, width)
 
     return script
 
 
-SCRIPTS: Mapping[str, Callable[[Any], Script]] = MappingProxyType({"reach": reach, "pick": pick})
-"""By family of environments; all need control_mode="ee"."""
+def front(env: RetrieveEnv) -> Script:
+    """Drive up to the table before the target, come down around it, close, lift; what stands beside it is ignored."""
+
+    def script() -> tuple[str, NDArray[Any]]:
+        if env.seen.held == env.target_slot:
+            return "lift", _action(env, _tcp(env) + (0, 0, LIFT), 0.0)
+        ahead, left, turn = _way_to_stand(env)
+        if math.hypot(ahead, left) > AT_STAND or abs(turn) > AT_STAND:
+            point = _from_base(env, (STANDOFF, 0.0, READY_HEIGHT))
+            return "drive", _action(env, point, env.robot.max_opening, (ahead, left, turn))
+        skill, point, width = _grasp(env)
+        return skill, _action(env, point, width, (ahead, left, turn))
+
+    return script
 
 
-def _tcp(env: GoalEnv) -> Array:
+SCRIPTS: Mapping[str, Callable[[Any], Script]] = MappingProxyType({"reach": reach, "pick": pick, "front": front})
+"""For the environments Reach, Pick and Retrieve; all need control_mode="ee"."""
+
+
+def _tcp(env: BaseEnv) -> Array:
     return np.array(env.data.site_xpos[env.world.index.tcp_site])
 
 
@@ -85,23 +98,62 @@ def _goal(env: GoalEnv) -> Array:
     return np.array(env._goal)
 
 
-def _is_aligned(env: GoalEnv, tcp: Array, grasp: Array) -> bool:
+def _base(env: BaseEnv) -> Array:
+    """x, y, yaw of the base."""
+    return np.array(env.data.qpos[env.world.index.drive_qpos[:3]])
+
+
+def _from_base(env: BaseEnv, point: tuple[float, float, float]) -> Array:
+    """A point (3,) of the base's frame in the world."""
+    x, y, yaw = _base(env)
+    ahead, left, up = point
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left, up])
+
+
+def _way_to_stand(env: BaseEnv) -> Array:
+    """What is left (3,), ahead, to the left, to turn, to where the base faces the table with the target in reach."""
+    target = env.seen.poses[env.target_slot, :2]
+    nearest = -env.layout.depth / 2 - env.robot.base_radius
+    x, y, yaw = _base(env)
+    to_x, to_y = min(target[0] - STANDOFF, nearest) - x, target[1] - y
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([cosine * to_x + sine * to_y, cosine * to_y - sine * to_x, -yaw])
+
+
+def _grasp(env: BaseEnv) -> tuple[str, Array, float]:
+    """How to go on towards holding the target: the skill, where the hand should go (3,), and the gripper's width."""
+    assert env.world.scene is not None
+    tcp, at = _tcp(env), env.seen.poses[env.target_slot, :3]
+    half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
+    opening = 2 * (half_width + FINGER_ROOM)
+    height = max(env.robot.grasp_height, GRASP_SHARE * 2 * half_height)
+    grasp = np.array([at[0], at[1], TABLE_HEIGHT + height])
+    above = at[2] + half_height + HOVER
+    if _is_aligned(env, tcp, grasp):
+        return ("close", grasp, 0.0) if tcp[2] - grasp[2] < AT_GRASP else ("descend", grasp, opening)
+    if tcp[2] < above - 0.02:
+        return "rise", np.array([*tcp[:2], above]), opening
+    return "align", np.array([*grasp[:2], above]), opening
+
+
+def _is_aligned(env: BaseEnv, tcp: Array, grasp: Array) -> bool:
     """Whether the object is between the fingers as seen from above."""
     hand = env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
     ahead, across, _ = hand.T @ (grasp - tcp)
     return abs(float(ahead)) < ALIGNED[0] and abs(float(across)) < ALIGNED[1]
 
 
-def _hand_action(env: GoalEnv, point: Array, width: float, ahead: float = 0.0) -> NDArray[Any]:
-    """The action that moves the hand, level and along the base's heading, towards a point (3,).
+def _action(env: BaseEnv, point: Array, width: float, way: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[Any]:
+    """The action that moves the hand, level and along the base's heading, towards a point, and drives the base.
 
     Velocities in proportion to what is seen to be left, so that the same state always gives the same action.
 
     Args:
         env: where.
-        point: [m] in the world.
+        point: (3,) [m] in the world.
         width: of the gripper [m].
-        ahead: [m] by which the base should drive forward.
+        way: (3,) of the base: ahead, to the left [m], turning [rad].
     """
     yaw = float(env.world.controller.state.target[2])
     cosine, sine = math.cos(yaw), math.sin(yaw)
@@ -110,9 +162,9 @@ def _hand_action(env: GoalEnv, point: Array, width: float, ahead: float = 0.0) -
     linear = GAIN * (R_base_world @ (point - _tcp(env))) / env.robot.max_tcp_velocity[0]
     angular = TURN_GAIN * _level_error(R_base_tcp) / env.robot.max_tcp_velocity[1]
     linear /= max(1.0, float(np.abs(linear).max()))
-    drive = GAIN * ahead / env.robot.max_velocity[0]
+    drive = GAIN * np.asarray(way) / np.array(env.robot.max_velocity[:3])
     grip = env.world.controller.grip_action(width)
-    return np.clip(np.concatenate(((drive, 0.0, 0.0), linear, angular, (grip,))), -1.0, 1.0)
+    return np.clip(np.concatenate((drive, linear, angular, (grip,))), -1.0, 1.0)
 
 
 def _level_error(R_base_tcp: Array) -> Array:

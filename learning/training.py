@@ -10,7 +10,9 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from stable_baselines3.common.callbacks import CallbackList
+from sb3_contrib import TQC
+from stable_baselines3 import SAC
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from torch.utils.tensorboard import SummaryWriter
 
 from learning.agents import CLONERS, POLICY_FILE, model_agent
@@ -20,22 +22,20 @@ from learning.dataset import Dataset, write_json
 from learning.episode import Episode
 from learning.errors import LearningError
 from learning.evaluation import held_out_seeds, success_rate
-from learning.experts import make_expert
+from learning.experts import ScriptedExpert, make_expert
+from learning.imitation import Imitation, KeepImitating, add_demonstrations
 from learning.policy import Policy
 from learning.rl import (
     ALGORITHMS,
     GOAL_ALGORITHMS,
     HISTORY_FILE,
     Checkpoints,
-    add_demonstrations,
-    imitate,
     load_model,
     make_model,
     save_model,
     training_env,
 )
 from learning.runs import RUN_FILE
-from learning.scripted import SCRIPTS
 from learning.task import Task
 
 __all__ = ["LEARNERS", "Run", "train"]
@@ -78,7 +78,7 @@ class Run:
     seed: int = 0
     demonstrations: Path | None = None
     episodes: int | None = None
-    imitation_steps: int = 2000
+    imitation_steps: int = 5000
     rounds: int = 5
     round_episodes: int = 10
     expert: str = ""
@@ -130,15 +130,15 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     env = training_env(run.algorithm, run.task.make())
     judge = run.task.make()
     seeds = held_out_seeds(run.evaluation_episodes)
-    if resume and (run.directory / "model.zip").exists():
+    is_resumed = resume and (run.directory / "model.zip").exists()
+    if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
         model.tensorboard_log = str(run.directory)
     else:
         model = make_model(run.algorithm, env, run.seed, run.directory)
-        if run.demonstrations is not None and run.algorithm in GOAL_ALGORITHMS:
-            episodes = _episodes(run)
-            add_demonstrations(model, env, episodes)
-            imitate(model, env, episodes, run.imitation_steps)
+    callbacks: list[BaseCallback] = []
+    if run.demonstrations is not None and isinstance(model, SAC | TQC):
+        callbacks.append(_take_demonstrations(run, model, env, is_new=not is_resumed))
 
     def evaluate(model: Any) -> dict[str, float]:
         return {"success": success_rate(judge, model_agent(run.algorithm, model, judge), seeds)}
@@ -146,11 +146,24 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate)
     left = run.steps - model.num_timesteps
     if left > 0:
-        model.learn(left, callback=CallbackList([checkpoints]), reset_num_timesteps=False, tb_log_name="tensorboard")
+        model.learn(
+            left, callback=CallbackList([*callbacks, checkpoints]), reset_num_timesteps=False, tb_log_name="tensorboard"
+        )
         save_model(model, run.directory)
     env.close()
     judge.close()
     return checkpoints.history
+
+
+def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool) -> KeepImitating:
+    """Fill a new model's replay buffer and let its actor begin with what the demonstrations do."""
+    episodes = _episodes(run)
+    imitation = Imitation(model, env, episodes)
+    if is_new:
+        add_demonstrations(model, env, episodes)
+        for _ in range(run.imitation_steps):
+            imitation.step()
+    return KeepImitating(imitation, run.steps, run.seed)
 
 
 def _clone(run: Run) -> list[dict[str, float]]:
@@ -174,7 +187,7 @@ def _clone(run: Run) -> list[dict[str, float]]:
             return history
         env = run.task.make()
         expert = make_expert(env, run.expert)
-        teacher = ask_every_step if expert_is_a_script(env) else take_over
+        teacher = ask_every_step if isinstance(expert, ScriptedExpert) else take_over
         first = DAGGER_SEEDS + run.seed * run.rounds * run.round_episodes
         seeds: Sequence[int] = range(first, first + run.rounds * run.round_episodes)
         dagger(
@@ -182,12 +195,6 @@ def _clone(run: Run) -> list[dict[str, float]]:
         )
         env.close()
     return history
-
-
-def expert_is_a_script(env: gym.Env) -> bool:
-    """Whether the environment's expert is a function of the present state."""
-    assert env.spec is not None
-    return any(name in env.spec.id.lower() for name in SCRIPTS)
 
 
 def _episodes(run: Run) -> list[Episode]:
