@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from learning.bc import CloneConfig, Examples, clone
 from learning.experts import Expert
@@ -29,8 +30,8 @@ class DaggerConfig:
     fit: CloneConfig = field(default_factory=CloneConfig)
 
 
-LONGEST_LEAD = 600
-"""Steps for which the learner acts at most before a planning expert takes over."""
+LONGEST = 300
+"""Steps for which the learner acts at most: thrice what an expert needs; one that is stuck teaches nothing new."""
 
 Teacher = Callable[[gym.Env, Expert, Policy, int, np.random.Generator], Examples]
 """Corrections from one episode: environment, expert, learner, seed, random generator."""
@@ -68,11 +69,13 @@ def dagger(
 
 
 def ask_every_step(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.random.Generator) -> Examples:  # noqa: ARG001
-    """The learner acts to the end; the expert is asked at every step."""
+    """The learner acts, to the end if it comes to one in time; the expert is asked at every step."""
     observation, _ = env.reset(seed=seed)
     expert.reset()
-    features, actions, is_over = [], [], False
-    while not is_over:
+    features: list[NDArray[np.float32]] = []
+    actions: list[NDArray[np.float32]] = []
+    is_over = False
+    while not is_over and len(actions) < LONGEST:
         features.append(feature_vector(observation))
         actions.append(np.asarray(expert.act(), np.float32))
         observation, _, terminated, truncated, _ = env.step(policy.act(observation))
@@ -87,7 +90,7 @@ def take_over(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.r
     """
     observation, info = env.reset(seed=seed)
     is_over = False
-    for _ in range(int(rng.integers(LONGEST_LEAD))):
+    for _ in range(int(rng.integers(LONGEST))):
         observation, _, terminated, truncated, info = env.step(policy.act(observation))
         is_over = terminated or truncated
         if is_over:

@@ -79,9 +79,9 @@ def play_expert(env: gym.Env, expert: Expert, seed: int) -> Score:
     return _score(env, seed, info, before, steps, started, failure)
 
 
-def success_rate(env: gym.Env, act: Callable[[Any], Any], seeds: Sequence[int]) -> float:
-    """Share of the episodes that succeed."""
-    return float(np.mean([play(env, act, seed).is_success for seed in seeds]))
+def success_rate(env: gym.Env, act: Callable[[Any], Any], seeds: Sequence[int], max_steps: int | None = None) -> float:
+    """Share of the episodes that succeed, within `max_steps` each."""
+    return float(np.mean([play(env, act, seed, max_steps).is_success for seed in seeds]))
 
 
 def _score(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -67,8 +67,9 @@ class Run:
         episodes: of the dataset to use; None for all.
         imitation_steps: gradient steps for which the actor of "sac" and "tqc" first imitates the demonstrations.
         rounds, round_episodes: of "dagger".
-        expert: who corrects in "dagger"; "" for the first of the environment.
-        checkpoint_every: steps between checkpoints, each with an evaluation on `evaluation_episodes` held-out scenes.
+        expert: who corrects in "dagger"; "" for the one that the demonstrations are of.
+        checkpoint_every: steps between checkpoints; cloning has one at its end, DAgger one after every round.
+        evaluation_episodes, evaluation_steps: held-out scenes played at every checkpoint, and where each is cut off.
     """
 
     task: Task
@@ -84,6 +85,7 @@ class Run:
     expert: str = ""
     checkpoint_every: int = 5000
     evaluation_episodes: int = 20
+    evaluation_steps: int = 600
 
     def check(self) -> None:
         """Raise LearningError for a combination that makes no sense."""
@@ -129,7 +131,6 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     """Stable-Baselines3, with checkpoints."""
     env = training_env(run.algorithm, run.task.make())
     judge = run.task.make()
-    seeds = held_out_seeds(run.evaluation_episodes)
     is_resumed = resume and (run.directory / "model.zip").exists()
     if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
@@ -141,7 +142,7 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
         callbacks.append(_take_demonstrations(run, model, env, is_new=not is_resumed))
 
     def evaluate(model: Any) -> dict[str, float]:
-        return {"success": success_rate(judge, model_agent(run.algorithm, model, judge), seeds)}
+        return {"success": _success(run, judge, model_agent(run.algorithm, model, judge))}
 
     checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate)
     left = run.steps - model.num_timesteps
@@ -168,6 +169,8 @@ def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool)
 
 def _clone(run: Run) -> list[dict[str, float]]:
     """Behaviour cloning or DAgger; begins anew when resumed, since it is short."""
+    assert run.demonstrations is not None
+    env = run.task.make()
     examples = examples_of(_episodes(run))
     history: list[dict[str, float]] = []
     config = CloneConfig(steps=run.steps, seed=run.seed)
@@ -177,24 +180,28 @@ def _clone(run: Run) -> list[dict[str, float]]:
             writer.add_scalar("train/loss", loss, step)
 
         def report_round(index: int, policy: Policy, examples: Examples) -> None:
-            history.append({"round": index, "examples": len(examples)})
-            write_json(run.directory / HISTORY_FILE, history)
-            writer.add_scalar("train/examples", len(examples), index)
             policy.save(run.directory / POLICY_FILE)
+            history.append({"round": index, "examples": len(examples), "success": _success(run, env, policy.act)})
+            write_json(run.directory / HISTORY_FILE, history)
+            for name, value in history[-1].items():
+                writer.add_scalar(f"held_out/{name}", value, index)
 
         if run.algorithm == "bc":
-            clone(examples, config, report=report_loss).save(run.directory / POLICY_FILE)
-            return history
-        env = run.task.make()
-        expert = make_expert(env, run.expert)
-        teacher = ask_every_step if isinstance(expert, ScriptedExpert) else take_over
-        first = DAGGER_SEEDS + run.seed * run.rounds * run.round_episodes
-        seeds: Sequence[int] = range(first, first + run.rounds * run.round_episodes)
-        dagger(
-            env, expert, teacher, examples, seeds, DaggerConfig(run.rounds, run.round_episodes, config), report_round
-        )
-        env.close()
+            report_round(0, clone(examples, config, report=report_loss), examples)
+        else:
+            expert = make_expert(env, run.expert or str(Dataset(run.demonstrations).identity["expert"]))
+            teacher = ask_every_step if isinstance(expert, ScriptedExpert) else take_over
+            first = DAGGER_SEEDS + run.seed * run.rounds * run.round_episodes
+            seeds: Sequence[int] = range(first, first + run.rounds * run.round_episodes)
+            rounds = DaggerConfig(run.rounds, run.round_episodes, config)
+            dagger(env, expert, teacher, examples, seeds, rounds, report_round)
+    env.close()
     return history
+
+
+def _success(run: Run, env: gym.Env, act: Callable[[Any], Any]) -> float:
+    """Success on the held-out scenes."""
+    return success_rate(env, act, held_out_seeds(run.evaluation_episodes), run.evaluation_steps)
 
 
 def _episodes(run: Run) -> list[Episode]:
@@ -204,5 +211,10 @@ def _episodes(run: Run) -> list[Episode]:
     if identity["env_id"] != run.task.env_id:
         raise LearningError(
             f"{run.demonstrations} holds demonstrations of {identity['env_id']}, not of {run.task.env_id}"
+        )
+    there, here = identity["keywords"].get("control_mode"), run.task.keywords.get("control_mode")
+    if there != here:
+        raise LearningError(
+            f"{run.demonstrations} was collected with control_mode={there!r}, and this is {here!r} (None: the default)"
         )
     return list(dataset)[: run.episodes]

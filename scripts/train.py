@@ -54,11 +54,13 @@ class Arguments:
     round_episodes: int = 10
     """The learner's episodes in each."""
     expert: str = ""
-    """Who corrects in dagger."""
+    """Who corrects in dagger; empty for the one that the demonstrations are of."""
     checkpoint_every: int = 5000
     """Steps between checkpoints."""
     evaluation_episodes: int = 20
     """Held-out scenes played at every checkpoint."""
+    evaluation_steps: int = 600
+    """Where each of them is cut off."""
     resume: bool = False
     """Go on from the last checkpoint."""
     json: Path | None = None
@@ -102,6 +104,7 @@ def make_run(arguments: Arguments) -> Run:
         expert=arguments.expert,
         checkpoint_every=arguments.checkpoint_every,
         evaluation_episodes=arguments.evaluation_episodes,
+        evaluation_steps=arguments.evaluation_steps,
     )
 
 

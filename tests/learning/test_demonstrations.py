@@ -13,6 +13,7 @@ from learning.collect import Outcome, collect, demonstrate
 from learning.dataset import Dataset, Job
 from learning.episode import Episode, record, replay
 from learning.errors import CollectionError, DatasetError, UnknownExpert
+from learning.evaluation import play_expert
 from learning.experts import expert_names, make_expert
 from learning.task import Task
 from learning.workers import LocalWorkers, WorkerDied
@@ -53,6 +54,16 @@ class Here:
 def outcome_of(seed: int) -> Outcome:
     """Every third seed fails."""
     return Outcome(seed, reason="no success: blocked") if seed % 3 == 1 else Outcome(seed, content=b"episode")
+
+
+def test_the_script_retrieves_from_the_front() -> None:
+    env = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"}).make()
+    score = play_expert(env, make_expert(env, "front"), seed=0)
+    assert score.is_success
+    with pytest.raises(UnknownExpert, match="ee"):
+        make_expert(Task("clutter_env/Retrieve-o1-v0").make(), "front")
+    with pytest.raises(UnknownExpert, match="Retrieve"):
+        make_expert(Task("clutter_env/Skill-o5-v0").make())
 
 
 def test_the_script_succeeds_and_its_episode_replays(episode: Episode) -> None:

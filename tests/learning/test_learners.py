@@ -16,7 +16,7 @@ from learning.agents import load_agent  # noqa: E402
 from learning.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
 from learning.collect import collect, demonstrate  # noqa: E402
 from learning.dataset import Dataset, Job  # noqa: E402
-from learning.errors import LearningError  # noqa: E402
+from learning.errors import LearningError, UnknownTask  # noqa: E402
 from learning.evaluation import held_out_seeds, play  # noqa: E402
 from learning.features import feature_vector  # noqa: E402
 from learning.policy import Policy  # noqa: E402
@@ -75,11 +75,31 @@ def test_cloning_and_dagger_act(demos: Path, tmp_path: Path) -> None:
         assert play(env, load_agent(tmp_path / name, env), held_out_seeds(1)[0]).steps == 100
 
 
+def test_an_algorithm_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LearningError, match="for this one: sac, tqc"):
+        train(run(REACH, "maskable_ppo", 10, tmp_path / "run"))
+    with pytest.raises(UnknownTask, match="clutter_env/Reach-v0"):
+        train(run(Task("clutter_env/Nothing-v0"), "sac", 10, tmp_path / "run"))
+    with pytest.raises(UnknownTask, match="joint"):
+        Task("clutter_env/Reach-v0", {"control_mode": "none"}).make()
+    assert not (tmp_path / "run").exists()
+
+
 def test_demonstrations_of_another_task_are_refused(demos: Path, tmp_path: Path) -> None:
     with pytest.raises(LearningError, match="not of clutter_env/Reach-v0"):
         train(run(REACH, "bc", 10, tmp_path / "run", demonstrations=demos))
     with pytest.raises(LearningError, match="collect_demos"):
         train(run(REACH, "bc", 10, tmp_path / "other"))
+    with pytest.raises(LearningError, match="control_mode"):
+        train(
+            run(
+                Task("clutter_env/Pick-v0", {"control_mode": "joint"}),
+                "bc",
+                10,
+                tmp_path / "third",
+                demonstrations=demos,
+            )
+        )
 
 
 def test_cloning_fits_what_a_network_can_say() -> None:
