@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 _UPRIGHT = 1e-6
 """1 - cos of the tilt up to which a base stands on the ground: rounding, for rings of pitch are degrees apart."""
 
+_BLOCK = 16_384
+"""Transforms moved at a time: their result stays in the processor's cache."""
+
 
 class ClassicalInverseReachabilityMap:
     """Equation 4: T_eff = I, T_base = T_eff⁻¹ for every pose of the reachability map.
@@ -34,7 +37,8 @@ class ClassicalInverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
-        self._T = _inverse_transforms(reachability_map)
+        T = _inverse_transforms(reachability_map)
+        self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(reachability_map), _BLOCK)]
 
     def __len__(self) -> int:
         return len(self.reachability_map)
@@ -79,16 +83,21 @@ class ClassicalInverseReachabilityMap:
         """Move the whole map to the hand; number, x, y, yaw and approach yaw of the bases on free ground."""
         T_world_tcp = np.eye(4)
         T_world_tcp[:3, :3], T_world_tcp[:3, 3] = rotation(yaw, *angles), point
-        T_world_base = (T_world_tcp @ self._T.reshape(4, -1)).reshape(self._T.shape)
+        on_ground = [self._on_ground(T_world_tcp, block) for block in self._blocks]
+        base = np.concatenate([some + k * _BLOCK for k, (some, _) in enumerate(on_ground)] or [np.empty(0, np.int64)])
+        x, y, base_yaw = np.concatenate([places for _, places in on_ground] or [np.empty((3, 0))], axis=1)
+        free = space.are_free(x, y)
+        return base[free], x[free], y[free], base_yaw[free], np.full(np.count_nonzero(free), yaw)
+
+    def _on_ground(self, T_world_tcp: Floats, block: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Move a block of the map to the hand: numbers (m,) and x, y, yaw (3, m) of the bases that stand on the ground."""
+        T_world_base = (T_world_tcp @ block.reshape(4, -1)).reshape(block.shape)
         half = self.reachability_map.grid.voxel / 2
         height = T_world_base[2, :, 3]
-        on_ground = (height >= -half) & (height < half) & (T_world_base[2, :, 2] > 1 - _UPRIGHT)
-        base = np.flatnonzero(on_ground)
-        x, y = T_world_base[0, base, 3], T_world_base[1, base, 3]
-        free = space.are_free(x, y)
-        base, x, y = base[free], x[free], y[free]
-        base_yaw = np.arctan2(T_world_base[1, base, 0], T_world_base[0, base, 0])
-        return base, x, y, base_yaw, np.full(len(base), yaw)
+        upright = (height >= -half) & (height < half) & (T_world_base[2, :, 2] > 1 - _UPRIGHT)
+        base = np.flatnonzero(upright)
+        yaw = np.arctan2(T_world_base[1, base, 0], T_world_base[0, base, 0])
+        return base, np.stack([T_world_base[0, base, 3], T_world_base[1, base, 3], yaw])
 
     def _torso_and_certainty(self, base: NDArray[np.int64], key: Key) -> tuple[Floats, NDArray[np.bool_]]:
         """Torso height [m] and whether the hand certainly reaches, of the chosen bases."""

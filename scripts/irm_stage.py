@@ -34,8 +34,8 @@ WOOD = (0.80, 0.68, 0.52, 1.0)
 class View(NamedTuple):
     """Where a picture is taken from.
 
-    `target` (3,) [m] is in its middle; `distance` [m], `azimuth` and `elevation` [degrees] as in MuJoCo; `height` [m] of
-    the scene that the picture shows in parallel projection, 0 for perspective.
+    `target` (3,) [m] is in its middle; `distance` [m], `azimuth` and `elevation` [degrees] as in MuJoCo; `height` [m]
+    of the scene that the picture shows in parallel projection, 0 for perspective.
     """
 
     target: tuple[float, float, float]
@@ -100,12 +100,12 @@ class Stage:
         """(height, width, 4); nothing is transparent but the empty space."""
         self._data.qpos[self._columns] = np.concatenate([base, q])
         mujoco.mj_forward(self._model, self._data)
-        self._model.vis.global_.orthographic = view.height > 0
         self._model.vis.global_.fovy = view.height or self._fovy
         scene, option, camera = mujoco.MjvScene(self._model, maxgeom=MAX_GEOMS), mujoco.MjvOption(), mujoco.MjvCamera()
         option.geomgroup[:] = (show_floor, 0, show_robot, 0, 0, 0)
         option.sitegroup[:] = 0
         camera.lookat[:] = view.target
+        camera.orthographic = view.height > 0
         camera.distance, camera.azimuth, camera.elevation = view.distance, view.azimuth, view.elevation
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, self._data, option, None, camera, everything, scene)
