@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Sequence
 
 import gymnasium as gym
@@ -20,6 +22,10 @@ __all__ = ["Imitation", "KeepImitating", "add_demonstrations"]
 BATCH = 256
 """Steps of the demonstrations in one step of imitation."""
 LEARNING_RATE = 1e-3
+DEVIATION = 0.15
+"""Of the actor's first actions, before they are squashed into [-1, 1]."""
+HELD, RELEASED = 1 / 3, 2 / 3
+"""Shares of the run until which the actor only imitates, and after which it no longer does."""
 
 
 def add_demonstrations(model: OffPolicyAlgorithm, env: gym.Env, episodes: Sequence[Episode]) -> int:
@@ -64,6 +70,15 @@ class Imitation:
         self._seen, _ = model.policy.obs_to_tensor(seen)
         self._wanted = torch.from_numpy(env.reverse_action(np.concatenate([episode.actions for episode in episodes])))
 
+    def begin(self, steps: int) -> None:
+        """Take so many steps, and let the actor explore near what it was shown instead of anywhere."""
+        for _ in range(steps):
+            self.step()
+        spread = self._model.actor.log_std
+        assert isinstance(spread, torch.nn.Linear)
+        torch.nn.init.zeros_(spread.weight)
+        torch.nn.init.constant_(spread.bias, math.log(DEVIATION))
+
     def step(self) -> float:
         """One gradient step; the loss before it."""
         actor = self._model.actor
@@ -77,10 +92,12 @@ class Imitation:
 
 
 class KeepImitating(BaseCallback):
-    """A step of imitation beside each of the learner's own, ever more rarely: never after `steps` of the environment.
+    """Guards what the actor was shown while values are still wrong: without it, SAC forgets it within 2,000 steps.
 
-    As in Nair et al. 2018 (Overcoming exploration in reinforcement learning with demonstrations, section V), where
-    imitation is a term of the actor's loss; without it the first, wrong values make the actor forget what it was shown.
+    For the first third of the run only the critics learn: the actor is put back to what imitation made of it. From then
+    on there is a step of imitation beside each of the learner's own, ever more rarely, never in the last third. (A term
+    for imitation in the actor's loss is from Nair et al. 2018, Overcoming exploration in reinforcement learning with
+    demonstrations, section V.)
     """
 
     def __init__(self, imitation: Imitation, steps: int, seed: int) -> None:
@@ -88,7 +105,13 @@ class KeepImitating(BaseCallback):
         self._imitation, self._steps = imitation, steps
         self._rng = np.random.default_rng(seed)
 
+    def _on_training_start(self) -> None:
+        self._shown = copy.deepcopy(self.model.policy.actor.state_dict())
+
     def _on_step(self) -> bool:
-        if self._rng.random() < 1 - self.num_timesteps / self._steps:
+        share = self.num_timesteps / self._steps
+        if share < HELD:
+            self.model.policy.actor.load_state_dict(self._shown)
+        elif self._rng.random() < (RELEASED - share) / (RELEASED - HELD):
             self.logger.record("train/imitation_loss", self._imitation.step())
         return True

@@ -79,7 +79,7 @@ class Run:
     seed: int = 0
     demonstrations: Path | None = None
     episodes: int | None = None
-    imitation_steps: int = 5000
+    imitation_steps: int = 10_000
     rounds: int = 5
     round_episodes: int = 10
     expert: str = ""
@@ -162,8 +162,7 @@ def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool)
     imitation = Imitation(model, env, episodes)
     if is_new:
         add_demonstrations(model, env, episodes)
-        for _ in range(run.imitation_steps):
-            imitation.step()
+        imitation.begin(run.imitation_steps)
     return KeepImitating(imitation, run.steps, run.seed)
 
 

@@ -25,6 +25,7 @@ from learning.errors import CollectionError, LearningError
 from learning.evaluation import Score, held_out_seeds
 from learning.experts import expert_names
 from learning.matches import Match, arena_name, contender_name, play_match, run_environment
+from learning.runs import RUN_FILE, load_run
 from learning.tables import Row, markdown, plot, summarise
 from learning.workers import LocalWorkers, RayWorkers, WorkerDied, Workers
 
@@ -142,8 +143,10 @@ def make_rows(arguments: Arguments, results: dict[Match, Result]) -> list[Row]:
 
 
 def key(match: Match) -> str:
-    """Identifies a match in scores.json."""
-    return f"{match.env_id} {match.contender} {match.seed} {match.max_steps}"
+    """Identifies a match in scores.json; a run that was trained further plays anew."""
+    is_run = (Path(match.contender) / RUN_FILE).exists()
+    steps = f" after {load_run(Path(match.contender))['steps']}" if is_run else ""
+    return f"{match.env_id} {match.contender}{steps} {match.seed} {match.max_steps}"
 
 
 def restored(value: dict[str, Any] | int | None) -> Result:

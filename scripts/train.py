@@ -39,7 +39,7 @@ class Arguments:
     """Dataset of collect_demos.py: cloned by bc and dagger, put in the replay buffer of sac and tqc."""
     demo_episodes: int | None = None
     """How many of its episodes to use; all by default."""
-    imitation_steps: int = 5000
+    imitation_steps: int = 10_000
     """Gradient steps for which the actor of sac and tqc first imitates the demonstrations."""
     control_mode: Literal["joint", "ee", ""] = ""
     """Control mode; empty for the environment's own."""
