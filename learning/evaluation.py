@@ -61,7 +61,7 @@ def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | No
         steps += 1
         is_over = terminated or truncated or steps == max_steps
         failure = "budget spent" if terminated else "time limit"
-    return _score(env, seed, info, before, steps, started, info.get("failure") or failure)
+    return _score(env, seed, info, before, steps, started, failure)
 
 
 def play_expert(env: gym.Env, expert: Expert, seed: int) -> Score:

@@ -6,15 +6,20 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from learning.evaluation import Score
 from learning.statistics import Interval, bootstrap
 
 __all__ = ["Row", "markdown", "plot", "summarise"]
+
+BESIDE = 0.3
+"""How far apart contenders are drawn, in objects, so that none hides another."""
 
 
 @dataclass(frozen=True)
@@ -111,23 +116,32 @@ def plot(rows: Sequence[Row], path: Path) -> None:
     if not counted:
         return
     mpl.use("Agg")
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for contender in dict.fromkeys(row.contender for row in counted):
+    figure = Figure(figsize=(10, 4.4), layout="constrained")
+    panels = figure.subplots(1, 2)
+    contenders = list(dict.fromkeys(row.contender for row in counted))
+    for place, contender in enumerate(contenders):
         own = [row for row in counted if row.contender == contender]
-        numbers = [int(row.arena[1:]) for row in own]
-        for axes, values in ((left, [row.success for row in own]), (right, [row.moved for row in own])):
-            means = np.array([value.mean for value in values])
-            below = means - np.array([value.low for value in values])
-            above = np.array([value.high for value in values]) - means
-            axes.errorbar(numbers, means, yerr=np.stack((below, above)), marker="o", capsize=3, label=contender)
-    for axes, title in ((left, "success"), (right, "objects moved (solved scenes)")):
+        numbers = np.array([int(row.arena[1:]) for row in own]) + BESIDE * (place - (len(contenders) - 1) / 2)
+        _draw(panels[0], numbers, [row.success for row in own], contender, place)
+        _draw(panels[1], numbers, [row.moved for row in own], contender, place)
+    panels[0].set(title="success", ylim=(-0.03, 1.03))
+    panels[1].set(title="objects moved, on solved scenes")
+    panels[1].set_ylim(bottom=0)
+    for axes in panels:
         axes.set_xlabel("objects on the table")
-        axes.set_title(title)
+        axes.set_xticks(sorted({int(row.arena[1:]) for row in counted}))
         axes.grid(alpha=0.3)
-    left.set_ylim(-0.02, 1.02)
-    left.legend(fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9)
     figure.savefig(path, dpi=120)
+
+
+def _draw(axes: Any, numbers: NDArray[np.float64], values: Sequence[Interval], label: str, place: int) -> None:
+    """One contender's line; where it solved nothing, there is no point."""
+    means, low, high = (np.array(column) for column in zip(*values, strict=True))
+    marker, colour = "osD^vPX"[place % 7], f"C{place % 10}"
+    axes.errorbar(
+        numbers, means, yerr=np.stack((means - low, high - means)), marker=marker, color=colour, capsize=3, label=label
+    )
 
 
 def _excess(run: Sequence[Score], floors: Mapping[int, int | None]) -> list[float]:
