@@ -30,6 +30,8 @@ COLOURS = "turbo_r"
 BLACK = np.array([0.05, 0.05, 0.05, 1.0])
 COARSE = {"voxel": 0.15, "orientations": 26}
 """The map of Fig. 1: few enough arrows to see between them."""
+PANEL = (480, 440)
+"""Pixels of one picture of Fig. 1."""
 SIDE, PIXELS = 2.4, 640
 """[m] shown by a slice, and its pixels."""
 
@@ -43,7 +45,7 @@ class Arguments:
     """Folder of the pictures."""
     cup: tuple[float, float] = (0.1, 0.3)
     """[m] of the cup on the table: from its middle, away from the robot and to the left."""
-    dpi: int = 110
+    dpi: int = 90
 
 
 def main(arguments: Arguments) -> None:
@@ -66,11 +68,11 @@ def draw_maps(specification: RobotSpec) -> Figure:
     scale = Normalize(0, float(rm.manipulability.max()))
     colours = np.asarray(colormaps[COLOURS](scale(rm.manipulability)))
     home = np.array(specification.home)
-    stage = Stage(specification, (640, 600))
+    stage = Stage(specification, PANEL)
     far_half = rm.positions[:, 1] > 0
     p, R = rm.positions, _rotations(rm)
     hands = Arrows(p[far_half], R[far_half, :, 0], colours[far_half], 0.10, 0.008)
-    view = View((0.2, 0.2, 0.75), 4.6, 110.0, -18.0)
+    view = View((0.25, 0.3, 0.88), 3.5, 110.0, -18.0)
     pictures = [stage.picture(np.zeros(3), home, view, [hands])]
     for bases in (_bases_of_equation_4(rm, colours), _bases_of_equation_5(rm, colours)):
         pictures.append(stage.picture(np.zeros(3), home, bases.view, bases.arrows, show_robot=False))
@@ -98,7 +100,7 @@ def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
     far = place[:, 1] > 0
     hand = Arrows(np.zeros((1, 3)), np.eye(3)[:1], BLACK[None], 0.4, 0.03)
     bases = Arrows(place[far], R[far, 0, :], colours[far], 0.12, 0.009)
-    return _Bases((_raised(bases), _raised(hand)), View((0.0, 0.4, 1.4), 7.0, 110.0, -14.0))
+    return _Bases((_raised(bases), _raised(hand)), View((-0.1, 0.3, 1.2), 5.0, 110.0, -14.0))
 
 
 def _raised(arrows: Arrows) -> Arrows:
@@ -119,7 +121,7 @@ def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
     points = np.column_stack([np.cos(keys[:, 1]), np.zeros(len(keys)), -np.sin(keys[:, 1])])
     hands = Arrows(tails, points, np.tile(BLACK, (len(keys), 1)), 0.12, 0.008)
     bases = Arrows(place, ahead, colours, 0.10, 0.008)
-    return _Bases((bases, hands), View((0.0, 0.0, 0.6), 5.0, 110.0, -25.0))
+    return _Bases((bases, hands), View((0.0, 0.0, 0.78), 3.4, 110.0, -28.0))
 
 
 def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
@@ -128,7 +130,7 @@ def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
         "(b) inverse map (equation 4):\nbases around one hand (black), the far half",
         "(c) inverse map (equation 5):\nbases on the floor, hands (black) by height and pitch",
     )
-    figure = Figure(figsize=(13.2, 4.9), layout="constrained")
+    figure = Figure(figsize=(13.2, 4.4), layout="constrained")
     axes = figure.subplots(1, len(pictures))
     for axis, picture, title in zip(axes, pictures, titles, strict=True):
         axis.imshow(picture)
@@ -136,7 +138,6 @@ def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
         axis.set_axis_off()
     mu = ScalarMappable(scale, COLOURS)
     figure.colorbar(mu, ax=axes, label="manipulability μ (linear rows in m)", fraction=0.02, pad=0.01)
-    figure.supxlabel("floor tiles of 0.5 m", fontsize=9)
     return figure
 
 
@@ -153,7 +154,7 @@ def draw_slices(specification: RobotSpec) -> Figure:
     z, height = grid.layer_height(layer), (-0.25, 2.15)
     side, top = rm.reachability_index[:, :, grid.half], rm.reachability_index[layer]
     best = _best_manipulability(rm, layer)
-    figure = Figure(figsize=(13.6, 4.6), layout="constrained")
+    figure = Figure(figsize=(13.6, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     x_edges, y_edges = (np.append(grid.axis(k) - grid.voxel / 2, grid.axis(k)[-1] + grid.voxel / 2) for k in (0, 1))
     z_edges = grid.bottom + np.arange(grid.layers + 1) * grid.voxel
@@ -198,7 +199,7 @@ def _slice(
     axis: Axes, x: Floats, y: Floats, values: Floats, colours: str, label: str, y_label: str, title: str
 ) -> None:
     mesh = axis.pcolormesh(x, y, np.where(values > 0, values, np.nan), cmap=colours)
-    axis.figure.colorbar(mesh, ax=axis, label=label, shrink=0.85)
+    axis.figure.colorbar(mesh, ax=axis, label=label, shrink=0.9, aspect=22)
     axis.set(ylabel=y_label, title=title, facecolor="#f4f4f6")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
@@ -14,8 +16,9 @@ from clutter_env.layout import TABLE_HEIGHT, Layout, furniture
 from irm.cache import cached_map
 from irm.free_space import FreeSpace
 from irm.inverse import InverseReachabilityMap
+from irm.keys import base_turns, find_key, flat_key
 from irm.kinematics import ArmChain
-from irm.placement import BasePlacement
+from irm.placement import YAW_STEP, BasePlacement
 from irm.verification import Verified, hand_poses, verify
 from irm_room import Room
 from irm_stage import Cup, Stage, View
@@ -30,8 +33,9 @@ GROWN = 0.3
 REACH = 1.6
 """[m] of floor shown around the table's middle."""
 SPACING = 0.06
-"""[m] between the candidates drawn."""
-CANDIDATES = 1500
+"""[m] of the squares of floor of which the best candidate is drawn."""
+YAWS = (-np.pi / 2, np.pi / 2)
+"""Approach yaws allowed: from the robot's side of the table."""
 CUP_HALF_HEIGHT = 0.05
 """[m]"""
 PURPLE = "#7b2cbf"
@@ -47,14 +51,14 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
     floor = FreeSpace.from_boxes([(0.0, 0.0, TABLE.depth, TABLE.width)], GROWN, (-REACH, -REACH, REACH, REACH))
     inverse_map = InverseReachabilityMap(cached_map(robot, orientations=266, pitches=(0.0,), heights=(0.7, 1.2)))
     hand = np.array([*cup, TABLE_HEIGHT + robot.grasp_height])
-    everywhere = inverse_map.query(hand, k=CANDIDATES, separation=SPACING)
-    free = inverse_map.query(hand, free_space=floor, k=5)
+    everywhere = _candidates(inverse_map, hand)
+    free = inverse_map.query(hand, yaw_range=YAWS, free_space=floor, k=5)
     chosen = _verified(robot, free, hand)
     place = Cup((*cup, TABLE_HEIGHT + CUP_HALF_HEIGHT), half_height=CUP_HALF_HEIGHT)
     stage = Stage(robot, (PIXELS, PIXELS), furniture(TABLE), place)
     above = View((0.0, 0.0, 1.0), 6.0, 90.0, -90.0, 2 * REACH)
     robot_above = stage.picture(chosen.base, chosen.postures[0], above, show_floor=False)
-    beside = stage.picture(chosen.base, chosen.postures[0], View((-0.1, 0.1, 0.7), 3.4, 60.0, -28.0))
+    beside = stage.picture(chosen.base, chosen.postures[0], View((-0.2, 0.1, 0.65), 3.2, 68.0, -28.0))
     stage.close()
     figure = Figure(figsize=(13.0, 6.0), layout="constrained")
     plan, photograph = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
@@ -65,6 +69,34 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
     x, y, yaw = chosen.base
     photograph.set_title(f"the base at x = {x:.2f} m, y = {y:.2f} m, yaw = {np.degrees(yaw):.0f}°: μ = {mu:.3f}")
     return figure
+
+
+class _Candidates(NamedTuple):
+    """Bases (n,) of one hand pose: x, y [m], yaw [rad], μ."""
+
+    x: Floats
+    y: Floats
+    yaw: Floats
+    manipulability: Floats
+
+
+def _candidates(inverse_map: InverseReachabilityMap, hand: Floats) -> _Candidates:
+    """The best base of every square of floor, free or not."""
+    grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
+    key = find_key(grid, float(hand[2]), 0.0, 0.0)
+    if key is None:
+        raise ValueError(f"the hand does not get to {hand[2]:.2f} m")
+    flat, yaws = flat_key(grid, key.layer, key.group), base_turns(grid, key, YAWS, YAW_STEP).yaws[:, None]
+    mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
+    c, s = np.cos(yaws), np.sin(yaws)
+    x = (hand[0] + c * tiles.x[mine] - s * tiles.y[mine]).ravel()
+    y = (hand[1] + s * tiles.x[mine] + c * tiles.y[mine]).ravel()
+    yaw, mu = (yaws + tiles.yaw[mine]).ravel(), np.tile(tiles.mu[mine], len(yaws))
+    best_first = np.argsort(-mu, kind="stable")
+    squares = np.floor(np.column_stack([x, y])[best_first] / SPACING)
+    _, first = np.unique(squares, axis=0, return_index=True)
+    best = best_first[first]
+    return _Candidates(x[best], y[best], yaw[best], mu[best])
 
 
 def _verified(robot: RobotSpec, bases: BasePlacement, hand: Floats) -> Verified:
@@ -80,7 +112,7 @@ def _verified(robot: RobotSpec, bases: BasePlacement, hand: Floats) -> Verified:
 
 def _draw_plan(
     axes: Axes,
-    bases: BasePlacement,
+    bases: _Candidates,
     floor: FreeSpace,
     chosen: Verified,
     cup: tuple[float, float],
@@ -96,16 +128,16 @@ def _draw_plan(
             corner, TABLE.depth, TABLE.width, round_box, facecolor="none", edgecolor="#e0a800", linewidth=2.5, zorder=2
         )
     )
-    x, y, yaw = bases.poses.T
+    x, y, yaw, mu = bases
     is_free = floor.are_free(x, y)
-    scale = Normalize(0, float(bases.manipulability.max()))
+    scale = Normalize(0, float(mu.max()))
     for mask, alpha in ((~is_free, 0.18), (is_free, 1.0)):
         arrows = axes.quiver(
             x[mask],
             y[mask],
             np.cos(yaw[mask]),
             np.sin(yaw[mask]),
-            bases.manipulability[mask],
+            mu[mask],
             cmap=colours,
             norm=scale,
             alpha=alpha,
