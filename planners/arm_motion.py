@@ -1,4 +1,4 @@
-"""Collision-free motions of torso and arm on a standing base: free paths and straight lines of the TCP."""
+"""Collision-free motions of torso and arm on a standing base, and what is in the way where there is none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from planners.collision_kernel import make_workspace
 from planners.robot_geometry import RobotArrays
 from planners.rrt_kernel import connect, round_corners, shorten
 from planners.scene import FURNITURE_BIT, SELF_BIT, HeldObject, RobotState
-from planners.straight_kernel import track_line
 
 __all__ = [
     "ArmPath",
@@ -25,16 +24,11 @@ __all__ = [
     "Unreachable",
     "blocking_set",
     "plan_arm",
-    "plan_straight",
     "tcp_pose",
 ]
 
 FIXED_BITS = 1 << FURNITURE_BIT | 1 << SELF_BIT
 """Hits that no clearing can remove."""
-LINE_STEP = 0.01
-"""[m] between samples of a straight line."""
-LINE_JUMP = 0.15
-"""[rad] that a joint may turn between them: more means a singularity."""
 _ROLL_RANGE = 2 * math.pi
 """[rad] A joint with more play has several angles for one orientation."""
 
@@ -103,12 +97,14 @@ class RRTConfig:
         shortcuts: random shortcuts tried afterwards.
         step: [m] between checks while searching; accepted paths are checked again at `collision.STEP`.
         margin: [rad] beyond start and goal from which joints with more than a turn of play are sampled.
+        near: share of the random targets of an arm that lie about the straight way from start to goal.
     """
 
     iterations: int = 600
     shortcuts: int = 20
     step: float = 0.015
     margin: float = 1.5
+    near: float = 0.8
 
 
 DEFAULT_EFFORT = RRTConfig()
@@ -152,6 +148,7 @@ def plan_arm(
     config: RRTConfig = DEFAULT_EFFORT,
     phase: str = "transit",
     exact: bool = False,
+    blame: bool = True,
 ) -> ArmPath | Obstruction | Unreachable:
     """A free path from one configuration to one of several, shortened.
 
@@ -168,6 +165,7 @@ def plan_arm(
         phase: name to report in an `Obstruction`.
         exact: end at a goal as it is given; else joints that turn round may end a whole turn away from it, which is
             the same posture (see `nearest_turns`).
+        blame: whether to find out which objects are in the way, for which the plan is made many times again.
 
     Returns:
         the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
@@ -179,6 +177,8 @@ def plan_arm(
     path = _search(world, place, start, goals, opening, held, ignore, rng, config)
     if path is not None:
         return ArmPath(place, path, opening, held, ignore)
+    if not blame:
+        return Unreachable(f"{phase}: no path found within {config.iterations} iterations")
     return blocking_set(world, place, start, goals, opening, held, ignore, rng=rng, config=config, phase=phase)
 
 
@@ -204,11 +204,11 @@ def blocking_set(
     goals = np.atleast_2d(np.array(q_goals, dtype=float))
     touched = [int(h) for h in world.hits_many(place, np.vstack([start[None], goals]), opening, held, ignore)]
     if touched[0] & FIXED_BITS:
-        return Unreachable(f"the start touches {_words(world, touched[0] & FIXED_BITS)}")
+        return Unreachable(f"the start touches {named_bits(world, touched[0] & FIXED_BITS)}")
     standing = [(h, goal) for h, goal in zip(touched[1:], goals, strict=True) if not h & FIXED_BITS]
     if not standing:
         worst = touched[1] if len(touched) > 1 else FIXED_BITS
-        return Unreachable(f"every goal touches {_words(world, worst & FIXED_BITS)}")
+        return Unreachable(f"every goal touches {named_bits(world, worst & FIXED_BITS)}")
     least = min((h for h, _ in standing), key=lambda h: (h.bit_count(), h)) | touched[0]
     free_goals = np.array([goal for _, goal in standing])
 
@@ -221,7 +221,7 @@ def blocking_set(
     path = plan_without(everything)
     if path is None:
         return Unreachable("no path even without any object")
-    blockers = world.path_hits(_on_base(place, path), opening, held, ignore) & everything
+    blockers = world.path_hits(on_base(place, path), opening, held, ignore) & everything
     for bit in [1 << i for i in range(len(world.scene.objects)) if blockers & ~least & 1 << i]:
         if plan_without(blockers & ~bit) is not None:
             blockers &= ~bit
@@ -230,82 +230,12 @@ def blocking_set(
     return Obstruction(frozenset(world.scene.names_of(blockers)), phase)
 
 
-def plan_straight(
-    world: CollisionWorld,
-    base: ArrayLike,
-    q_start: ArrayLike,
-    direction: ArrayLike,
-    distance: float,
-    opening: float,
-    held: HeldObject | None = None,
-    ignore: int = 0,
-    *,
-    phase: str = "approach",
-) -> ArmPath | Obstruction | Unreachable:
-    """A straight line of the TCP, its orientation kept.
-
-    Args:
-        world: the scene, compiled.
-        base: (3,) where the base stands.
-        q_start: (8,) where the line starts; the path continues it without jumps.
-        direction: (3,) in the world, unit length.
-        distance: [m].
-        opening, held, ignore, phase: as for `plan_arm`.
-
-    Returns:
-        the path; exactly the objects that the line hits; or why clearing would not help.
-    """
-    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
-    waypoints = trace_straight(world, place, start, direction, distance)
-    if waypoints is None:
-        return Unreachable(f"{phase}: the arm cannot follow a straight line of {distance:.2f} m")
-    hits = world.path_hits(_on_base(place, waypoints), opening, held, ignore)
-    if hits & FIXED_BITS:
-        return Unreachable(f"{phase}: the line touches {_words(world, hits & FIXED_BITS)}")
-    if hits:
-        return Obstruction(frozenset(world.scene.names_of(hits)), phase)
-    return ArmPath(place, waypoints, opening, held, ignore)
-
-
-def trace_straight(
-    world: CollisionWorld,
-    base: NDArray[np.float64],
-    q_start: NDArray[np.float64],
-    direction: ArrayLike,
-    distance: float,
-) -> NDArray[np.float64] | None:
-    """Waypoints (n, 8) of a straight line, obstacles not looked at; None where the arm cannot follow."""
-    along = np.asarray(direction, dtype=float)
-    c, s = math.cos(base[2]), math.sin(base[2])
-    in_base = np.array([c * along[0] + s * along[1], c * along[1] - s * along[0], along[2]])
-    speed = np.array(world.scene.robot.max_velocity[3:])
-    path = track_line(world.robot, q_start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
-    samples = max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1
-    return np.asarray(path) if len(path) == samples else None
-
-
-def trace_by_torso(
-    world: CollisionWorld,
-    _base: NDArray[np.float64],
-    q_start: NDArray[np.float64],
-    direction: ArrayLike,
-    distance: float,
-) -> NDArray[np.float64] | None:
-    """As `trace_straight` for a vertical line, with the torso alone: in any posture of the arm, but with its limits."""
-    robot, along = world.robot, np.asarray(direction, dtype=float)
-    end = q_start[0] + distance * along[2]
-    if abs(along[2]) < 1.0 - 1e-9 or not robot.lower[0] <= end <= robot.upper[0]:
-        return None
-    waypoints = np.tile(q_start, (max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1, 1))
-    waypoints[:, 0] = np.linspace(q_start[0], end, len(waypoints))
-    return waypoints
-
-
-def _words(world: CollisionWorld, mask: int) -> str:
+def named_bits(world: CollisionWorld, mask: int) -> str:
+    """What the bits of a mask stand for, in words."""
     return " and ".join(world.names_of(mask)) or "nothing"
 
 
-def _on_base(base: NDArray[np.float64], waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_base(base: NDArray[np.float64], waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Drive vectors (n, 11)."""
     return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
 
@@ -325,13 +255,24 @@ def _search(
     touched = world.hits_many(base, np.vstack([start[None], goals]), opening, held, ignore)
     if touched[0] or touched[1:].all():
         return None
-    X = _on_base(base, np.vstack([start[None], goals[touched[1:] == 0]]))
+    X = on_base(base, np.vstack([start[None], goals[touched[1:] == 0]]))
     lower, upper = _bounds(world.robot, X, config.margin)
     work = make_workspace(world.robot, world.attached(held))
     arguments = float(opening), world.active(ignore), world.padding
     for step in (config.step, STEP):
         path = connect(
-            world.robot, world.obstacles, work, X[0], X[1:], lower, upper, *arguments, step, config.iterations, rng
+            world.robot,
+            world.obstacles,
+            work,
+            X[0],
+            X[1:],
+            lower,
+            upper,
+            *arguments,
+            step,
+            config.iterations,
+            config.near,
+            rng,
         )
         if not len(path):
             return None

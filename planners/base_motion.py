@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.arm_motion import DEFAULT_EFFORT, RRTConfig, Unreachable
+from planners.arm_motion import RRTConfig, Unreachable
 from planners.collision import STEP, CollisionWorld
 from planners.collision_kernel import make_workspace
 from planners.rrt_kernel import connect, shorten
@@ -17,6 +17,8 @@ from planners.scene import HeldObject
 
 __all__ = ["BasePath", "plan_base"]
 
+DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
+"""Ways round furniture are far from straight."""
 RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
 ROAM = 1.0
@@ -57,7 +59,7 @@ def plan_base(
     opening: float | None = None,
     held: HeldObject | None = None,
     rng: np.random.Generator | None = None,
-    config: RRTConfig = DEFAULT_EFFORT,
+    config: RRTConfig = DRIVE_EFFORT,
 ) -> BasePath | Unreachable:
     """A collision-free drive: straight if possible, else backing away first, else found by a random tree.
 
@@ -122,7 +124,8 @@ def _way_round(
     upper[:3] += (ROAM, ROAM, math.pi)
     work = make_workspace(world.robot, world.attached(held))
     arguments = opening, world.active(0), world.padding, STEP
-    path = connect(world.robot, world.obstacles, work, X[0], X[1:], lower, upper, *arguments, config.iterations, rng)
+    tree = X[0], X[1:], lower, upper, *arguments, config.iterations, config.near, rng
+    path = connect(world.robot, world.obstacles, work, *tree)
     if not len(path):
         return None
     path = shorten(world.robot, world.obstacles, work, path, *arguments, config.shortcuts, rng)

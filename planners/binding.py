@@ -16,7 +16,7 @@ from planners.collision import CollisionWorld
 from planners.commitments import LeaveAlone, NoCommitment, OptionSource
 from planners.grasp_options import GraspCatalogue, GraspOption
 from planners.hand_motion import PickMotion, PlaceMotion, can_leave, plan_pick, plan_place
-from planners.lookahead import Arrange, Foresight, commitments_for
+from planners.lookahead import Arrange, Foresight, Unusable, commitments_for
 from planners.placements import Placement, PlacementSearch
 from planners.referee import Referee
 from planners.scene import RobotState, Scene
@@ -80,20 +80,21 @@ class Binder:
         self, strategy: Strategy, source: OptionSource, scene: Scene, target: str, arrange: Arrange
     ) -> Foresight | NoCommitment:
         while True:
-            ways = commitments_for(
-                strategy, source, self.placement_search, scene, target, arrange, self.rng, self.floor_limits
+            found = commitments_for(
+                strategy,
+                source,
+                self.placement_search,
+                scene,
+                target,
+                arrange,
+                self.rng,
+                self.floor_limits,
+                lambda grasp: can_leave(self._compiled(scene), grasp.base, grasp.q, grasp.object),
             )
-            found = next(ways)
-            stuck = [] if isinstance(found, NoCommitment) else self._stuck(scene, found)
-            if not stuck:
+            if not isinstance(found, Unusable):
                 return found
-            for grasp in stuck:
+            for grasp in found.grasps:
                 self.ban(scene, grasp)
-
-    def _stuck(self, scene: Scene, found: Foresight) -> list[GraspOption]:
-        """Chosen grasps from which no straight line leads away."""
-        world = self._compiled(scene)
-        return [g for g in found.commitments.grasps.values() if not can_leave(world, g.base, g.q, g.object)]
 
     def ban(self, scene: Scene, grasp: GraspOption) -> None:
         """Do not offer a grasp again: no motion leads to it."""
@@ -149,7 +150,9 @@ class Binder:
         assert scene.held is not None
         world = self._compiled(scene)
         for _ in range(_TRIES):
-            motion = plan_place(world, placement.base, scene.state.q, placement.q, scene.held, rng=self.rng)
+            motion = plan_place(
+                world, placement.base, scene.state.q, placement.q, scene.held, rng=self.rng, blame=False
+            )
             if not isinstance(motion, PlaceMotion):
                 return motion
             if self._is_accepted(scene, motion.paths[:2]) and self._is_accepted(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,7 @@ class CollisionWorld:
     robot: RobotArrays
     obstacles: Obstacles
     padding: float = PADDING
+    _in_hand: dict[int, tuple[HeldObject | None, Attached]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
@@ -53,7 +54,13 @@ class CollisionWorld:
         return np.uint64(_ALL & ~int(ignore))
 
     def attached(self, held: HeldObject | None) -> Attached:
-        """What is in hand, for kernels; raises `UnknownObject`."""
+        """What is in hand, for kernels, remembered; raises `UnknownObject`."""
+        known = self._in_hand.get(id(held))
+        if known is None:
+            known = self._in_hand[id(held)] = held, self._attached(held)
+        return known[1]
+
+    def _attached(self, held: HeldObject | None) -> Attached:
         if held is None:
             nothing = np.zeros((2, 3))
             return Attached(-1, BOX, nothing, 0.0, nothing, np.eye(3), np.array(self.robot.reach))
@@ -95,15 +102,21 @@ class CollisionWorld:
         return hits
 
     def path_hits(
-        self, X: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0, step: float = STEP
+        self,
+        X: ArrayLike,
+        opening: float,
+        held: HeldObject | None = None,
+        ignore: int = 0,
+        step: float = STEP,
+        first_only: bool = False,
     ) -> int:
         """What a piecewise straight motion through drive vectors `X` (k, 11), base and `q`, hits.
 
-        No point moves more than `step` [m] between two checks.
+        No point moves more than `step` [m] between two checks. `first_only`: some of what it hits will do, if anything.
         """
         rows = np.array(X, dtype=float, order="C")
         arguments = self.robot, self.obstacles, self.attached(held), rows
-        return int(path_hits(*arguments, float(opening), self.active(ignore), self.padding, step, False))
+        return int(path_hits(*arguments, float(opening), self.active(ignore), self.padding, step, first_only))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
         """The objects, and "furniture" and "robot", whose bits are set."""

@@ -49,6 +49,13 @@ Arrange: TypeAlias = Callable[[Commitments], Commitments]
 
 
 @dataclass(frozen=True)
+class Unusable:
+    """Grasps that commitments would be made to, but that cannot be used."""
+
+    grasps: tuple[GraspOption, ...]
+
+
+@dataclass(frozen=True)
 class Foresight:
     """Commitments, and where each object to clear will be put; no places for strategies that do not look ahead."""
 
@@ -70,8 +77,9 @@ def commitments_for(
     arrange: Arrange,
     rng: np.random.Generator,
     limits: FloorLimits | None = None,
-) -> Iterator[Foresight | NoCommitment]:
-    """Ways to go about it, best first; where there is none, or none whose objects all find places, the reason.
+    usable: Callable[[GraspOption], bool] = lambda _: True,
+) -> Foresight | NoCommitment | Unusable:
+    """The best way to go about it; where there is none, or none whose objects all find places, the reason.
 
     Args:
         strategy: how to commit, and what places must keep clear of.
@@ -82,23 +90,25 @@ def commitments_for(
         arrange: puts commitments in the order in which the task planner will carry them out.
         rng: for variations and finer grids of places.
         limits: of the search for the smallest sets.
+        usable: whether a grasp can be used at all. It is asked about few, before places are looked for; the source is
+            to offer those named in `Unusable` no more before this function is called again.
     """
-    if strategy.grasps == "greedy":
-        found = greedy_commitments(source, scene, target)
-        yield found if isinstance(found, NoCommitment) else Foresight(found)
-        return
+    greedy = strategy.grasps == "greedy"
+    ways = iter((greedy_commitments(source, scene, target),)) if greedy else None
     without_place = target
-    for commitments in _alternatives(source, scene, target, rng, limits):
+    for commitments in ways or _alternatives(source, scene, target, rng, limits):
         if isinstance(commitments, NoCommitment):
-            yield commitments
-            return
+            return commitments
+        if unusable := tuple(grasp for grasp in commitments.grasps.values() if not usable(grasp)):
+            return Unusable(unusable)
+        if greedy:
+            return Foresight(commitments)
         commitments = arrange(commitments)
         places = _places(strategy, search, scene, commitments, rng)
-        if isinstance(places, str):
-            without_place = places
-        else:
-            yield Foresight(commitments, places)
-    yield NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_place,), proved=False)
+        if not isinstance(places, str):
+            return Foresight(commitments, places)
+        without_place = places
+    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_place,), proved=False)
 
 
 def _alternatives(

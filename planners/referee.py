@@ -107,6 +107,8 @@ class Referee:
             for state in self._refine(stretch, step):
                 self._place(state, stretch.held)
                 worst = self._worse(worst, state, in_hand, ignored)
+            if stretch.held is not None:
+                self._leave(stretch.held.name)
             self._meet_things(in_hand, 0)
         self.move_to(self.scene)
         return worst
@@ -148,11 +150,16 @@ class Referee:
         data.qpos[self._second_finger] = state[-1]
         mujoco.mj_kinematics(model, data)
         if held is not None:
-            R, quaternion = data.site_xmat[self._tcp].reshape(3, 3), np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, (R @ held.T_tcp_object[:3, :3]).ravel())
-            self._put(held.name, data.site_xpos[self._tcp] + R @ held.T_tcp_object[:3, 3], quaternion)
-            mujoco.mj_kinematics(model, data)
+            geom, R = self._geoms[held.name], data.site_xmat[self._tcp].reshape(3, 3)
+            data.geom_xpos[geom] = data.site_xpos[self._tcp] + R @ held.T_tcp_object[:3, 3]
+            data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
         mujoco.mj_collision(model, data)
+
+    def _leave(self, name: str) -> None:
+        """From now on an object stays where it was placed last."""
+        geom, quaternion = self._geoms[name], np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
+        self._put(name, self._data.geom_xpos[geom], quaternion)
 
     def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
         start = self._start[name]

@@ -27,6 +27,8 @@ _EXTENSION = 0.5
 _ARC_PIECES = 8
 _LEAST_PROGRESS = 3
 """Steps that a blocked extension must have made to be kept."""
+_NEAR_SPREAD = 0.4
+"""[m] Standard deviation of targets drawn about the straight way, each joint weighed by its reach."""
 
 
 @njit(cache=True)
@@ -105,6 +107,29 @@ def _grow(
 
 
 @njit(cache=True)
+def _draw(
+    start: Array,
+    goal: Array,
+    lower: Array,
+    upper: Array,
+    weights: Array,
+    near: float,
+    rng: np.random.Generator,
+    target: Array,
+) -> None:
+    """A random target within the bounds, with probability `near` about the straight way."""
+    if rng.random() < near:
+        share = rng.random()
+        for joint in range(target.shape[0]):
+            middle = start[joint] + (goal[joint] - start[joint]) * share
+            drawn = middle + rng.standard_normal() * _NEAR_SPREAD / weights[joint]
+            target[joint] = min(max(drawn, lower[joint]), upper[joint])
+        return
+    for joint in range(target.shape[0]):
+        target[joint] = lower[joint] + (upper[joint] - lower[joint]) * rng.random()
+
+
+@njit(cache=True)
 def connect(
     robot: RobotArrays,
     obstacles: Obstacles,
@@ -118,11 +143,14 @@ def connect(
     padding: float,
     step: float,
     iterations: int,
+    near: float,
     rng: np.random.Generator,
 ) -> Array:
     """A free path (k, d) from `start` (d,) to one of `goals` (g, d), which must be free; (0, d) when none was found.
 
-    Random targets are drawn between `lower` and `upper` (d,). No point moves more than `step` [m] between checks.
+    Random targets are drawn between `lower` and `upper` (d,); where these coincide nothing moves.
+    A share `near` of them lies about the straight way from start to goal: where detours are small that finds them
+    sooner. No point moves more than `step` [m] between checks.
     """
     d, capacity = start.shape[0], goals.shape[0] + 1 + 2 * iterations
     nodes, parents = np.empty((2, capacity, d)), np.empty((2, capacity), np.int64)
@@ -137,27 +165,27 @@ def connect(
     target, reached, link = np.empty(d), np.empty(d), np.empty(d)
     tree = 0
     for _ in range(iterations):
-        for joint in range(d):
-            target[joint] = lower[joint] + (upper[joint] - lower[joint]) * rng.random()
-        near = _nearest(nodes[tree], counts[tree], target, work.reach)
-        distance = math.sqrt(_squared_distance(nodes[tree, near], target, work.reach))
+        goal = goals[int(rng.random() * goals.shape[0])]
+        _draw(start, goal, lower, upper, work.reach, near, rng, target)
+        stem = _nearest(nodes[tree], counts[tree], target, work.reach)
+        distance = math.sqrt(_squared_distance(nodes[tree, stem], target, work.reach))
         share = min(1.0, _EXTENSION / max(distance, 1e-12))
         for joint in range(d):
-            target[joint] = nodes[tree, near, joint] + share * (target[joint] - nodes[tree, near, joint])
-        if _advance(robot, obstacles, work, nodes[tree, near], target, opening, active, padding, step, reached):
-            leaf = _grow(nodes, parents, counts, tree, near, reached)
+            target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
+        if _advance(robot, obstacles, work, nodes[tree, stem], target, opening, active, padding, step, reached):
+            leaf = _grow(nodes, parents, counts, tree, stem, reached)
             other = 1 - tree
-            near = _nearest(nodes[other], counts[other], reached, work.reach)
+            stem = _nearest(nodes[other], counts[other], reached, work.reach)
             outcome = _advance(
-                robot, obstacles, work, nodes[other, near], reached, opening, active, padding, step, link
+                robot, obstacles, work, nodes[other, stem], reached, opening, active, padding, step, link
             )
             if outcome == 2:
                 first = _trace(nodes[tree], parents[tree], leaf)
-                second = _trace(nodes[other], parents[other], near)
+                second = _trace(nodes[other], parents[other], stem)
                 path = np.vstack((first, second[::-1]))
                 return path if tree == 0 else path[::-1].copy()
             if outcome == 1:
-                _grow(nodes, parents, counts, other, near, link)
+                _grow(nodes, parents, counts, other, stem, link)
         tree = 1 - tree
     return np.empty((0, d))
 

@@ -77,17 +77,17 @@ class SymbolicState:
     @cached_property
     def _by_predicate(self) -> dict[str | None, list[Atom]]:
         found: dict[str | None, list[Atom]] = defaultdict(list)
-        for fact in sorted(self.facts):
+        for fact in self.facts:
             found[fact[0]].append(fact)
         return found
 
     def find(self, *pattern: str | None) -> list[Atom]:
         """Facts that match a predicate and its arguments, None standing for any argument; sorted."""
-        return [
-            fact
-            for fact in self._by_predicate.get(pattern[0], ())
-            if all(wanted is None or wanted == symbol for wanted, symbol in zip(pattern, fact, strict=True))
-        ]
+        given = [(place, symbol) for place, symbol in enumerate(pattern) if place and symbol is not None]
+        facts = self._by_predicate.get(pattern[0], ())
+        for place, symbol in given:
+            facts = [fact for fact in facts if fact[place] == symbol]
+        return sorted(facts)
 
     def changed(self, add: Iterable[Atom] = (), remove: Iterable[Atom] = ()) -> SymbolicState:
         """The state without the facts of `remove` and with those of `add`."""

@@ -169,8 +169,9 @@ def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState |
 def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
     """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
     blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
+    obstructed = {trajectory for _, _, trajectory, _ in symbols.find("obstructs", None, None, None)}
     for name in scene.names:
-        if blockers.get(name) or symbols.find("obstructs", None, grasp_references(name).arm_trajectory, None):
+        if blockers.get(name) or grasp_references(name).arm_trajectory in obstructed:
             symbols = update_from_error(symbols, GraspObstructed(name, frozenset(blockers.get(name, ()))))
     return symbols
 

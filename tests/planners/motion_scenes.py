@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from irm.kinematics import ArmChain, inverse
 from planners.collision import CollisionWorld
-from planners.hand_motion import SIDE_CLEARANCE
+from planners.hand_lines import SIDE_CLEARANCE
 from planners.scene import Body, FurnitureBox, Scene
 from tests.planners.scenes import HEIGHT, random_scene
 

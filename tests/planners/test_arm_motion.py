@@ -16,13 +16,13 @@ from planners.arm_motion import (
     Unreachable,
     nearest_turns,
     plan_arm,
-    plan_straight,
     tcp_pose,
 )
 from planners.collision import STEP, CollisionWorld
-from planners.hand_motion import SIDE_CLEARANCE
+from planners.hand_lines import SIDE_CLEARANCE
 from planners.referee import TOLERANCE, Referee
 from planners.scene import Body, RobotState
+from planners.straight_motion import plan_straight
 from tests.planners.motion_scenes import grasp_postures, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 

@@ -1,0 +1,185 @@
+"""Straight lines to and from a contact posture: which the arm can follow, and what stands in the way of each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.arm_motion import FIXED_BITS, tcp_pose
+from planners.collision import CollisionWorld
+from planners.scene import Body, HeldObject, RobotState
+from planners.straight_motion import trace_by_torso, trace_straight
+
+__all__ = [
+    "LINES",
+    "SIDE_CLEARANCE",
+    "Contact",
+    "Line",
+    "LineOption",
+    "free_option",
+    "grasp_contact",
+    "grip_opening",
+    "lines_of",
+    "release_contact",
+    "trace",
+]
+
+SIDE_CLEARANCE = 0.012
+"""[m] between an open finger and the object, each side."""
+
+Array = NDArray[np.float64]
+
+
+class Line(NamedTuple):
+    """How the hand leaves a contact posture; it arrives the other way round. Lengths in metres.
+
+    Empty and open it moves `back` along its own axis, then `up`. With the object it moves `held_up`, then `held_back`.
+    """
+
+    name: str
+    back: float
+    up: float
+    held_up: float
+    held_back: float
+    by_torso: bool = False
+    """Vertical legs are left to the torso: slow, but what the arm is free of below it is free of all the way."""
+
+
+LINES = (
+    Line("above", back=0.0, up=0.25, held_up=0.25, held_back=0.0),
+    Line("above", back=0.0, up=0.19, held_up=0.19, held_back=0.0),
+    Line("above", back=0.0, up=0.25, held_up=0.25, held_back=0.0, by_torso=True),
+    Line("above", back=0.0, up=0.19, held_up=0.19, held_back=0.0, by_torso=True),
+    Line("front", back=0.10, up=0.0, held_up=0.25, held_back=0.0),
+    Line("front", back=0.10, up=0.0, held_up=0.19, held_back=0.0),
+    Line("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
+)
+
+
+class Contact(NamedTuple):
+    """The situation around a contact posture: worlds without and with the object in hand, openings [m], the object."""
+
+    empty: CollisionWorld
+    loaded: CollisionWorld
+    base: Array
+    q: Array
+    opening: float
+    grip: float
+    held: HeldObject
+    ignore: int
+
+
+class LineOption(NamedTuple):
+    """One line that the arm can follow: waypoints (n, 8) outwards, empty and loaded, and the objects that it hits."""
+
+    line: Line
+    empty: Array
+    loaded: Array
+    hits: int
+    phase: str
+
+
+def grip_opening(body: Body, finger_direction: ArrayLike, clearance: float = 0.0) -> float:
+    """[m] between the pads that hold an object across a world direction (3,), with `clearance` [m] on each side."""
+    return 2.0 * (body.half_extent_along(finger_direction) + clearance)
+
+
+def grasp_contact(world: CollisionWorld, base: ArrayLike, q: Array, name: str, ignore: int) -> Contact:
+    """The situation around a grasp of an object where it stands."""
+    robot, body = world.scene.robot, world.scene.body(name)
+    T_world_tcp = tcp_pose(robot, RobotState(np.asarray(base), q, 0.0))
+    held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
+    grip = grip_opening(body, T_world_tcp[:3, 1])
+    opening = min(grip + 2 * SIDE_CLEARANCE, robot.max_opening)
+    return Contact(world, world, np.array(base, dtype=float), q, opening, grip, held, ignore)
+
+
+def release_contact(
+    world: CollisionWorld, base: ArrayLike, q: Array, held: HeldObject, ignore: int
+) -> tuple[Contact, Body]:
+    """The situation around a release, and the object as it will stand."""
+    scene = world.scene
+    T_world_tcp = tcp_pose(scene.robot, RobotState(np.asarray(base), q, 0.0))
+    placed = scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
+    after = CollisionWorld.from_scene(scene.with_body(placed), world.padding)
+    grip = grip_opening(placed, T_world_tcp[:3, 1])
+    opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
+    return Contact(after, world, np.array(base, dtype=float), q, opening, grip, held, ignore), placed
+
+
+def lines_of(world: CollisionWorld) -> tuple[Line, ...]:
+    """The lines worth a try: those from the front only where something keeps the hand from coming from above."""
+    return LINES if _is_covered(world) else tuple(line for line in LINES if line.up > 0.0)
+
+
+def free_option(contact: Contact, line: Line) -> LineOption | None:
+    """A line that the arm can follow, empty and loaded, hitting nothing; less work than `_trace`."""
+    legs = _legs(contact, line)
+    if legs is None:
+        return None
+    empty, loaded = legs
+    ignore = contact.ignore
+    if contact.empty.path_hits(_drive(contact, empty), contact.opening, None, ignore, first_only=True):
+        return None
+    if contact.loaded.path_hits(_drive(contact, loaded), contact.grip, contact.held, ignore, first_only=True):
+        return None
+    return LineOption(line, empty, loaded, 0, "transit")
+
+
+def trace(contact: Contact, line: Line) -> LineOption | str:
+    """Follow a line outwards and see what it hits; or why the arm cannot."""
+    legs = _legs(contact, line)
+    if legs is None:
+        return "the arm cannot follow the line"
+    empty, loaded = legs
+    here = contact.empty.hits(contact.base, contact.q, contact.opening, None, contact.ignore)
+    out = contact.empty.path_hits(_drive(contact, empty), contact.opening, None, contact.ignore)
+    away = contact.loaded.path_hits(_drive(contact, loaded), contact.grip, contact.held, contact.ignore)
+    hits = out | away
+    if hits & FIXED_BITS:
+        return f"the line touches {' and '.join(contact.empty.names_of(hits & FIXED_BITS))}"
+    if hits >> contact.empty.scene.index(contact.held.name) & 1:
+        return f"the open hand does not fit around {contact.held.name}"
+    phase = "grasp" if hits == here else ("approach" if hits == out else "lift")
+    return LineOption(line, empty, loaded, hits, phase)
+
+
+def _is_covered(world: CollisionWorld) -> bool:
+    """Whether something above the table keeps the hand from coming from above."""
+    table = world.scene.support
+    return any(
+        box.lower[2] > table.top
+        and (np.abs(box.position - table.position) < box.half_extents + table.half_extents)[:2].all()
+        for box in world.scene.furniture
+        if box.lower[2] < table.top + 0.8
+    )
+
+
+def _legs(contact: Contact, line: Line) -> tuple[Array, Array] | None:
+    """Waypoints (n, 8) outwards along a line, empty and loaded; None where the arm cannot follow."""
+    robot, up = contact.empty.scene.robot, np.array([0.0, 0.0, 1.0])
+    back = -tcp_pose(robot, RobotState(contact.base, contact.q, 0.0))[:3, 0]
+    empty = _follow(contact, ((back, line.back), (up, line.up)), line.by_torso)
+    if empty is None:
+        return None
+    loaded = _follow(contact, ((up, line.held_up), (back, line.held_back)), line.by_torso)
+    return None if loaded is None else (empty, loaded)
+
+
+def _follow(contact: Contact, legs: tuple[tuple[Array, float], ...], by_torso: bool) -> Array | None:
+    """Waypoints (n, 8) from the contact posture along straight legs, None where the arm cannot follow."""
+    waypoints = contact.q[None]
+    for direction, distance in legs:
+        if distance > 0.0:
+            trace = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
+            leg = trace(contact.empty, contact.base, waypoints[-1], direction, distance)
+            if leg is None:
+                return None
+            waypoints = np.vstack([waypoints, leg[1:]])
+    return waypoints
+
+
+def _drive(contact: Contact, waypoints: Array) -> Array:
+    return np.hstack([np.tile(contact.base, (len(waypoints), 1)), waypoints])
