@@ -102,8 +102,11 @@ class Binder:
         self.catalogue.ban(scene, grasp)
 
     def obstruct(self, scene: Scene, grasp: GraspOption, blockers: frozenset[str]) -> None:
-        """Remember what is in the way of a grasp besides what it hits itself; ban it if that is nothing new."""
-        mask = scene.mask(blockers)
+        """Remember what is in the way of a grasp besides what it hits itself; ban it if that is nothing new.
+
+        An object that is in the way of its own grasp cannot be cleared for it.
+        """
+        mask = scene.mask(blockers - {grasp.object})
         if mask & ~grasp.blockers:
             self.catalogue.obstruct(scene, grasp, mask)
         else:
