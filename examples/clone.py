@@ -1,4 +1,4 @@
-"""Clone a scripted expert: twenty demonstrations of Pick, one network, one minute."""
+"""Clone a scripted expert: forty demonstrations of Pick, one network, one minute."""
 
 import torch
 
@@ -11,7 +11,7 @@ from learning.task import Task
 torch.set_num_threads(1)
 task = Task("clutter_env/Pick-v0")
 env = task.make()
-episodes = [record(task, env, make_expert(env), seed) for seed in range(20)]
+episodes = [record(task, env, make_expert(env), seed) for seed in range(40)]
 print(f"{sum(episode.succeeded for episode in episodes)} of {len(episodes)} demonstrations succeed")
 
 examples = examples_of(episode for episode in episodes if episode.succeeded)

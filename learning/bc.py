@@ -75,7 +75,6 @@ def clone(
     features, actions = torch.from_numpy(examples.features), torch.from_numpy(examples.actions)
     if policy is None:
         policy = Policy(features.shape[1], actions.shape[1], config.width)
-        policy.normalise(features)
     optimiser = torch.optim.Adam(policy.parameters(), lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
     for step in range(config.steps):

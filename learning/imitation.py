@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
 
@@ -21,11 +20,14 @@ __all__ = ["Imitation", "KeepImitating", "add_demonstrations"]
 
 BATCH = 256
 """Steps of the demonstrations in one step of imitation."""
-LEARNING_RATE = 1e-3
+LEARNING_RATE, LATER_RATE = 1e-3, 1e-4
+"""Of imitation, before and while the values are learnt."""
 DEVIATION = 0.15
 """Of the actor's first actions, before they are squashed into [-1, 1]."""
-HELD, RELEASED = 1 / 3, 2 / 3
-"""Shares of the run until which the actor only imitates, and after which it no longer does."""
+ONLY_CRITICS = 1 / 3
+"""Share of the run during which the actor is held."""
+TRUST = 0.03
+"""How far the actor goes along with the critics from then on."""
 
 
 def add_demonstrations(model: OffPolicyAlgorithm, env: gym.Env, episodes: Sequence[Episode]) -> int:
@@ -73,14 +75,15 @@ class Imitation:
     def begin(self, steps: int) -> None:
         """Take so many steps, and let the actor explore near what it was shown instead of anywhere."""
         for _ in range(steps):
-            self.step()
+            self.step(LEARNING_RATE)
         spread = self._model.actor.log_std
         assert isinstance(spread, torch.nn.Linear)
         torch.nn.init.zeros_(spread.weight)
         torch.nn.init.constant_(spread.bias, math.log(DEVIATION))
 
-    def step(self) -> float:
+    def step(self, learning_rate: float) -> float:
         """One gradient step; the loss before it."""
+        self._optimiser.param_groups[0]["lr"] = learning_rate
         actor = self._model.actor
         chosen = torch.randint(len(self._wanted), (BATCH,))
         mean = actor({name: value[chosen] for name, value in self._seen.items()}, deterministic=True)
@@ -92,26 +95,31 @@ class Imitation:
 
 
 class KeepImitating(BaseCallback):
-    """Guards what the actor was shown while values are still wrong: without it, SAC forgets it within 2,000 steps.
+    """Keeps the actor near what it was shown while it learns.
 
-    For the first third of the run only the critics learn: the actor is put back to what imitation made of it. From then
-    on there is a step of imitation beside each of the learner's own, ever more rarely, never in the last third. (A term
-    for imitation in the actor's loss is from Nair et al. 2018, Overcoming exploration in reinforcement learning with
-    demonstrations, section V.)
+    Left to itself, SAC forgets the demonstrations within 2,000 steps: its values are still wrong where the actor leads
+    next. So for the first third of the run only the critics learn; then the actor's own steps count for `TRUST` of
+    their length, each beside a step of imitation. (A term for imitation in the actor's loss is from Nair et al. 2018,
+    Overcoming exploration in reinforcement learning with demonstrations, section V.)
     """
 
-    def __init__(self, imitation: Imitation, steps: int, seed: int) -> None:
+    def __init__(self, imitation: Imitation, steps: int) -> None:
         super().__init__()
         self._imitation, self._steps = imitation, steps
-        self._rng = np.random.default_rng(seed)
 
     def _on_training_start(self) -> None:
-        self._shown = copy.deepcopy(self.model.policy.actor.state_dict())
+        self._before = self._actor()
 
     def _on_step(self) -> bool:
-        share = self.num_timesteps / self._steps
-        if share < HELD:
-            self.model.policy.actor.load_state_dict(self._shown)
-        elif self._rng.random() < (RELEASED - share) / (RELEASED - HELD):
-            self.logger.record("train/imitation_loss", self._imitation.step())
+        trust = 0.0 if self.num_timesteps < self._steps * ONLY_CRITICS else TRUST
+        with torch.no_grad():
+            for before, now in zip(self._before, self.model.policy.actor.parameters(), strict=True):
+                now.copy_(before + trust * (now - before))
+        if trust > 0:
+            self.logger.record("train/imitation_loss", self._imitation.step(LATER_RATE))
+        self._before = self._actor()
         return True
+
+    def _actor(self) -> list[torch.Tensor]:
+        """A copy of the actor's parameters."""
+        return [parameter.detach().clone() for parameter in self.model.policy.actor.parameters()]

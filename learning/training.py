@@ -163,7 +163,7 @@ def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool)
     if is_new:
         add_demonstrations(model, env, episodes)
         imitation.begin(run.imitation_steps)
-    return KeepImitating(imitation, run.steps, run.seed)
+    return KeepImitating(imitation, run.steps)
 
 
 def _clone(run: Run) -> list[dict[str, float]]:
