@@ -90,7 +90,7 @@ class ClassicalInverseReachabilityMap:
         return base[free], x[free], y[free], base_yaw[free], np.full(np.count_nonzero(free), yaw)
 
     def _on_ground(self, T_world_tcp: Floats, block: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Move a block of the map to the hand: numbers (m,) and x, y, yaw (3, m) of the bases that stand on the ground."""
+        """Move a block of the map to the hand: numbers (m,) and x, y, yaw (3, m) of bases that stand on the ground."""
         T_world_base = (T_world_tcp @ block.reshape(4, -1)).reshape(block.shape)
         half = self.reachability_map.grid.voxel / 2
         height = T_world_base[2, :, 3]

@@ -9,46 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import cos, hypot, inf, sin
-from typing import NamedTuple
+from math import cos, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from irm.distance_transform import distance_to_seeds
 from irm.errors import QueryError
+from irm.raster import BLOCKED, FREE, MIXED, Raster, are_outside, classify_cells, point_is_free
 
-__all__ = ["EVERYWHERE", "FreeSpace", "Raster", "outline_distance", "point_is_free"]
+__all__ = ["EVERYWHERE", "FreeSpace"]
 
 Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-
-BLOCKED, FREE, MIXED = 0, 1, 2
 
 DEFAULT_MARGIN = 2.0
 """[m] of floor kept around the outlines when no bounds are given: more than any arm's reach."""
 
 _MAX_CELLS = 25_000_000
-
-
-class Raster(NamedTuple):
-    """Free space as arrays for kernels.
-
-    `cells` (nx, ny) of BLOCKED, FREE, MIXED; `distance` (nx, ny) from a cell's centre to the nearest centre of a cell
-    that is not blocked [m]; polygons as `vertices` (v, 2) with `starts` (m + 1,). No cells at all: free everywhere.
-    """
-
-    cells: Bytes
-    distance: NDArray[np.float32]
-    x0: float
-    y0: float
-    x1: float
-    y1: float
-    resolution: float
-    vertices: Floats
-    starts: NDArray[np.int64]
-    radius: float
 
 
 @dataclass(frozen=True)
@@ -114,7 +91,7 @@ class FreeSpace:
             raise QueryError(
                 f"{shape[0]} × {shape[1]} cells are too many; choose smaller bounds or a coarser resolution"
             )
-        cells = _raster(shape[0], shape[1], x0, y0, resolution, vertices, starts, float(radius))
+        cells = classify_cells(shape[0], shape[1], x0, y0, resolution, vertices, starts, float(radius))
         distance = distance_to_seeds(cells != BLOCKED, resolution)
         for array in (cells, distance, vertices, starts):
             array.setflags(write=False)
@@ -136,7 +113,7 @@ class FreeSpace:
         kind = raster.cells.ravel()[np.clip(i, 0, width - 1) * depth + np.clip(j, 0, depth - 1)]
         free: NDArray[np.bool_] = (kind == FREE) & inside
         mixed = (kind == MIXED) & inside
-        free[mixed] = _are_outside(raster.vertices, raster.starts, raster.radius, x[mixed], y[mixed])
+        free[mixed] = are_outside(raster.vertices, raster.starts, raster.radius, x[mixed], y[mixed])
         return free
 
     @cached_property
@@ -166,114 +143,6 @@ def _bounds(
     if not (np.isfinite([x0, y0, x1, y1]).all() and x0 < x1 and y0 < y1):
         raise QueryError(f"bounds are x_min, y_min, x_max, y_max with x_min < x_max and y_min < y_max, not {bounds}")
     return x0, y0, x1, y1
-
-
-@njit(cache=True)
-def outline_distance(vertices: Floats, first: int, last: int, x: float, y: float) -> float:
-    """Distance from a point to a polygon's outline, negative inside [m]."""
-    nearest = inf
-    inside = False
-    for k in range(first, last):
-        ax, ay = vertices[k, 0], vertices[k, 1]
-        b = k + 1 if k + 1 < last else first
-        bx, by = vertices[b, 0], vertices[b, 1]
-        ex, ey = bx - ax, by - ay
-        length = ex * ex + ey * ey
-        t = ((x - ax) * ex + (y - ay) * ey) / length if length > 0.0 else 0.0
-        t = min(1.0, max(0.0, t))
-        nearest = min(nearest, hypot(x - ax - t * ex, y - ay - t * ey))
-        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * ex:
-            inside = not inside
-    return -nearest if inside else nearest
-
-
-@njit(cache=True)
-def _is_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: float, y: float) -> bool:
-    """Whether a point is farther than `radius` from every outline: `outline_distance` without its square roots."""
-    limit = radius * radius
-    for m in range(starts.shape[0] - 1):
-        inside = False
-        ax, ay = x - vertices[starts[m + 1] - 1, 0], y - vertices[starts[m + 1] - 1, 1]
-        for k in range(starts[m], starts[m + 1]):
-            bx, by = x - vertices[k, 0], y - vertices[k, 1]
-            ex, ey = ax - bx, ay - by
-            along, length = ax * ex + ay * ey, ex * ex + ey * ey
-            if along <= 0.0 or length == 0.0:
-                near = ax * ax + ay * ay
-            elif along >= length:
-                near = bx * bx + by * by
-            else:
-                cross = ax * ey - ay * ex
-                near = cross * cross / length
-            if near <= limit:
-                return False
-            if (ay < 0.0) != (by < 0.0) and (ax * by - ay * bx > 0.0) == (by < ay):
-                inside = not inside
-            ax, ay = bx, by
-        if inside:
-            return False
-    return True
-
-
-@njit(cache=True)
-def _are_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    """`_is_outside` of many points (n,)."""
-    outside = np.empty(x.shape[0], np.bool_)
-    for k in range(x.shape[0]):
-        outside[k] = _is_outside(vertices, starts, radius, x[k], y[k])
-    return outside
-
-
-@njit(cache=True, inline="always")
-def point_is_free(raster: Raster, x: float, y: float) -> bool:
-    """Whether the base's centre may be at a point."""
-    free = False
-    if raster.cells.size == 0:
-        free = x == x and y == y
-    elif x >= raster.x0 and x <= raster.x1 and y >= raster.y0 and y <= raster.y1:
-        inverse = 1.0 / raster.resolution
-        i = min(int((x - raster.x0) * inverse), raster.cells.shape[0] - 1)
-        j = min(int((y - raster.y0) * inverse), raster.cells.shape[1] - 1)
-        kind = raster.cells[i, j]
-        free = kind == FREE
-        if kind == MIXED:
-            free = _is_outside(raster.vertices, raster.starts, raster.radius, x, y)
-    return free
-
-
-@njit(cache=True)
-def _raster(
-    width: int,
-    depth: int,
-    x0: float,
-    y0: float,
-    resolution: float,
-    vertices: Floats,
-    starts: NDArray[np.int64],
-    radius: float,
-) -> Bytes:
-    """Classify every cell by its centre's distance to each outline, give or take half the cell's diagonal."""
-    cells = np.full((width, depth), FREE, np.uint8)
-    slack = 0.7072 * resolution
-    for m in range(starts.shape[0] - 1):
-        corners = vertices[starts[m] : starts[m + 1]]
-        grown = radius + resolution
-        first_x = max(0, int((corners[:, 0].min() - grown - x0) / resolution) - 1)
-        last_x = min(width, int((corners[:, 0].max() + grown - x0) / resolution) + 2)
-        first_y = max(0, int((corners[:, 1].min() - grown - y0) / resolution) - 1)
-        last_y = min(depth, int((corners[:, 1].max() + grown - y0) / resolution) + 2)
-        for i in range(first_x, last_x):
-            x = x0 + (i + 0.5) * resolution
-            for j in range(first_y, last_y):
-                if cells[i, j] == BLOCKED:
-                    continue
-                y = y0 + (j + 0.5) * resolution
-                distance = outline_distance(vertices, starts[m], starts[m + 1], x, y)
-                if distance <= radius - slack:
-                    cells[i, j] = BLOCKED
-                elif distance <= radius + slack:
-                    cells[i, j] = MIXED
-    return cells
 
 
 EVERYWHERE = FreeSpace(

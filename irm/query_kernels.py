@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from irm.closed_form import wrap
-from irm.free_space import Raster, outline_distance, point_is_free
+from irm.raster import FREE, MIXED, Raster, floor_kind, is_outside, outline_distance
 from irm.tiles import RING_WIDTH, Tiles
 
 __all__ = ["SAME_PLACE", "any_base_near", "best_bases", "best_bases_batch", "floor_distance", "is_apart", "turns_of"]
@@ -82,6 +82,7 @@ def _best_on_rings(
     of each voxel needs to be looked at, and all its places around the hand are equally good.
     """
     x_of, y_of, radius, members = tiles.x, tiles.y, tiles.ring_radius, tiles.ring_base
+    vertices, starts = raster.vertices, raster.starts
     bounded = raster.cells.size > 0
     gap = _gap(raster, px, py) - _ROUNDING if bounded else 0.0
     per_arc = turns.shape[0] / (2.0 * pi)
@@ -95,8 +96,11 @@ def _best_on_rings(
             c, s = turns[turn, 0], turns[turn, 1]
             x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
             away = floor_distance(raster, x, y) if bounded else 0.0
-            if away <= 0.0 and point_is_free(raster, x, y) and is_apart(taken, count, x, y, apart):
-                return base, turn
+            if away <= 0.0:
+                kind = floor_kind(raster, x, y) if bounded else FREE
+                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
+                if free and is_apart(taken, count, x, y, apart):
+                    return base, turn
             turn += 1 + int(_SHORT * away / radius[ring] * per_arc)
     return -1, -1
 
@@ -121,6 +125,7 @@ def _best_in_tiles(
     """
     best, best_base, best_turn = np.float32(-1.0), -1, -1
     x_of, y_of, mu = tiles.x, tiles.y, tiles.mu
+    vertices, starts = raster.vertices, raster.starts
     bounded = raster.cells.size > 0
     gap = _gap(raster, px, py) if bounded else 0.0
     last = turns.shape[0] - 1
@@ -144,7 +149,9 @@ def _best_in_tiles(
                 if mu[base] < best or (mu[base] == best and not nearer):
                     break
                 x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
-                if point_is_free(raster, x, y) and is_apart(taken, count, x, y, apart):
+                kind = floor_kind(raster, x, y) if bounded else FREE
+                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
+                if free and is_apart(taken, count, x, y, apart):
                     best, best_base, best_turn = mu[base], base, turn
                     break
             turn += 1

@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from irm.closed_form import wrap
-from irm.free_space import Raster, point_is_free
 from irm.query_kernels import floor_distance, is_apart
+from irm.raster import Raster, point_is_free
 from irm.reachability import ReachabilityMap
 from irm.tiles import Tiles
 

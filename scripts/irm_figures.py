@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -28,7 +29,7 @@ Floats = NDArray[np.float64]
 
 COLOURS = "turbo_r"
 BLACK = np.array([0.05, 0.05, 0.05, 1.0])
-COARSE = {"voxel": 0.15, "orientations": 26}
+COARSE: dict[str, Any] = {"voxel": 0.15, "orientations": 26}
 """The map of Fig. 1: few enough arrows to see between them."""
 PANEL = (480, 440)
 """Pixels of one picture of Fig. 1."""
@@ -150,7 +151,7 @@ def draw_slices(specification: RobotSpec) -> Figure:
     robot_beside = stage.picture(base, home, View((x_middle, 0, 0.95), 5, 90, 0, SIDE), show_floor=False)
     robot_below = stage.picture(base, home, View((x_middle, 0, 0.95), 5, 90, -90, SIDE), show_floor=False)
     stage.close()
-    layer = grid.layer(specification_height(rm, specification))
+    layer = grid.layer(_table_height(rm, specification))
     z, height = grid.layer_height(layer), (-0.25, 2.15)
     side, top = rm.reachability_index[:, :, grid.half], rm.reachability_index[layer]
     best = _best_manipulability(rm, layer)
@@ -181,7 +182,7 @@ def draw_slices(specification: RobotSpec) -> Figure:
     return figure
 
 
-def specification_height(rm: ReachabilityMap, specification: RobotSpec) -> float:
+def _table_height(rm: ReachabilityMap, specification: RobotSpec) -> float:
     """A hand height above a table."""
     return min(rm.grid.top, 0.75 + specification.grasp_height)
 
@@ -196,7 +197,14 @@ def _best_manipulability(rm: ReachabilityMap, layer: int) -> Floats:
 
 
 def _slice(
-    axis: Axes, x: Floats, y: Floats, values: Floats, colours: str, label: str, y_label: str, title: str
+    axis: Axes,
+    x: NDArray[Any],
+    y: NDArray[Any],
+    values: NDArray[Any],
+    colours: str,
+    label: str,
+    y_label: str,
+    title: str,
 ) -> None:
     mesh = axis.pcolormesh(x, y, np.where(values > 0, values, np.nan), cmap=colours)
     axis.figure.colorbar(mesh, ax=axis, label=label, shrink=0.9, aspect=22)

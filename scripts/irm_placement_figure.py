@@ -96,7 +96,7 @@ def _candidates(inverse_map: InverseReachabilityMap, hand: Floats) -> _Candidate
     squares = np.floor(np.column_stack([x, y])[best_first] / SPACING)
     _, first = np.unique(squares, axis=0, return_index=True)
     best = best_first[first]
-    return _Candidates(x[best], y[best], yaw[best], mu[best])
+    return _Candidates(x[best], y[best], yaw[best], mu[best].astype(float))
 
 
 def _verified(robot: RobotSpec, bases: BasePlacement, hand: Floats) -> Verified:

@@ -6,6 +6,7 @@ import pytest
 from irm.distance_transform import distance_to_seeds
 from irm.errors import QueryError
 from irm.free_space import EVERYWHERE, FreeSpace
+from irm.raster import FREE, MIXED, floor_kind
 
 BOXES = [(0.0, 0.0, 0.7, 1.0), (0.6, 1.2, 0.4, 0.8, 0.5), (-1.2, -0.9, 0.1, 1.5, -1.1)]
 RADIUS = 0.3
@@ -79,3 +80,15 @@ def test_misuse_is_refused():
         FreeSpace.from_boxes([(0, 0, 1, 1)], 0.3, resolution=1e-5)
     with pytest.raises(QueryError, match="at least 3 corners"):
         FreeSpace.from_polygons([[(0, 0), (1, 1)]], 0.3)
+
+
+def test_cells_say_what_they_hold(points):
+    space = FreeSpace.from_boxes(BOXES[:1], RADIUS, (-2, -2.2, 2.1, 2), 0.1)
+    for x, y in points.T[:800]:
+        kind = floor_kind(space.raster, x, y)
+        distance = distance_to_box(x, y, BOXES[0])
+        if kind == FREE:
+            assert distance > RADIUS
+        elif kind != MIXED:
+            assert distance <= RADIUS or not (-2 <= x <= 2.1 and -2.2 <= y <= 2)
+        assert kind in (FREE, MIXED) or not space.is_free(x, y)

@@ -221,3 +221,53 @@ def test_an_empty_map_finds_nothing(coarse_map):
     assert len(empty.query([0, 0, 0.9])) == 0
     assert len(ClassicalInverseReachabilityMap(empty.reachability_map).query([0, 0, 0.9])) == 0
     assert isinstance(empty.reachability_map, ReachabilityMap)
+
+
+BAD_POSITIONS = [[np.nan, 0, 0.9], [0, np.inf, 0.9], [0, 0], "here"]
+
+
+@pytest.mark.parametrize("position", BAD_POSITIONS)
+def test_positions_that_are_none_are_refused_by_every_query(coarse_map, coarse_inverse, position):
+    queries = [coarse_inverse.query, ClassicalInverseReachabilityMap(coarse_map).query]
+    queries += [lambda p: full_scan(coarse_inverse, p), lambda p: coarse_inverse.query_path([(0, 0, 0)], target=p)]
+    for query in queries:
+        with pytest.raises(QueryError, match="three finite numbers"):
+            query(position)
+
+
+def test_empty_ranges_are_refused_by_every_query(coarse_map, coarse_inverse):
+    hand, empty = (0.0, 0.0, 0.9), (0.5, -0.5)
+    queries = [
+        lambda: coarse_inverse.query(hand, yaw_range=empty),
+        lambda: coarse_inverse.query_batch(hand, yaw_ranges=empty),
+        lambda: coarse_inverse.query_path([hand], yaw_range=empty),
+        lambda: coarse_inverse.query_multi([hand], yaw_ranges=empty),
+        lambda: ClassicalInverseReachabilityMap(coarse_map).query(hand, yaw_range=empty),
+        lambda: full_scan(coarse_inverse, hand, yaw_range=empty),
+    ]
+    for query in queries:
+        with pytest.raises(QueryError, match="is empty"):
+            query()
+
+
+def test_free_space_that_excludes_everything_leaves_nothing(coarse_map, coarse_inverse):
+    walled = FreeSpace.from_boxes([(0.0, 0.0, 8.0, 8.0)], 0.3, (-2, -2, 2, 2))
+    hand = (0.0, 0.0, 0.9)
+    for narrow in ((-np.pi, np.pi), (0.0, 0.5)):
+        assert coarse_inverse.query(hand, yaw_range=narrow, free_space=walled).status is Status.NO
+        classical = ClassicalInverseReachabilityMap(coarse_map)
+        assert classical.query(hand, yaw_range=narrow, free_space=walled).status is Status.NO
+        assert len(full_scan(coarse_inverse, hand, yaw_range=narrow, free_space=walled)) == 0
+        batch = coarse_inverse.query_batch(np.tile(hand, (3, 1)), yaw_ranges=narrow, free_space=walled)
+        assert not batch.count.any()
+        assert np.isnan(batch.poses).all()
+
+
+def test_the_whole_floor_is_free_without_free_space(coarse_inverse):
+    """No raster, and a raster without an obstacle in reach, give the same answer."""
+    far = FreeSpace.from_boxes([(8.0, 8.0, 0.1, 0.1)], 0.3, (-4, -4, 9, 9))
+    for yaw_range in ((-np.pi, np.pi), (-0.7, 0.4)):
+        free, rastered = (
+            coarse_inverse.query([0, 0, 0.9], yaw_range=yaw_range, free_space=f, k=3) for f in (None, far)
+        )
+        np.testing.assert_array_equal(free.poses, rastered.poses)
