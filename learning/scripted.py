@@ -37,6 +37,20 @@ GAIN, TURN_GAIN = 1.6, 1.0
 """[1/s] of the hand's velocity over its distance and angle from where it should be: with more it overshoots."""
 STANDOFF = 0.75
 """[m] ahead of the base where the hand reaches well."""
+HAND_AHEAD, HAND_SIDE = (0.65, 0.97), 0.15
+"""[m] from the base where the hand may be on its way to the target."""
+FUNNEL = 4.0
+"""By how much higher the hand stays for what it or the base is off."""
+APPROACH = 0.06
+"""[m], [rad] off for the base from which the hand begins to sink."""
+SINK = 0.04
+"""[m] below its height at which the hand stops moving sideways."""
+LIFT = 0.01
+"""[m] by which an object is carried higher than its goal: it must not scrape along the table."""
+GAIN, TURN_GAIN = 1.6, 1.0
+"""[1/s] of the hand's velocity over its distance and angle from where it should be: with more it overshoots."""
+STANDOFF = 0.75
+"""[m] ahead of the base where the hand reaches well."""
 READY_HEIGHT = 1.10
 """[m] of the hand while the base drives: above all objects."""
 AT_STAND = 0.03
@@ -71,17 +85,25 @@ def pick(env: GoalEnv) -> Script:
 
 
 def front(env: RetrieveEnv) -> Script:
-    """Drive up to the table before the target, come down around it, close, lift; what stands beside it is ignored."""
+    """Drive up to the table before the target, come down around it, close, lift; what stands beside it is ignored.
+
+    Nothing but the last two steps begins at a threshold: the hand sinks as far as base and hand are where they should
+    be. A clone of a script that switches stands still at the switch, where it has seen both answers.
+    """
 
     def script() -> tuple[str, NDArray[Any]]:
         if env.seen.held == env.target_slot:
             return "lift", _action(env, _tcp(env) + (0, 0, LIFT), 0.0)
-        ahead, left, turn = _way_to_stand(env)
-        if math.hypot(ahead, left) > AT_STAND or abs(turn) > AT_STAND:
-            point = _from_base(env, (STANDOFF, 0.0, READY_HEIGHT))
-            return "drive", _action(env, point, env.robot.max_opening, (ahead, left, turn))
-        skill, point, width = _grasp(env)
-        return skill, _action(env, point, width, (ahead, left, turn))
+        way = _way_to_stand(env)
+        grasp, above, opening = _target_grasp(env)
+        tcp = _tcp(env)
+        off_hand, off_base = _off_axis(env, tcp, grasp), math.hypot(*way)
+        height = min(grasp[2] + FUNNEL * off_hand, above) + FUNNEL * min(off_base, APPROACH)
+        point = np.array([*_within_reach(env, grasp), height])
+        point[:2] = tcp[:2] + (point[:2] - tcp[:2]) * np.clip(1 - (height - tcp[2]) / SINK, 0.0, 1.0)
+        if off_hand == 0 and tcp[2] - grasp[2] < AT_GRASP:
+            return "close", _action(env, grasp, 0.0, way)
+        return ("drive" if off_base > APPROACH else "descend"), _action(env, point, opening, way)
 
     return script
 
@@ -103,14 +125,6 @@ def _base(env: BaseEnv) -> Array:
     return np.array(env.data.qpos[env.world.index.drive_qpos[:3]])
 
 
-def _from_base(env: BaseEnv, point: tuple[float, float, float]) -> Array:
-    """A point (3,) of the base's frame in the world."""
-    x, y, yaw = _base(env)
-    ahead, left, up = point
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    return np.array([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left, up])
-
-
 def _way_to_stand(env: BaseEnv) -> Array:
     """What is left (3,), ahead, to the left, to turn, to where the base faces the table with the target in reach."""
     target = env.seen.poses[env.target_slot, :2]
@@ -121,27 +135,41 @@ def _way_to_stand(env: BaseEnv) -> Array:
     return np.array([cosine * to_x + sine * to_y, cosine * to_y - sine * to_x, -yaw])
 
 
+def _within_reach(env: BaseEnv, point: Array) -> Array:
+    """The place (2,) nearest to a point that the hand can comfortably be at, given where the base is."""
+    x, y, yaw = _base(env)
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    to_x, to_y = point[0] - x, point[1] - y
+    ahead = float(np.clip(cosine * to_x + sine * to_y, *HAND_AHEAD))
+    left = float(np.clip(cosine * to_y - sine * to_x, -HAND_SIDE, HAND_SIDE))
+    return np.array([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left])
+
+
+def _target_grasp(env: BaseEnv) -> tuple[Array, float, float]:
+    """Where the hand holds the target (3,), the height [m] from which it can come down, the gripper's width then."""
+    assert env.world.scene is not None
+    at = env.seen.poses[env.target_slot, :3]
+    half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
+    height = max(env.robot.grasp_height, GRASP_SHARE * 2 * half_height)
+    return np.array([at[0], at[1], TABLE_HEIGHT + height]), at[2] + half_height + HOVER, 2 * (half_width + FINGER_ROOM)
+
+
 def _grasp(env: BaseEnv) -> tuple[str, Array, float]:
     """How to go on towards holding the target: the skill, where the hand should go (3,), and the gripper's width."""
-    assert env.world.scene is not None
-    tcp, at = _tcp(env), env.seen.poses[env.target_slot, :3]
-    half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
-    opening = 2 * (half_width + FINGER_ROOM)
-    height = max(env.robot.grasp_height, GRASP_SHARE * 2 * half_height)
-    grasp = np.array([at[0], at[1], TABLE_HEIGHT + height])
-    above = at[2] + half_height + HOVER
-    if _is_aligned(env, tcp, grasp):
+    tcp = _tcp(env)
+    grasp, above, opening = _target_grasp(env)
+    if _off_axis(env, tcp, grasp) == 0:
         return ("close", grasp, 0.0) if tcp[2] - grasp[2] < AT_GRASP else ("descend", grasp, opening)
     if tcp[2] < above - 0.02:
         return "rise", np.array([*tcp[:2], above]), opening
     return "align", np.array([*grasp[:2], above]), opening
 
 
-def _is_aligned(env: BaseEnv, tcp: Array, grasp: Array) -> bool:
-    """Whether the object is between the fingers as seen from above."""
+def _off_axis(env: BaseEnv, tcp: Array, grasp: Array) -> float:
+    """[m] by which the object is not between the fingers as seen from above; 0 if it is."""
     hand = env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
     ahead, across, _ = hand.T @ (grasp - tcp)
-    return abs(float(ahead)) < ALIGNED[0] and abs(float(across)) < ALIGNED[1]
+    return max(abs(float(ahead)) - ALIGNED[0], abs(float(across)) - ALIGNED[1], 0.0)
 
 
 def _action(env: BaseEnv, point: Array, width: float, way: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[Any]:
