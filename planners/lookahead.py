@@ -15,6 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from planners.arm_motion import tcp_pose
 from planners.clearance import SupportGrid
 from planners.clearance_floor import FloorLimits
 from planners.collision import CollisionWorld
@@ -151,20 +152,10 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> lis
 
 def grasped(scene: Scene, grasp: GraspOption) -> Scene:
     """The scene once that grasp has been taken: object in hand, robot at its base pose in the home posture."""
-    hand = _hand_pose(scene, grasp)
+    hand = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
     T_tcp_object = np.linalg.inv(hand) @ scene.body(grasp.object).pose
     state = RobotState(grasp.base, np.array(scene.robot.home), scene.state.finger_position)
     return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
-
-
-def _hand_pose(scene: Scene, grasp: GraspOption) -> np.ndarray:
-    """T_world_tcp (4, 4) of a grasp."""
-    from irm.kinematics import ArmChain, forward
-
-    T = forward(ArmChain.from_robot(scene.robot), grasp.q)
-    c, s = np.cos(grasp.base[2]), np.sin(grasp.base[2])
-    T_world_base = np.array([[c, -s, 0, grasp.base[0]], [s, c, 0, grasp.base[1]], [0, 0, 1, 0], [0, 0, 0, 1]])
-    return np.asarray(T_world_base @ T)
 
 
 def _places(

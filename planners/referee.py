@@ -125,7 +125,7 @@ class Referee:
             rows = np.flatnonzero((motion.times >= phase.start) & (motion.times <= end))
             if len(rows):
                 held = phase.touched if phase.held else None
-                between = () if phase.touched is None else (phase.touched.name,)
+                between = () if phase.touched is None or phase.held else (phase.touched.name,)
                 yield _Stretch(states[rows], held, self.scene.mask(between))
 
     def _refine(self, stretch: _Stretch, step: float) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ Scenes are those of the environment; every object whose grasp options hit nothin
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from collections import Counter
@@ -20,13 +21,15 @@ from tqdm import tqdm
 
 from clutter_env.env import RetrieveEnv
 from irm.kinematics import ArmChain
+from plan_truth import FINER, Judged, judge_plan
 from planners.arm_motion import ArmPath, plan_arm
 from planners.collision import STEP, CollisionWorld
 from planners.grasp_options import GraspCatalogue, GraspOption
 from planners.hand_motion import PickMotion, plan_pick
 from planners.referee import Referee
 from planners.scene import Scene
-from planners.solve import map_placer
+from planners.solution import Infeasible
+from planners.solve import clearance_floor, map_placer
 from planners.timing import pick_trajectory
 
 CHECKS = 20_000
@@ -44,6 +47,8 @@ class Arguments:
     """Scenes for each."""
     picks: int = 6
     """Objects picked in each scene at most."""
+    plans: int = 0
+    """Whole plans to judge for each number of objects, of scenes whose target is obstructed."""
     layout: str = "paper"
     seed: int = 0
     output: Path = field(default_factory=lambda: Path("outputs/motion_benchmark.png"))
@@ -71,6 +76,8 @@ def main(arguments: Arguments) -> None:
     """Measure, print, save, plot."""
     measurements = [measure(count, arguments) for count in arguments.objects]
     print(table(measurements))
+    for count in arguments.objects if arguments.plans else ():
+        print(judge_plans(count, arguments))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(m) for m in measurements], indent=1))
     plot(measurements, arguments.output)
@@ -132,6 +139,33 @@ def free_grasps(scene: Scene) -> Iterator[GraspOption]:
     catalogue = GraspCatalogue(map_placer(scene), ArmChain.from_robot(scene.robot))
     for name in scene.names:
         yield from [option for option in catalogue.options(scene, name) if not option.blockers][:1]
+
+
+def judge_plans(objects: int, arguments: Arguments) -> str:
+    """What MuJoCo, looking ten times finer than the planner, finds in whole plans."""
+    env = RetrieveEnv(num_objects=objects, layout=arguments.layout)
+    judged: list[Judged] = []
+    refused = 0
+    with tqdm(desc=f"plans with {objects} objects", total=arguments.plans) as bar:
+        for seed in itertools.count(arguments.seed):
+            _, info = env.reset(seed=seed)
+            scene = Scene.from_mujoco(env.model, env.data, env.robot)
+            if not clearance_floor(scene, info["target"]).count:
+                continue
+            found = judge_plan(scene, info["target"], seed)
+            refused += isinstance(found, Infeasible)
+            judged += [found] if isinstance(found, Judged) else []
+            bar.update()
+            if len(judged) + refused == arguments.plans:
+                break
+    env.close()
+    worst = max(judged, key=lambda plan: plan.penetration, default=Judged())
+    where = f" ({worst.action}: {' and '.join(worst.pair)})" if worst.penetration else ""
+    actions = sum(plan.actions for plan in judged)
+    return (
+        f"{objects} objects: {len(judged)} plans with {actions} actions, {refused} scenes without a plan; "
+        f"deepest penetration at a {FINER} times finer step {1e3 * worst.penetration:.3f} mm{where}"
+    )
 
 
 def timed(

@@ -7,9 +7,12 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solve
+from planners.grasp_options import GraspCatalogue
+from planners.lookahead import grasped
 from planners.referee import Referee
 from planners.scene import RobotState, SceneError, UnknownObject
 from planners.solution import Cause
+from planners.solve import map_placer
 from planners.strategies import STRATEGIES, UnknownStrategy
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
@@ -91,12 +94,6 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
     first = PLANNER.solve(scene, "object_00")
     assert isinstance(first, Solution)
-    from planners.binding import Binder
-    from planners.grasp_options import GraspCatalogue
-    from planners.lookahead import grasped
-    from planners.solve import map_placer
-
-    assert Binder
     catalogue = GraspCatalogue(map_placer(scene), PLANNER.chain)
     in_hand = grasped(scene, catalogue.options(scene, "object_00")[0])
     found = PLANNER.solve(in_hand, "object_01")
