@@ -23,19 +23,19 @@ $(BIN)/python:
 	  $(PYTHON) -m venv --clear --without-pip $(VENV) && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
 $(VENV)/.core: $(BIN)/python pyproject.toml constraints.txt
-	$(PIP) install --quiet --constraint constraints.txt --editable .
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable .
 	@touch $@
 
 $(VENV)/.visuals: $(VENV)/.core
-	$(PIP) install --quiet --constraint constraints.txt --editable ".[visuals]"
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[visuals]"
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.core
-	$(PIP) install --quiet --constraint constraints.txt --editable ".[dev]"
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[dev]"
 	@touch $@
 
 $(VENV)/.rl: $(VENV)/.core
-	$(PIP) install --quiet --constraint constraints.txt --editable ".[rl]"
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[rl]"
 	@touch $@
 
 setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.scene import OBJECT_PREFIX
+from planners.mujoco_reading import OBJECT_PREFIX
 
 __all__ = ["Deviation", "MonitorConfig", "Sensor", "Snapshot", "Surprise", "displaced", "slipped", "strayed"]
 

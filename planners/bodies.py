@@ -1,0 +1,185 @@
+"""What a scene is made of: objects, furniture, the robot's state and what it holds. Immutable, in world coordinates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Body", "FurnitureBox", "HeldObject", "RobotState", "SceneError", "UnknownObject"]
+
+UPRIGHT_TILT = 0.17
+"""[rad] An object tilted by less still counts as standing."""
+
+Shape = Literal["cylinder", "box"]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be: wrong shapes, duplicate names, overlaps, a robot inside the furniture."""
+
+
+class UnknownObject(SceneError):
+    """No object of that name; the message lists the known ones."""
+
+
+def _frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """A read-only copy of that shape."""
+    array = np.array(values, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise SceneError(f"{what} must be finite with shape {shape}, not {array!r}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid object: an upright or toppled cylinder or box.
+
+    `half_extents` (3,) [m] (a cylinder: radius, radius, half height), `position` (3,) [m] of the centre,
+    `quaternion` (4,) wxyz, all in the world.
+    """
+
+    name: str
+    shape: Shape
+    half_extents: NDArray[np.float64]
+    position: NDArray[np.float64]
+    quaternion: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name, size in (("half_extents", 3), ("position", 3), ("quaternion", 4)):
+            object.__setattr__(self, name, _frozen(getattr(self, name), (size,), f"{name} of {self.name!r}"))
+        if self.shape not in ("cylinder", "box"):
+            raise SceneError(f"{self.name!r} is a {self.shape!r}; known shapes: box, cylinder")
+        if (self.half_extents <= 0).any() or not np.linalg.norm(self.quaternion) > 0.5:
+            raise SceneError(f"{self.name!r} needs positive half extents and a unit quaternion")
+
+    @cached_property
+    def rotation(self) -> NDArray[np.float64]:
+        """R_world_body (3, 3)."""
+        matrix = np.empty(9)
+        mujoco.mju_quat2Mat(matrix, self.quaternion / np.linalg.norm(self.quaternion))
+        matrix.setflags(write=False)
+        return matrix.reshape(3, 3)
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """T_world_body (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.rotation, self.position
+        return T
+
+    @property
+    def yaw(self) -> float:
+        """[rad] of the body's x axis about the vertical."""
+        rotation = self.rotation
+        return math.atan2(rotation[1, 0], rotation[0, 0])
+
+    def half_extent_along(self, direction: ArrayLike) -> float:
+        """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length."""
+        local = np.asarray(direction, dtype=float) @ self.rotation
+        if self.shape == "box":
+            return float(np.abs(local) @ self.half_extents)
+        return float(abs(local[2]) * self.half_extents[2] + math.hypot(local[0], local[1]) * self.half_extents[0])
+
+    @cached_property
+    def radius(self) -> float:
+        """[m] of the upright circle about `position` that contains the body's outline from above."""
+        vertical = self.rotation[2]
+        if self.shape == "cylinder":
+            half, radius = self.half_extents[2], self.half_extents[0]
+            standing, lying = abs(vertical[2]), math.hypot(vertical[0], vertical[1])
+            if half * standing < radius * lying:
+                return math.hypot(half, radius)
+            return float(lying * half + standing * radius)
+        signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float)
+        corners = (signs * self.half_extents) @ self.rotation.T
+        return float(np.hypot(corners[:, 0], corners[:, 1]).max())
+
+    @property
+    def half_width(self) -> float:
+        """[m] that the fingers must span to each side: a cylinder's radius, half the wider side of a box."""
+        return float(self.half_extents[:2].max())
+
+    @cached_property
+    def bottom(self) -> float:
+        """[m] height of the lowest point."""
+        return float(self.position[2]) - self.half_extent_along((0.0, 0.0, 1.0))
+
+    @cached_property
+    def top(self) -> float:
+        """[m] height of the highest point."""
+        return float(self.position[2]) + self.half_extent_along((0.0, 0.0, 1.0))
+
+    @cached_property
+    def is_upright(self) -> bool:
+        """Whether its own z axis points up, within `UPRIGHT_TILT`."""
+        return bool(self.rotation[2, 2] > math.cos(UPRIGHT_TILT))
+
+    def at(self, position: ArrayLike, quaternion: ArrayLike | None = None) -> Body:
+        """The same object elsewhere; it keeps its orientation unless told."""
+        orientation = self.quaternion if quaternion is None else quaternion
+        return replace(self, position=np.asarray(position), quaternion=np.asarray(orientation))
+
+    def at_pose(self, T_world_body: NDArray[np.float64]) -> Body:
+        """The same object at a pose (4, 4)."""
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T_world_body[:3, :3]).ravel())
+        return self.at(T_world_body[:3, 3], quaternion)
+
+
+@dataclass(frozen=True, eq=False)
+class FurnitureBox:
+    """A static axis-aligned box: centre and half extents, each (3,) [m]."""
+
+    name: str
+    position: NDArray[np.float64]
+    half_extents: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("position", "half_extents"):
+            object.__setattr__(self, name, _frozen(getattr(self, name), (3,), f"{name} of {self.name!r}"))
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """(3,) [m] smallest corner."""
+        return self.position - self.half_extents
+
+    @property
+    def upper(self) -> NDArray[np.float64]:
+        """(3,) [m] largest corner."""
+        return self.position + self.half_extents
+
+    @property
+    def top(self) -> float:
+        """[m] height of the top face."""
+        return float(self.upper[2])
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """Where the robot is: `base` (3,) x [m], y [m], yaw [rad]; `q` (8,) torso [m] and arm [rad]; one finger [m]."""
+
+    base: NDArray[np.float64]
+    q: NDArray[np.float64]
+    finger_position: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base", _frozen(self.base, (3,), "base"))
+        object.__setattr__(self, "q", _frozen(self.q, (len(self.q),), "q"))
+        object.__setattr__(self, "finger_position", float(self.finger_position))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldObject:
+    """An object between the fingers: its name and T_tcp_object (4, 4)."""
+
+    name: str
+    T_tcp_object: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_tcp_object", _frozen(self.T_tcp_object, (4, 4), "T_tcp_object"))
