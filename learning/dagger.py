@@ -1,7 +1,9 @@
-"""DAgger: the learner acts, the expert says what it would have done, and the learner is taught that too.
+"""DAgger: the learner acts, the expert takes over, and the learner is taught what it did.
 
-An expert that is a function of the present state is asked at every step (Ross, Gordon & Bagnell 2011). One that plans
-takes over after the learner has acted for a while, and what it does from there on is the correction.
+The learner acts for a random while from the start of an episode, the expert from there to the end, and only if that
+succeeds is it learnt from: rolling in with the learner and out with the expert, as in Ross & Bagnell 2014. To ask the
+expert at every step of the learner's what it would do (Ross, Gordon & Bagnell 2011) is no use where it plans, and made
+the clones of scripts worse: what it says where the learner is stuck drowns what leads to the goal.
 """
 
 from __future__ import annotations
@@ -11,14 +13,13 @@ from dataclasses import dataclass, field
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from learning.bc import CloneConfig, Examples, clone
 from learning.experts import Expert
 from learning.features import feature_vector
 from learning.policy import Policy
 
-__all__ = ["DaggerConfig", "Teacher", "ask_every_step", "dagger", "take_over"]
+__all__ = ["DaggerConfig", "dagger", "take_over"]
 
 
 @dataclass(frozen=True)
@@ -30,17 +31,13 @@ class DaggerConfig:
     fit: CloneConfig = field(default_factory=CloneConfig)
 
 
-LONGEST = 300
-"""Steps for which the learner acts at most: thrice what an expert needs; one that is stuck teaches nothing new."""
-
-Teacher = Callable[[gym.Env, Expert, Policy, int, np.random.Generator], Examples]
-"""Corrections from one episode: environment, expert, learner, seed, random generator."""
+LONGEST_LEAD = 150
+"""Steps for which the learner acts at most; at most half of an episode, so that the expert has time for its part."""
 
 
 def dagger(
     env: gym.Env,
     expert: Expert,
-    teacher: Teacher,
     examples: Examples,
     seeds: Sequence[int],
     config: DaggerConfig,
@@ -51,7 +48,6 @@ def dagger(
     Args:
         env: where both act.
         expert: for that environment.
-        teacher: how the expert corrects: `ask_every_step` or `take_over`.
         examples: the expert's own episodes, to begin with.
         seeds: of the learner's episodes, `rounds * episodes` of them.
         config: how long.
@@ -62,35 +58,17 @@ def dagger(
     report(0, policy, examples)
     for index in range(config.rounds):
         for seed in seeds[index * config.episodes : (index + 1) * config.episodes]:
-            examples = examples + teacher(env, expert, policy, seed, rng)
+            examples = examples + take_over(env, expert, policy, seed, rng)
         policy = clone(examples, config.fit)
         report(index + 1, policy, examples)
     return policy
 
 
-def ask_every_step(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.random.Generator) -> Examples:  # noqa: ARG001
-    """The learner acts, to the end if it comes to one in time; the expert is asked at every step."""
-    observation, _ = env.reset(seed=seed)
-    expert.reset()
-    features: list[NDArray[np.float32]] = []
-    actions: list[NDArray[np.float32]] = []
-    is_over = False
-    while not is_over and len(actions) < LONGEST:
-        features.append(feature_vector(observation))
-        actions.append(np.asarray(expert.act(), np.float32))
-        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
-        is_over = terminated or truncated
-    return Examples(np.stack(features), np.stack(actions))
-
-
 def take_over(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.random.Generator) -> Examples:
-    """The learner acts for a random while; the expert plans from what came of it and acts to the end.
-
-    Nothing is learnt where the expert finds no plan.
-    """
+    """Corrections from one episode; none where the expert does not succeed."""
     observation, info = env.reset(seed=seed)
     is_over = False
-    for _ in range(int(rng.integers(LONGEST))):
+    for _ in range(int(rng.integers(_longest_lead(env)))):
         observation, _, terminated, truncated, info = env.step(policy.act(observation))
         is_over = terminated or truncated
         if is_over:
@@ -109,3 +87,8 @@ def take_over(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.r
         np.array(features[:kept], np.float32).reshape(-1, size[0]),
         np.array(actions[:kept], np.float32).reshape(-1, size[1]),
     )
+
+
+def _longest_lead(env: gym.Env) -> int:
+    limit = env.spec.max_episode_steps if env.spec is not None else None
+    return LONGEST_LEAD if limit is None else min(LONGEST_LEAD, max(limit // 2, 1))

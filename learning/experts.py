@@ -21,6 +21,9 @@ __all__ = ["Expert", "expert_names", "make_expert"]
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
 """Strategies of the planner; known here without importing it."""
 
+PATIENCE = 400
+"""Steps after which a script gives up; it needs about a hundred."""
+
 
 class Expert(Protocol):
     """Acts in one environment, which it may look into."""
@@ -101,9 +104,13 @@ class ScriptedExpert:
     def reset(self) -> None:
         """Begin anew."""
         self._script = SCRIPTS[self._name](self._env.unwrapped)
+        self._steps = 0
+        self.done = False
 
     def act(self) -> NDArray[Any]:
         """The next action."""
+        self._steps += 1
+        self.done = self._steps >= PATIENCE
         self.skill, action = self._script()
         return action
 

@@ -17,12 +17,12 @@ from torch.utils.tensorboard import SummaryWriter
 
 from learning.agents import CLONERS, POLICY_FILE, model_agent
 from learning.bc import CloneConfig, Examples, clone, examples_of
-from learning.dagger import DaggerConfig, ask_every_step, dagger, take_over
+from learning.dagger import DaggerConfig, dagger
 from learning.dataset import Dataset, write_json
 from learning.episode import Episode
 from learning.errors import LearningError
 from learning.evaluation import held_out_seeds, success_rate
-from learning.experts import ScriptedExpert, make_expert
+from learning.experts import make_expert
 from learning.imitation import Imitation, KeepImitating, add_demonstrations
 from learning.policy import Policy
 from learning.rl import (
@@ -189,11 +189,10 @@ def _clone(run: Run) -> list[dict[str, float]]:
             report_round(0, clone(examples, config, report=report_loss), examples)
         else:
             expert = make_expert(env, run.expert or str(Dataset(run.demonstrations).identity["expert"]))
-            teacher = ask_every_step if isinstance(expert, ScriptedExpert) else take_over
             first = DAGGER_SEEDS + run.seed * run.rounds * run.round_episodes
             seeds: Sequence[int] = range(first, first + run.rounds * run.round_episodes)
             rounds = DaggerConfig(run.rounds, run.round_episodes, config)
-            dagger(env, expert, teacher, examples, seeds, rounds, report_round)
+            dagger(env, expert, examples, seeds, rounds, report_round)
     env.close()
     return history
 
