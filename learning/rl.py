@@ -100,8 +100,15 @@ def _near_and_far(way: torch.Tensor) -> list[torch.Tensor]:
     return [2 * way, *(torch.tanh(scale * way) for scale in NEAR_SCALES)]
 
 
-def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> BaseAlgorithm:
+def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None, entropy: str = "auto") -> BaseAlgorithm:
     """A new model for an environment from `training_env`.
+
+    Args:
+        name: of the algorithm.
+        env: where it will learn.
+        seed: of everything random.
+        log: directory for TensorBoard.
+        entropy: weight of the entropy of SAC and TQC, in Stable-Baselines3's words.
 
     Raises:
         LearningError: no such algorithm; the message lists those there are.
@@ -114,7 +121,7 @@ def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None) -> B
         "device": "cpu",
         "tensorboard_log": None if log is None else str(log),
     }
-    settings = _off_policy() if name in GOAL_ALGORITHMS else _on_policy(name)
+    settings = _off_policy(entropy) if name in GOAL_ALGORITHMS else _on_policy(name)
     return ALGORITHMS[name](**settings, **common)
 
 
@@ -169,13 +176,13 @@ class Checkpoints(BaseCallback):
         return True
 
 
-def _off_policy() -> dict[str, Any]:
+def _off_policy(entropy: str) -> dict[str, Any]:
     return {
         "policy": "MultiInputPolicy",
         "replay_buffer_class": HerReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
         "learning_rate": 1e-3,
-        "ent_coef": "auto_0.1",
+        "ent_coef": entropy,
         "batch_size": 256,
         "gamma": 0.95,
         "tau": 0.02,
