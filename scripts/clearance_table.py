@@ -50,7 +50,7 @@ class Arguments:
     scenes: int = 100
     """Obstructed scenes for each number of objects."""
     seed: int = 100_000
-    """First seed of the scenes; no seed from 100,000 on was used in development."""
+    """First seed of the scenes."""
     layout: str = "paper"
     physics: bool = False
     """Let the expert execute its plans in physics; the environment is the judge of success."""
