@@ -100,7 +100,9 @@ def _near_and_far(way: torch.Tensor) -> list[torch.Tensor]:
     return [2 * way, *(torch.tanh(scale * way) for scale in NEAR_SCALES)]
 
 
-def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None, entropy: str = "auto") -> BaseAlgorithm:
+def make_model(
+    name: str, env: gym.Env, seed: int, log: Path | None = None, has_demonstrations: bool = False
+) -> BaseAlgorithm:
     """A new model for an environment from `training_env`.
 
     Args:
@@ -108,7 +110,8 @@ def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None, entr
         env: where it will learn.
         seed: of everything random.
         log: directory for TensorBoard.
-        entropy: weight of the entropy of SAC and TQC, in Stable-Baselines3's words.
+        has_demonstrations: whether SAC or TQC should stay near to some: they explore little then. Without any they
+            explore freely, and their learning rate falls so that what they have found settles.
 
     Raises:
         LearningError: no such algorithm; the message lists those there are.
@@ -121,7 +124,7 @@ def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None, entr
         "device": "cpu",
         "tensorboard_log": None if log is None else str(log),
     }
-    settings = _off_policy(entropy) if name in GOAL_ALGORITHMS else _on_policy(name)
+    settings = _off_policy(has_demonstrations) if name in GOAL_ALGORITHMS else _on_policy(name)
     return ALGORITHMS[name](**settings, **common)
 
 
@@ -176,13 +179,18 @@ class Checkpoints(BaseCallback):
         return True
 
 
-def _off_policy(entropy: str) -> dict[str, Any]:
+def _falling_rate(share_left: float) -> float:
+    """The learning rate when so much of the run is left."""
+    return 1e-3 * (0.1 + 0.9 * share_left)
+
+
+def _off_policy(has_demonstrations: bool) -> dict[str, Any]:
     return {
         "policy": "MultiInputPolicy",
         "replay_buffer_class": HerReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
-        "learning_rate": 1e-3,
-        "ent_coef": entropy,
+        "learning_rate": 1e-3 if has_demonstrations else _falling_rate,
+        "ent_coef": "auto_0.1" if has_demonstrations else "auto",
         "batch_size": 256,
         "gamma": 0.95,
         "tau": 0.02,

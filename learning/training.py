@@ -49,8 +49,6 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """The families of environments that each algorithm learns on."""
-LITTLE_ENTROPY = "auto_0.1"
-"""Weight of the entropy at the start where there are demonstrations to stay near to."""
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""
 
@@ -138,8 +136,8 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
         model.tensorboard_log = str(run.directory)
     else:
-        entropy = "auto" if run.demonstrations is None else LITTLE_ENTROPY
-        model = make_model(run.algorithm, env, run.seed, run.directory, entropy)
+        has_demonstrations = run.demonstrations is not None
+        model = make_model(run.algorithm, env, run.seed, run.directory, has_demonstrations)
     callbacks: list[BaseCallback] = []
     if run.demonstrations is not None and isinstance(model, SAC | TQC):
         callbacks.append(_take_demonstrations(run, model, env, is_new=not is_resumed))
