@@ -94,15 +94,13 @@ def commitments_for(
         usable: whether a grasp can be used at all. It is asked about few, before places are looked for; the source is
             to offer those named in `Unusable` no more before this function is called again.
     """
-    greedy = strategy.grasps == "greedy"
-    ways = iter((greedy_commitments(source, scene, target),)) if greedy else None
     without_place = target
-    for commitments in ways or _alternatives(source, scene, target, rng, limits):
+    for commitments in _alternatives(strategy, source, scene, target, rng, limits):
         if isinstance(commitments, NoCommitment):
             return commitments
         if unusable := tuple(grasp for grasp in commitments.grasps.values() if not usable(grasp)):
             return Unusable(unusable)
-        if greedy:
+        if strategy.grasps == "greedy":
             return Foresight(commitments)
         commitments = arrange(commitments)
         places = _places(strategy, search, scene, commitments, rng)
@@ -113,9 +111,20 @@ def commitments_for(
 
 
 def _alternatives(
-    source: OptionSource, scene: Scene, target: str, rng: np.random.Generator, limits: FloorLimits | None
+    strategy: Strategy,
+    source: OptionSource,
+    scene: Scene,
+    target: str,
+    rng: np.random.Generator,
+    limits: FloorLimits | None,
 ) -> Iterator[Commitments | NoCommitment]:
-    """The smallest sets as they are found, each followed by other orders and grasps for the same objects."""
+    """The smallest sets as they are found, each followed by other orders and grasps for the same objects.
+
+    Who does not look ahead has but one way.
+    """
+    if strategy.grasps == "greedy":
+        yield greedy_commitments(source, scene, target)
+        return
     sets = smallest_commitments(source, scene, target, slack=_SLACK, limits=limits)
     volume = _volumes(scene)
     for commitments in itertools.islice(sets, _SETS):
