@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from planners.arm_motion import FIXED_BITS, ArmPath, Obstruction, Unreachable
 from planners.base_motion import plan_base
 from planners.clearance_floor import FloorLimits
 from planners.collision import CollisionWorld
-from planners.commitments import LeaveAlone, NoCommitment, OptionSource
+from planners.commitments import LeaveAlone, NoCommitment, OptionSource, in_no_hurry
 from planners.grasp_options import GraspCatalogue, GraspOption
 from planners.hand_motion import PickMotion, PlaceMotion, can_leave, plan_pick, plan_place
 from planners.lookahead import Arrange, Foresight, Unusable, commitments_for
@@ -58,6 +58,7 @@ class Binder:
     rng: np.random.Generator
     floor_limits: FloorLimits | None = None
     follower: TcpFollower | None = None
+    late: Callable[[], bool] = in_no_hurry
     has_banned: bool = False
     _referee: Referee | None = None
     _world: CollisionWorld | None = None
@@ -72,7 +73,7 @@ class Binder:
         """
         left_alone = frozenset(cleared) if strategy.region == "ngr" else frozenset()
         found = self._foresee(strategy, LeaveAlone(self.catalogue, left_alone), scene, target, arrange)
-        if isinstance(found, NoCommitment) and left_alone:
+        if isinstance(found, NoCommitment) and left_alone and not self.late():
             return self._foresee(strategy, self.catalogue, scene, target, arrange)
         return found
 
@@ -90,6 +91,7 @@ class Binder:
                 self.rng,
                 self.floor_limits,
                 lambda grasp: can_leave(self._compiled(scene), grasp.base, grasp.q, grasp.object),
+                self.late,
             )
             if not isinstance(found, Unusable):
                 return found

@@ -24,6 +24,7 @@ __all__ = [
     "NoCommitment",
     "OptionSource",
     "greedy_commitments",
+    "in_no_hurry",
     "smallest_commitments",
     "varied_commitments",
 ]
@@ -86,10 +87,17 @@ class NoCommitment:
     proved: bool = True
 
 
-def greedy_commitments(source: OptionSource, scene: Scene, target: str) -> Commitments | NoCommitment:
+def in_no_hurry() -> bool:
+    """Time is never up."""
+    return False
+
+
+def greedy_commitments(
+    source: OptionSource, scene: Scene, target: str, late: Callable[[], bool] = in_no_hurry
+) -> Commitments | NoCommitment:
     """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
 
-    The grasps that would make an object wait for itself are passed over.
+    The grasps that would make an object wait for itself are passed over. `late` says when to give up.
     """
     grasps: dict[str, GraspOption] = {}
     order: list[str] = []
@@ -97,6 +105,8 @@ def greedy_commitments(source: OptionSource, scene: Scene, target: str) -> Commi
     def commit(name: str, waiting: int) -> bool:
         waiting |= 1 << scene.index(name)
         for option in sorted(source.options(scene, name), key=lambda option: option.blockers.bit_count()):
+            if late():
+                return False
             if option.blockers & waiting:
                 continue
             kept, kept_order = dict(grasps), list(order)
@@ -112,6 +122,8 @@ def greedy_commitments(source: OptionSource, scene: Scene, target: str) -> Commi
 
     if commit(target, 0):
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
+    if late():
+        return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
     reachable = bool(source.options(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 

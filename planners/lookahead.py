@@ -24,6 +24,7 @@ from planners.commitments import (
     NoCommitment,
     OptionSource,
     greedy_commitments,
+    in_no_hurry,
     smallest_commitments,
     varied_commitments,
 )
@@ -79,6 +80,7 @@ def commitments_for(
     rng: np.random.Generator,
     limits: FloorLimits | None = None,
     usable: Callable[[GraspOption], bool] = lambda _: True,
+    late: Callable[[], bool] = in_no_hurry,
 ) -> Foresight | NoCommitment | Unusable:
     """The best way to go about it; where there is none, or none whose objects all find places, the reason.
 
@@ -93,9 +95,12 @@ def commitments_for(
         limits: of the search for the smallest sets.
         usable: whether a grasp can be used at all. It is asked about few, before places are looked for; the source is
             to offer those named in `Unusable` no more before this function is called again.
+        late: whether time is up.
     """
     without_place = target
-    for commitments in _alternatives(strategy, source, scene, target, rng, limits):
+    for commitments in _alternatives(strategy, source, scene, target, rng, limits, late):
+        if late():
+            break
         if isinstance(commitments, NoCommitment):
             return commitments
         if unusable := tuple(grasp for grasp in commitments.grasps.values() if not usable(grasp)):
@@ -107,6 +112,8 @@ def commitments_for(
         if not isinstance(places, str):
             return Foresight(commitments, places)
         without_place = places
+    if late():
+        return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
     return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_place,), proved=False)
 
 
@@ -117,13 +124,14 @@ def _alternatives(
     target: str,
     rng: np.random.Generator,
     limits: FloorLimits | None,
+    late: Callable[[], bool],
 ) -> Iterator[Commitments | NoCommitment]:
     """The smallest sets as they are found, each followed by other orders and grasps for the same objects.
 
     Who does not look ahead has but one way.
     """
     if strategy.grasps == "greedy":
-        yield greedy_commitments(source, scene, target)
+        yield greedy_commitments(source, scene, target, late)
         return
     sets = smallest_commitments(source, scene, target, slack=_SLACK, limits=limits)
     volume = _volumes(scene)

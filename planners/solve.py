@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -113,11 +114,14 @@ class Planner:
         way = find_strategy(strategy)
         rng = rng or np.random.default_rng(0)
         started = time.process_time()
+        deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
         outcomes: list[Solution | Infeasible] = []
         for binder in self._binders(scene, rng, _ATTEMPTS if way.plans_ahead else 1):
-            search = Search(target, way, self._task_planner, binder, TampLimits(seconds=time_limit))
+            binder.late = lambda: time.perf_counter() > deadline
+            seconds = None if time_limit is None else deadline - time.perf_counter()
+            search = Search(target, way, self._task_planner, binder, TampLimits(seconds=seconds))
             outcomes.append(task_and_motion_plan(search, scene))
-            if _is_final(outcomes[-1], binder):
+            if _is_final(outcomes[-1], binder) or binder.late():
                 break
         best = min(outcomes, key=_shortcoming)
         return replace(best, stats=replace(best.stats, total_s=time.process_time() - started))

@@ -90,6 +90,14 @@ def test_the_same_generator_gives_the_same_plan(problem: tuple[Scene, str]) -> N
         assert np.array_equal(mine.trajectory.q, yours.trajectory.q)
 
 
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_who_has_no_time_says_so(strategy: str, problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    found = PLANNER.solve(scene, target, strategy, np.random.default_rng(0), time_limit=0.0)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.TIME_LIMIT
+
+
 def test_an_object_in_hand_is_put_down_first() -> None:
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
     first = PLANNER.solve(scene, "object_00")
