@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from irm.closed_form import wrap
 from irm.raster import FREE, MIXED, Raster, floor_kind, is_outside, outline_distance
+from irm.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
 from irm.tiles import RING_WIDTH, Tiles
 
 __all__ = ["SAME_PLACE", "any_base_near", "best_bases", "best_bases_batch", "floor_distance", "is_apart", "turns_of"]
@@ -25,8 +26,6 @@ _ROUNDING = 1e-5
 
 _SHORT = 0.999
 """Share of a distance to free floor by which the kernels step over places that cannot be free."""
-
-CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH = 1, 2
 
 
 @njit(cache=True)

@@ -66,7 +66,7 @@ class ArmPath:
     @property
     def drive_vectors(self) -> NDArray[np.float64]:
         """(n, 11) base and waypoints."""
-        return np.hstack([np.tile(self.base, (len(self.waypoints), 1)), self.waypoints])
+        return on_base(self.base, self.waypoints)
 
     def reversed(self) -> ArmPath:
         """The same motion backwards."""

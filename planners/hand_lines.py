@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.arm_motion import FIXED_BITS, tcp_pose
+from planners.arm_motion import FIXED_BITS, on_base, tcp_pose
 from planners.collision import CollisionWorld
-from planners.scene import Body, HeldObject, RobotState
+from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.straight_motion import trace_by_torso, trace_straight
 
 __all__ = [
@@ -20,7 +20,6 @@ __all__ = [
     "LineOption",
     "free_option",
     "grasp_contact",
-    "grip_opening",
     "lines_of",
     "release_contact",
     "trace",
@@ -81,19 +80,20 @@ class LineOption(NamedTuple):
     phase: str
 
 
-def grip_opening(body: Body, finger_direction: ArrayLike, clearance: float = 0.0) -> float:
-    """[m] between the pads that hold an object across a world direction (3,), with `clearance` [m] on each side."""
-    return 2.0 * (body.half_extent_along(finger_direction) + clearance)
+def _openings(scene: Scene, body: Body, T_world_tcp: Array) -> tuple[float, float]:
+    """[m] between the pads of a hand (4, 4) that is open around an object, and that holds it."""
+    grip = 2.0 * body.half_extent_along(T_world_tcp[:3, 1])
+    return min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening), grip
 
 
 def grasp_contact(world: CollisionWorld, base: ArrayLike, q: Array, name: str, ignore: int) -> Contact:
     """The situation around a grasp of an object where it stands."""
-    robot, body = world.scene.robot, world.scene.body(name)
-    T_world_tcp = tcp_pose(robot, RobotState(np.asarray(base), q, 0.0))
+    body = world.scene.body(name)
+    T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
-    grip = grip_opening(body, T_world_tcp[:3, 1])
-    opening = min(grip + 2 * SIDE_CLEARANCE, robot.max_opening)
-    return Contact(world, world, np.array(base, dtype=float), q, opening, grip, held, ignore)
+    return Contact(
+        world, world, np.array(base, dtype=float), q, *_openings(world.scene, body, T_world_tcp), held, ignore
+    )
 
 
 def release_contact(
@@ -104,9 +104,8 @@ def release_contact(
     T_world_tcp = tcp_pose(scene.robot, RobotState(np.asarray(base), q, 0.0))
     placed = scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
     after = CollisionWorld.from_scene(scene.with_body(placed), world.padding)
-    grip = grip_opening(placed, T_world_tcp[:3, 1])
-    opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
-    return Contact(after, world, np.array(base, dtype=float), q, opening, grip, held, ignore), placed
+    openings = _openings(scene, placed, T_world_tcp)
+    return Contact(after, world, np.array(base, dtype=float), q, *openings, held, ignore), placed
 
 
 def lines_of(world: CollisionWorld) -> tuple[Line, ...]:
@@ -115,15 +114,15 @@ def lines_of(world: CollisionWorld) -> tuple[Line, ...]:
 
 
 def free_option(contact: Contact, line: Line) -> LineOption | None:
-    """A line that the arm can follow, empty and loaded, hitting nothing; less work than `_trace`."""
+    """A line that the arm can follow, empty and loaded, hitting nothing; less work than `trace`."""
     legs = _legs(contact, line)
     if legs is None:
         return None
     empty, loaded = legs
     ignore = contact.ignore
-    if contact.empty.path_hits(_drive(contact, empty), contact.opening, None, ignore, first_only=True):
+    if contact.empty.path_hits(on_base(contact.base, empty), contact.opening, None, ignore, first_only=True):
         return None
-    if contact.loaded.path_hits(_drive(contact, loaded), contact.grip, contact.held, ignore, first_only=True):
+    if contact.loaded.path_hits(on_base(contact.base, loaded), contact.grip, contact.held, ignore, first_only=True):
         return None
     return LineOption(line, empty, loaded, 0, "transit")
 
@@ -135,8 +134,8 @@ def trace(contact: Contact, line: Line) -> LineOption | str:
         return "the arm cannot follow the line"
     empty, loaded = legs
     here = contact.empty.hits(contact.base, contact.q, contact.opening, None, contact.ignore)
-    out = contact.empty.path_hits(_drive(contact, empty), contact.opening, None, contact.ignore)
-    away = contact.loaded.path_hits(_drive(contact, loaded), contact.grip, contact.held, contact.ignore)
+    out = contact.empty.path_hits(on_base(contact.base, empty), contact.opening, None, contact.ignore)
+    away = contact.loaded.path_hits(on_base(contact.base, loaded), contact.grip, contact.held, contact.ignore)
     hits = out | away
     if hits & FIXED_BITS:
         return f"the line touches {' and '.join(contact.empty.names_of(hits & FIXED_BITS))}"
@@ -173,13 +172,9 @@ def _follow(contact: Contact, legs: tuple[tuple[Array, float], ...], by_torso: b
     waypoints = contact.q[None]
     for direction, distance in legs:
         if distance > 0.0:
-            trace = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
-            leg = trace(contact.empty, contact.base, waypoints[-1], direction, distance)
+            trace_leg = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
+            leg = trace_leg(contact.empty, contact.base, waypoints[-1], direction, distance)
             if leg is None:
                 return None
             waypoints = np.vstack([waypoints, leg[1:]])
     return waypoints
-
-
-def _drive(contact: Contact, waypoints: Array) -> Array:
-    return np.hstack([np.tile(contact.base, (len(waypoints), 1)), waypoints])

@@ -26,7 +26,7 @@ from planners.solution import Cause, Infeasible, Solution
 from planners.strategies import strategy as find_strategy
 from planners.symbolic import TaskPlanner
 from planners.tamp import task_and_motion_plan
-from planners.tamp_state import Search, TampLimits
+from planners.tamp_state import Search
 from planners.tcp_following import TcpFollower
 from planners.validation import validate
 
@@ -118,8 +118,7 @@ class Planner:
         outcomes: list[Solution | Infeasible] = []
         for binder in self._binders(scene, rng, _ATTEMPTS if way.plans_ahead else 1):
             binder.late = lambda: time.perf_counter() > deadline
-            seconds = None if time_limit is None else deadline - time.perf_counter()
-            search = Search(target, way, self._task_planner, binder, TampLimits(seconds=seconds))
+            search = Search(target, way, self._task_planner, binder)
             outcomes.append(task_and_motion_plan(search, scene))
             if _is_final(outcomes[-1], binder) or binder.late():
                 break

@@ -78,8 +78,11 @@ def is_goal(search: Search, state: PlanState) -> bool:
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
     """The skeleton T, or why there is none."""
-    spent = search.limits.seconds is not None and time.perf_counter() - search.started > search.limits.seconds
-    if spent or len(search.history) >= search.limits.task_plans or len(search.clearances) >= search.limits.clearances:
+    if (
+        search.binder.late()
+        or len(search.history) >= search.limits.task_plans
+        or len(search.clearances) >= search.limits.clearances
+    ):
         counts = f"{len(search.history)} replans and {len(search.clearances)} clearances"
         return infeasible(search, Cause.TIME_LIMIT, f"given up after {counts}", ())
     found = _task_plan(search, state.symbols)

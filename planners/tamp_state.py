@@ -20,9 +20,8 @@ __all__ = ["PlanState", "Refutation", "Search", "TampLimits", "infeasible", "sta
 
 @dataclass(frozen=True)
 class TampLimits:
-    """When to give up: seconds (None: no limit), put-downs in one plan, task plans in one plan, seconds for each."""
+    """When to give up: put-downs in one plan, task plans in one plan, seconds for each; time: `Binder.late`."""
 
-    seconds: float | None = None
     clearances: int = 60
     task_plans: int = 200
     task_planning_s: float = 10.0
@@ -61,7 +60,6 @@ class Search:
     task_plans: int = 0
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
-    started: float = field(default_factory=time.perf_counter)
     started_cpu: float = field(default_factory=time.process_time)
 
 
