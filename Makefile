@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 2
 OBJECTS ?= 15
-SOURCES := assets irm planners clutter_env learning scripts tests
+SOURCES := assets irm planners clutter_env scripts tests
 
 .PHONY: help setup demo test test-slow check format bench clean
 

@@ -60,7 +60,7 @@ class RobotSpec:
     finger_joints: tuple[str, str]
     finger_geoms: tuple[str, str]
     head_joints: tuple[str, ...]
-    head_posture: tuple[float, ...]
+    head_configuration: tuple[float, ...]
     cameras: tuple[str, ...]
     home: tuple[float, ...]
     """Posture to start, drive and carry in, shape (1 + n,): torso [m], arm [rad]; gripper level, above the clutter."""
@@ -92,7 +92,7 @@ class RobotSpec:
     mesh_package: str = ""
     mesh_folder: str = ""
     closed_form_ik: str = ""
-    """Name of a closed-form solver of `irm.kinematics`, "" for the generic route."""
+    """Name of a closed-form solver of `irm.arm.kinematics`, "" for the generic route."""
 
     @property
     def mjcf_path(self) -> Path:
@@ -149,7 +149,7 @@ FETCH = RobotSpec(
     finger_joints=("r_gripper_finger_joint", "l_gripper_finger_joint"),
     finger_geoms=("r_finger", "l_finger"),
     head_joints=("head_pan_joint", "head_tilt_joint"),
-    head_posture=(0.0, 0.55),
+    head_configuration=(0.0, 0.55),
     cameras=("head", "gripper"),
     home=(0.25, 0.0, -1.02, 0.0, 2.12, 0.0, -1.10, 0.0),
     max_velocity=(1.0, 1.0, 1.5, 0.1, 1.256, 1.0, 1.57, 1.5, 1.57, 2.26, 2.26),

@@ -10,18 +10,18 @@ SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
 for _count in OBJECT_COUNTS:
     register(
         id=f"clutter_env/Retrieve-o{_count}-v0",
-        entry_point="clutter_env.env:RetrieveEnv",
+        entry_point="clutter_env.envs.retrieve:RetrieveEnv",
         kwargs={"num_objects": _count},
         # 300 s, and 20 s more for each object that may have to be cleared first.
         max_episode_steps=6000 + 400 * _count,
     )
 
-register(id="clutter_env/Reach-v0", entry_point="clutter_env.goal_env:ReachEnv", max_episode_steps=100)
-register(id="clutter_env/Pick-v0", entry_point="clutter_env.goal_env:PickEnv", max_episode_steps=100)
+register(id="clutter_env/Reach-v0", entry_point="clutter_env.envs.goal:ReachEnv", max_episode_steps=100)
+register(id="clutter_env/Pick-v0", entry_point="clutter_env.envs.goal:PickEnv", max_episode_steps=100)
 
 for _count in SKILL_OBJECT_COUNTS:
     register(
         id=f"clutter_env/Skill-o{_count}-v0",
-        entry_point="clutter_env.skill_env:SkillEnv",
+        entry_point="clutter_env.envs.skill:SkillEnv",
         kwargs={"num_objects": _count},
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 from assets.robots import robot as find_robot
 from clutter_env.errors import ConfigError
-from clutter_env.layout import LAYOUTS, SHAPE_SETS, capacity
+from clutter_env.scene.layout import LAYOUTS, SHAPE_SETS, capacity
 
 __all__ = ["CONTROL_HZ", "PHYSICS_STEPS", "RENDER_MODES", "TIMESTEP", "EnvConfig"]
 

@@ -2,11 +2,11 @@
 
 import torch
 
-from learning.bc import CloneConfig, clone, examples_of
-from learning.episode import record
-from learning.evaluation import held_out_seeds, success_rate
-from learning.experts import make_expert
-from learning.task import Task
+from clutter_env.learning.comparison.evaluation import held_out_seeds, success_rate
+from clutter_env.learning.demonstrations.episode import record
+from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.learning.task import Task
+from clutter_env.learning.training.bc import CloneConfig, clone, examples_of
 
 torch.set_num_threads(1)
 task = Task("clutter_env/Pick-v0")

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from learning.collect import collect, demonstrate
-from learning.dataset import Dataset, Job
-from learning.task import Task
-from learning.workers import LocalWorkers
+from clutter_env.learning.demonstrations.collect import collect, demonstrate
+from clutter_env.learning.demonstrations.dataset import Dataset, Job
+from clutter_env.learning.task import Task
+from clutter_env.parallel.workers import LocalWorkers
 
 if __name__ == "__main__":
     job = Job(Task("clutter_env/Retrieve-o5-v0"), expert="lookahead", episodes=5)

@@ -1,9 +1,9 @@
 """Compare two contenders on the same held-out scenes, with bootstrap intervals."""
 
-from learning.baselines import greedy_agent, random_agent
-from learning.evaluation import held_out_seeds, play
-from learning.tables import markdown, summarise
-from learning.task import Task
+from clutter_env.learning.comparison.evaluation import held_out_seeds, play
+from clutter_env.learning.comparison.tables import markdown, summarise
+from clutter_env.learning.policies.baselines import greedy_agent, random_agent
+from clutter_env.learning.task import Task
 
 SCENES = 5
 env = Task("clutter_env/Skill-o10-v0").make()

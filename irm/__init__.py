@@ -10,17 +10,17 @@ Example:
     print(placement.status, placement.poses)
 """
 
-from irm.cache import cached_map
-from irm.classical import ClassicalInverseReachabilityMap
-from irm.classification import classify, predict
+from irm.arm.kinematics import ArmChain
+from irm.checks.classification import classify, predict
+from irm.checks.verification import NotVerified, Verified, hand_poses, verify
 from irm.errors import ReachabilityError
-from irm.free_space import FreeSpace
-from irm.inverse import InverseReachabilityMap
-from irm.kinematics import ArmChain
-from irm.placement import BasePlacement, PlacementBatch
-from irm.reachability import ReachabilityMap
-from irm.status import Status
-from irm.verification import NotVerified, Verified, hand_poses, verify
+from irm.floor.free_space import FreeSpace
+from irm.maps.cache import cached_map
+from irm.maps.reachability import ReachabilityMap
+from irm.queries.classical import ClassicalInverseReachabilityMap
+from irm.queries.inverse import InverseReachabilityMap
+from irm.queries.placement import BasePlacement, PlacementBatch
+from irm.queries.status import Status
 
 __all__ = [
     "ArmChain",

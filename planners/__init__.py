@@ -5,10 +5,10 @@ Example:
     solution = solve(scene, "object_03")
 """
 
-from planners.expert import EpisodeReport, TampExpert
+from planners.execution.expert import EpisodeReport, TampExpert
+from planners.planner import Planner, clearance_floor, solve
 from planners.scene import Scene
-from planners.solution import Infeasible, Solution
-from planners.solve import Planner, clearance_floor, solve
+from planners.tamp.solution import Infeasible, Solution
 
 __all__ = [
     "EpisodeReport",

@@ -12,9 +12,9 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from assets.robots import FETCH
 from clutter_env.config import EnvConfig
-from clutter_env.layout import LAYOUTS, SHAPE_SETS, capacity
-from clutter_env.observation import OBJECT_FIELDS
-from clutter_env.reward import DENSE_SCALES
+from clutter_env.envs.observation import OBJECT_FIELDS
+from clutter_env.envs.reward import DENSE_SCALES
+from clutter_env.scene.layout import LAYOUTS, SHAPE_SETS, capacity
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RETRIEVE = (DOCS / "retrieve.md").read_text()

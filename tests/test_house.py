@@ -16,8 +16,8 @@ CASES = [
     ("irm", ("gymnasium", *GL, *LEARNING)),
     ("planners", ("gymnasium", *GL, *LEARNING)),
     ("clutter_env", ("numba", "planners", "irm", *GL, *LEARNING)),
-    ("clutter_env.env", ("numba", "planners", "irm", *GL, *LEARNING)),
-    ("clutter_env.goal_env", ("numba", "planners", "irm", *GL, *LEARNING)),
+    ("clutter_env.envs.retrieve", ("numba", "planners", "irm", *GL, *LEARNING)),
+    ("clutter_env.envs.goal", ("numba", "planners", "irm", *GL, *LEARNING)),
 ]
 
 

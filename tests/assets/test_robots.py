@@ -87,7 +87,7 @@ def test_home_is_level_high_and_touches_nothing(spec_and_model) -> None:
     model.geom_conaffinity[:] |= 2
     data = mujoco.MjData(model)
     for joint, value in zip(
-        (*spec.drive_joints, *spec.head_joints), (0, 0, 0, *spec.home, *spec.head_posture), strict=True
+        (*spec.drive_joints, *spec.head_joints), (0, 0, 0, *spec.home, *spec.head_configuration), strict=True
     ):
         data.qpos[model.joint(joint).qposadr[0]] = value
     mujoco.mj_forward(model, data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from clutter_env.errors import RenderingUnavailable
-from clutter_env.rendering import make_context
+from clutter_env.rendering.renderer import make_context
 
 
 @pytest.fixture(scope="session")

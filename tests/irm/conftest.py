@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH, ChainLink
-from irm.free_space import FreeSpace
-from irm.inverse import InverseReachabilityMap
-from irm.reachability import ReachabilityMap
+from irm.floor.free_space import FreeSpace
+from irm.maps.reachability import ReachabilityMap
+from irm.queries.inverse import InverseReachabilityMap
 
 LIFT_ARM = dataclasses.replace(
     FETCH,

@@ -6,7 +6,7 @@ import sys
 
 def test_the_package_needs_no_simulator_and_no_plots():
     code = (
-        "import sys, irm, irm.cache, irm.verification, irm.classification, irm.classical, irm.full_scan\n"
+        "import sys, irm, irm.maps.cache, irm.checks.verification, irm.checks.classification, irm.queries.full_scan\n"
         "bad = {'mujoco', 'gymnasium', 'torch', 'matplotlib', 'mink'} & set(sys.modules)\n"
         "assert not bad, bad\n"
     )

@@ -1,4 +1,5 @@
-"""Cluttered scenes of standing and lying cylinders and boxes, and grasp postures in them, for the tests of motions."""
+"""Cluttered scenes of standing and lying cylinders and boxes, and grasp configurations in them, for the tests of
+motions."""
 
 from __future__ import annotations
 
@@ -8,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from irm.kinematics import ArmChain, inverse
-from planners.collision import CollisionWorld
-from planners.hand_lines import SIDE_CLEARANCE
+from irm.arm.kinematics import ArmChain, inverse
+from planners.collision.world import CollisionWorld
+from planners.motion.approaches import SIDE_CLEARANCE
 from planners.scene import Body, FurnitureBox, Scene
 from tests.planners.scenes import HEIGHT, random_scene
 
@@ -39,10 +40,10 @@ def _varied(body: Body, index: int, rng: np.random.Generator) -> Body:
     return body
 
 
-def grasp_postures(
+def grasp_configurations(
     world: CollisionWorld, name: str, rng: np.random.Generator, count: int = 1
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Up to `count` base poses (3,) with a free posture (8,) around an object, the gripper level."""
+    """Up to `count` base poses (3,) with a free configuration (8,) around an object, the gripper level."""
     body, found = world.scene.body(name), []
     for _ in range(60):
         base = np.array([rng.uniform(-1.05, -0.65), np.clip(body.position[1] + rng.uniform(-0.4, 0.4), -0.6, 0.6), 0.0])
@@ -51,10 +52,10 @@ def grasp_postures(
         T = np.eye(4)
         T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
         T[:3, 3] = [*(body.position[:2] - base[:2]), body.bottom + FETCH.grasp_height]
-        postures = inverse(CHAIN, T, np.linspace(0.05, 0.38, 6), np.linspace(-np.pi, np.pi, 24, endpoint=False))
-        if not len(postures):
+        configurations = inverse(CHAIN, T, np.linspace(0.05, 0.38, 6), np.linspace(-np.pi, np.pi, 24, endpoint=False))
+        if not len(configurations):
             continue
-        free = postures[world.hits_many(base, postures, 2 * (body.half_width + SIDE_CLEARANCE)) == 0]
+        free = configurations[world.hits_many(base, configurations, 2 * (body.half_width + SIDE_CLEARANCE)) == 0]
         if len(free):
             found.append((base, free[rng.integers(len(free))]))
         if len(found) == count:

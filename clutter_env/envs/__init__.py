@@ -1,0 +1,1 @@
+"""The environments: Retrieve, Reach, Pick and Skill."""

@@ -1,0 +1,180 @@
+"""`Reach` and `Pick`: goal environments for hindsight relabelling."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from clutter_env.config import EnvConfig, check_integer
+from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.observation import Observer
+from clutter_env.envs.reset_options import ResetOptions, draw_scene
+from clutter_env.scene.layout import TableScene
+
+__all__ = ["GOAL_TOLERANCE", "GoalEnv", "PickEnv", "ReachEnv"]
+
+GOAL_TOLERANCE = 0.05
+"""[m] from the goal within which it counts as reached."""
+GOAL_BOUND = 16.0
+"""[m] Bound of goals in the world frame; far outside the arena."""
+
+REACH_LOW, REACH_HIGH = (0.50, -0.40, 0.85), (0.95, 0.40, 1.30)
+"""[m] Box of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""
+
+PICK_X = (-0.25, 0.05)
+"""[m] Where the object to pick stands, from the table's centre; the rest of the table is farther than the arm."""
+PICK_DISTANCE = (0.70, 0.85)
+"""[m] ahead of the base."""
+PICK_SIDE = 0.15
+"""[m] to the side of the base at most."""
+PICK_YAW = 0.2
+"""[rad] of the base at most."""
+GOAL_OFFSET = 0.15
+"""[m] of a Pick goal from the object's start along x and y at most."""
+GOAL_LIFT = 0.25
+"""[m] of a Pick goal above the object's start at most; half of the goals are on the table."""
+
+
+class GoalEnv(BaseEnv):
+    """Observations are `observation`, `achieved_goal` and `desired_goal`; goals are points in the world frame.
+
+    Rewards, by `reward_mode`: "sparse", 0 within `GOAL_TOLERANCE` of the goal, else -1; "dense", minus the distance.
+    Episodes end by their time limit only.
+    """
+
+    def __init__(self, config: EnvConfig) -> None:
+        self._goal = np.zeros(3)
+        super().__init__(config)
+
+    @abstractmethod
+    def _achieved(self) -> NDArray[np.float64]:
+        """The point (3,) that should come to the goal."""
+
+    @abstractmethod
+    def _draw_goal(self) -> NDArray[np.float64]:
+        """A goal (3,) for the present first state."""
+
+    def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Any) -> Any:  # noqa: ARG002
+        """Rewards (...,) of achieved and desired goals (..., 3), bit for bit those of `step`."""
+        distance = _distance(np.asarray(achieved_goal, np.float64), np.asarray(desired_goal, np.float64))
+        if self.config.reward_mode == "dense":
+            return -distance
+        return -(distance > GOAL_TOLERANCE).astype(np.float64)
+
+    def _begin(self) -> None:
+        self._goal = self._draw_goal()
+
+    def _advance(self) -> tuple[float, bool]:
+        return float(self.compute_reward(self._achieved(), self._goal, {})), False
+
+    def _observe(self) -> dict[str, Any]:
+        parts = self.observe_world(self.target_slot, 0.0, 0.0)
+        vector = np.concatenate([parts.pop(name) for name in self._observer.names])
+        return {
+            "observation": vector,
+            "achieved_goal": self._achieved().copy(),
+            "desired_goal": self._goal.copy(),
+            **parts,
+        }
+
+    def _make_observer(self) -> Observer:
+        shows_objects = self.config.obs_mode == "state" and self.config.num_objects > 0
+        return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=False)
+
+    def _make_observation_space(self) -> spaces.Dict:
+        bounds = self._observer.bounds
+        goal = spaces.Box(-GOAL_BOUND, GOAL_BOUND, (3,), np.float64)
+        parts = super()._make_observation_space()
+        return spaces.Dict(
+            {
+                "observation": spaces.Box(-bounds, bounds, dtype=np.float32),
+                "achieved_goal": goal,
+                "desired_goal": goal,
+                **{name: space for name, space in parts.items() if name not in self._observer.names},
+            }
+        )
+
+    def _info(self) -> dict[str, Any]:
+        held, target = self.measurements.held, self.target_slot
+        return {
+            "is_success": bool(_distance(self._achieved(), self._goal) <= GOAL_TOLERANCE),
+            "target": self.world.names[target] if target >= 0 else "",
+            "held": self.world.names[held] if held >= 0 else "",
+            "num_fallen": int(self.measurements.is_fallen.sum()),
+        }
+
+    def _memory(self) -> dict[str, Any]:
+        return {"goal": self._goal.tolist()}
+
+    def _recall(self, memory: dict[str, Any]) -> None:
+        self._goal = np.array(memory["goal"])
+
+
+class ReachEnv(GoalEnv):
+    """Bring the TCP to a point in front of the robot. `num_objects` (0 by default) objects stand on the table."""
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__(EnvConfig.from_keywords({"num_objects": 0, "control_mode": "ee", **keywords}))
+
+    def _draw_scene(self, options: ResetOptions) -> TableScene:
+        return draw_scene(self.np_random, self.layout, self.config, options)
+
+    def _achieved(self) -> NDArray[np.float64]:
+        return _clipped(self.data.site_xpos[self.world.index.tcp_site])
+
+    def _draw_goal(self) -> NDArray[np.float64]:
+        assert self.world.scene is not None
+        x, y, yaw = self.world.scene.base
+        ahead, left, up = self.np_random.uniform(REACH_LOW, REACH_HIGH)
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        return np.array([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left, up])
+
+
+class PickEnv(GoalEnv):
+    """Bring the target object to a point above the table or on it; the base stands close from the start."""
+
+    def __init__(self, **keywords: Any) -> None:
+        check_integer("num_objects", keywords.get("num_objects", 1), 1)
+        super().__init__(EnvConfig.from_keywords({"num_objects": 1, "control_mode": "ee", **keywords}))
+
+    def _draw_scene(self, options: ResetOptions) -> TableScene:
+        scene = draw_scene(self.np_random, self.layout, self.config, options)
+        if options.objects is None and scene.num_objects == 1:
+            x = self.np_random.uniform(*PICK_X)
+            scene = replace(scene, positions=np.array([[x, scene.positions[0, 1]]]))
+        return replace(scene, base=self._base_before(scene.positions[scene.target]))
+
+    def _base_before(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A base pose (3,) from which the object is in reach, in front of the table."""
+        ahead, side, yaw = self.np_random.uniform(
+            (PICK_DISTANCE[0], -PICK_SIDE, -PICK_YAW), (PICK_DISTANCE[1], PICK_SIDE, PICK_YAW)
+        )
+        x = min(position[0] - ahead, -self.layout.depth / 2 - self.robot.base_radius)
+        return np.array([x, position[1] + side, yaw])
+
+    def _achieved(self) -> NDArray[np.float64]:
+        return _clipped(self.measurements.poses[self.target_slot, :3])
+
+    def _draw_goal(self) -> NDArray[np.float64]:
+        start = self._achieved()
+        half = np.array([self.layout.depth, self.layout.width]) / 2 - 0.05
+        xy = np.clip(start[:2] + self.np_random.uniform(-GOAL_OFFSET, GOAL_OFFSET, 2), -half, half)
+        lift = self.np_random.uniform(0.0, GOAL_LIFT) * float(self.np_random.random() < 0.5)
+        return np.array([*xy, start[2] + lift])
+
+
+def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances (...,) of points (..., 3), summed in one fixed order so that every batch size gives the same bits."""
+    x, y, z = np.moveaxis(first - second, -1, 0)
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _clipped(point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The point (3,), within the goal space."""
+    return np.minimum(np.maximum(point, -GOAL_BOUND), GOAL_BOUND)

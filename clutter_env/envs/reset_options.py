@@ -1,0 +1,247 @@
+"""`reset(options=...)`: checked and turned into scenes before anything in the environment changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.config import EnvConfig
+from clutter_env.errors import OptionError
+from clutter_env.scene.layout import Layout, TableScene, object_name, sample_base, sample_scene
+
+__all__ = ["ResetOptions", "draw_scene", "explicit_scene"]
+
+OPTION_NAMES = ("target", "objects", "state")
+_COMMON_KEYS = ("shape", "position", "height", "yaw", "mass")
+_SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("depth", "width")}
+HALF_WIDTH_LIMITS = (0.01, 0.10)
+"""[m] radius of a cylinder, half depth and half width of a box."""
+HEIGHT_LIMITS = (0.04, 0.39)
+"""[m]; the shelf's board hangs 0.40 m above the table."""
+MASS_LIMITS = (0.01, 5.0)
+"""[kg]"""
+DEFAULT_MASS = 0.2
+TOUCH_TOLERANCE = 1e-6
+"""[m] Objects may touch; deeper overlaps are refused."""
+
+
+@dataclass(frozen=True)
+class ResetOptions:
+    """The options of a reset, their types checked; `objects` are still the user's descriptions."""
+
+    target: str | None = None
+    objects: tuple[Mapping[str, Any], ...] | None = None
+    state: bytes | None = None
+
+    @classmethod
+    def of(cls, options: object) -> ResetOptions:
+        """Check the dictionary given to `reset`.
+
+        Raises:
+            OptionError: an unknown name, a wrong type, or a saved state together with another option.
+        """
+        if options is None:
+            return cls()
+        if not isinstance(options, Mapping):
+            raise OptionError(f"options must be a dictionary with keys from {', '.join(OPTION_NAMES)}, not {options!r}")
+        for name in options:
+            if name not in OPTION_NAMES:
+                raise OptionError(f"unknown option {name!r}; known options: {', '.join(OPTION_NAMES)}")
+        given = {name: value for name, value in options.items() if value is not None}
+        if "state" in given and len(given) > 1:
+            raise OptionError("option 'state' brings its own objects and target; give it alone")
+        if not isinstance(given.get("target", ""), str):
+            raise OptionError(f"option 'target' must be an object's name such as 'object_00', not {given['target']!r}")
+        if not isinstance(given.get("state", b""), bytes):
+            raise OptionError(f"option 'state' must be bytes from save_state(), not {type(given['state']).__name__}")
+        return cls(given.get("target"), _descriptions(given.get("objects")), given.get("state"))
+
+    def target_index(self, count: int) -> int | None:
+        """The slot of the wanted target, None where chance decides.
+
+        Raises:
+            OptionError: there is no object of that name.
+        """
+        if self.target is None:
+            return None
+        names = [object_name(slot) for slot in range(count)]
+        if self.target not in names:
+            raise OptionError(f"option 'target': no object {self.target!r}; objects: {', '.join(names)}")
+        return names.index(self.target)
+
+
+def _descriptions(objects: object) -> tuple[Mapping[str, Any], ...] | None:
+    if objects is None:
+        return None
+    if isinstance(objects, str | bytes) or not isinstance(objects, Sequence):
+        raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
+    for entry in objects:
+        if not isinstance(entry, Mapping):
+            raise OptionError(f"option 'objects' must be a list of dictionaries; it holds {entry!r}")
+    return tuple(objects)
+
+
+def draw_scene(rng: np.random.Generator, layout: Layout, config: EnvConfig, options: ResetOptions) -> TableScene:
+    """The scene that the options describe, random where they leave it open.
+
+    Raises:
+        OptionError: see `explicit_scene`; or there is no object of the wanted target's name.
+    """
+    if options.objects is None:
+        scene = sample_scene(rng, layout, config.num_objects, config.shapes)
+    else:
+        scene = explicit_scene(rng, layout, options.objects, config.num_objects)
+    wanted = options.target_index(scene.num_objects)
+    return scene if wanted is None else scene.with_target(wanted)
+
+
+def explicit_scene(
+    rng: np.random.Generator, layout: Layout, descriptions: Sequence[Mapping[str, Any]], max_objects: int
+) -> TableScene:
+    """The scene that the option `objects` describes; the base pose and the target are drawn from `rng`.
+
+    Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
+    "width", "height", "position"}, all in metres, with optional "yaw" [rad] and "mass" [kg].
+
+    Raises:
+        OptionError: an invalid description, too many objects, an object over the table's edge, or an overlap.
+    """
+    if not 1 <= len(descriptions) <= max_objects:
+        raise OptionError(f"option 'objects' holds {len(descriptions)} objects; it must be 1 to {max_objects}")
+    parsed = [_parse(index, entry) for index, entry in enumerate(descriptions)]
+    scene = TableScene(
+        half_extents=np.array([p.half_extents for p in parsed]),
+        is_box=np.array([p.is_box for p in parsed]),
+        positions=np.array([p.position for p in parsed]),
+        yaws=np.array([p.yaw for p in parsed]),
+        masses=np.array([p.mass for p in parsed]),
+        base=sample_base(rng, layout),
+        target=int(rng.integers(len(parsed))),
+    )
+    footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
+    _check_on_table(layout, footprints)
+    _check_apart(footprints)
+    return scene
+
+
+@dataclass(frozen=True)
+class _Parsed:
+    is_box: bool
+    half_extents: tuple[float, float, float]
+    position: tuple[float, float]
+    yaw: float
+    mass: float
+
+
+def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
+    place = f"option 'objects'[{index}]"
+    shape = entry.get("shape", "cylinder")
+    if not isinstance(shape, str) or shape not in _SHAPE_KEYS:
+        raise OptionError(f"{place}: shape={shape!r} is not valid; valid shapes: {', '.join(_SHAPE_KEYS)}")
+    known = (*_COMMON_KEYS, *_SHAPE_KEYS[shape])
+    for key in entry:
+        if key not in known:
+            raise OptionError(f"{place}: unknown key {key!r}; keys of a {shape}: {', '.join(known)}")
+    for key in ("position", "height", *_SHAPE_KEYS[shape]):
+        if key not in entry:
+            raise OptionError(f"{place}: key {key!r} is missing; keys of a {shape}: {', '.join(known)}")
+    full = 2 * HALF_WIDTH_LIMITS[0], 2 * HALF_WIDTH_LIMITS[1]
+    if shape == "box":
+        half_x, half_y = (_number(place, key, entry[key], *full) / 2 for key in ("depth", "width"))
+    else:
+        half_x = half_y = _number(place, "radius", entry["radius"], *HALF_WIDTH_LIMITS)
+    return _Parsed(
+        is_box=shape == "box",
+        half_extents=(half_x, half_y, _number(place, "height", entry["height"], *HEIGHT_LIMITS) / 2),
+        position=_position(place, entry["position"]),
+        yaw=_number(place, "yaw", entry.get("yaw", 0.0), -2 * math.pi, 2 * math.pi),
+        mass=_number(place, "mass", entry.get("mass", DEFAULT_MASS), *MASS_LIMITS),
+    )
+
+
+def _number(place: str, key: str, value: object, lowest: float, highest: float) -> float:
+    is_number = isinstance(value, Real | np.number) and not isinstance(value, bool)
+    if not is_number or not lowest <= float(value) <= highest:  # type: ignore[arg-type]
+        raise OptionError(f"{place}: {key}={value!r} must be a number from {lowest:.4g} to {highest:.4g}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _position(place: str, value: object) -> tuple[float, float]:
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or len(value) != 2:
+        raise OptionError(f"{place}: position={value!r} must be (x, y) in metres on the table")
+    x, y = (_number(place, f"position {axis}", entry, -2.0, 2.0) for axis, entry in zip("xy", value, strict=True))
+    return x, y
+
+
+Polygon = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """A disc or a rectangle on the table: its centre, its corners (4, 2) or its centre alone, and its radius."""
+
+    centre: Polygon
+    corners: Polygon
+    radius: float
+
+
+def _footprint(scene: TableScene, index: int) -> _Footprint:
+    centre = scene.positions[index]
+    half_x, half_y, _ = scene.half_extents[index]
+    if not scene.is_box[index]:
+        return _Footprint(centre, centre[None], float(half_x))
+    cosine, sine = math.cos(scene.yaws[index]), math.sin(scene.yaws[index])
+    signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (half_x, half_y)
+    return _Footprint(centre, centre + signs @ np.array([[cosine, sine], [-sine, cosine]]), 0.0)
+
+
+def _check_on_table(layout: Layout, footprints: Sequence[_Footprint]) -> None:
+    half = np.array([layout.depth, layout.width]) / 2
+    for index, shape in enumerate(footprints):
+        if (np.abs(shape.corners) + shape.radius > half + TOUCH_TOLERANCE).any():
+            raise OptionError(
+                f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
+                f"x must stay within ±{half[0]:.3g} m and y within ±{half[1]:.3g} m, the object's size included"
+            )
+
+
+def _check_apart(footprints: Sequence[_Footprint]) -> None:
+    for second, b in enumerate(footprints):
+        for first, a in enumerate(footprints[:second]):
+            if _separation(a, b) < -TOUCH_TOLERANCE:
+                raise OptionError(f"{object_name(first)} and {object_name(second)} overlap; move one of them")
+
+
+def _separation(a: _Footprint, b: _Footprint) -> float:
+    """Largest gap over the separating axes [m]: negative if and only if the two overlap."""
+    axes = [*_edge_normals(a), *_edge_normals(b)]
+    for shape, other in ((a, b), (b, a)):
+        if len(shape.corners) == 1:
+            offsets = other.corners - shape.centre
+            nearest = offsets[np.argmin(np.linalg.norm(offsets, axis=1))]
+            distance = np.linalg.norm(nearest)
+            if distance > 0:
+                axes.append(nearest / distance)
+    if not axes:
+        return -math.inf
+    gaps = [_gap(a, b, axis) for axis in axes]
+    return max(gaps)
+
+
+def _edge_normals(shape: _Footprint) -> list[Polygon]:
+    if len(shape.corners) == 1:
+        return []
+    edges = shape.corners[1:3] - shape.corners[:2]
+    return [np.array([-y, x]) / math.hypot(x, y) for x, y in edges]
+
+
+def _gap(a: _Footprint, b: _Footprint, axis: Polygon) -> float:
+    on_a, on_b = a.corners @ axis, b.corners @ axis
+    apart = max(on_b.min() - on_a.max(), on_a.min() - on_b.max())
+    return float(apart) - a.radius - b.radius

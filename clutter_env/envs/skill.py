@@ -1,0 +1,275 @@
+"""`Skill`: one step is one skill, clearing an object from a direction or taking the target.
+
+The planner's motion layer turns a skill into motions. They are executed in physics, or, on the kinematic model, taken
+as done: the object is put where the plan would put it, and no time passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from clutter_env.config import RENDER_MODES, check_choice, check_integer
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ActionError
+from clutter_env.scene.layout import TABLE_HEIGHT
+from planners.execution.executor import Execution, Outcome
+from planners.execution.monitor import MonitorConfig, Sensor
+from planners.scene import Body, Scene
+from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
+from planners.skills.motion import SkillPlanner
+from planners.tamp.solution import BoundAction, Solution, SolveStats
+
+__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv", "default_budget"]
+
+SIMULATIONS = ("physics", "kinematic")
+SKILL_COST = 0.05
+"""Reward lost by every skill; success is worth 1."""
+HOLD_STEPS = 20
+"""Control steps for which the target is held up in the end, if that is not success yet."""
+UPRIGHT = 0.9
+"""Cosine of the tilt up to which an object counts as standing."""
+BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "is_box")
+"""Columns of an object's row before its `DIRECTIONS` flags of failed attempts."""
+
+_POSITION_BOUND = 4.0
+
+
+def default_budget(num_objects: int) -> int:
+    """Skills allowed in an episode: enough for mistakes, not for trying everything."""
+    return 4 + num_objects // 5
+
+
+class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
+    """Retrieve the target by skills.
+
+    Action `i * DIRECTIONS + d` clears object i from direction d; the last action takes the target from wherever it
+    can be grasped. The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that
+    failed since the objects last changed), then the share of the budget left and the flag of a failed attempt to take.
+
+    Episodes end with success, with the target lost, or when the budget is spent. The reward is 1 for success less
+    `SKILL_COST` for every skill. `info` has, besides `is_success`, `target`, `held` and `num_fallen`: `failure` (why
+    the last skill failed, "" if it did not) and `moved` (names of the objects cleared so far, in order).
+
+    Keyword arguments: `simulation` ("physics" or "kinematic"), `budget` (skills), `geometric_mask` (what `action_masks`
+    says), and those of `RetrieveEnv` but for `control_mode`.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012  as in gym.Env
+
+    def __init__(
+        self,
+        simulation: Literal["physics", "kinematic"] = "physics",
+        budget: int | None = None,
+        geometric_mask: bool = False,
+        **keywords: Any,
+    ) -> None:
+        check_choice("simulation", simulation, SIMULATIONS)
+        self._physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
+        self._is_kinematic = simulation == "kinematic"
+        self._geometric_mask = geometric_mask
+        self._count = self._physics_env.config.num_objects
+        self.budget = default_budget(self._count) if budget is None else budget
+        check_integer("budget", self.budget, 1)
+        self.render_mode = self._physics_env.render_mode
+        self._size = self._count * DIRECTIONS + 1
+        self.action_space = spaces.Discrete(self._size)
+        row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
+        bound = np.array(row * self._count + [1.0, 1.0], np.float32)
+        self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
+        self._geometry: SkillGeometry | None = None
+
+    # The Gymnasium surface.
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode on the scene that `RetrieveEnv` draws for the seed and options.
+
+        Raises:
+            OptionError: an unknown or invalid option.
+        """
+        super().reset(seed=seed)
+        _, info = self._physics_env.reset(seed=seed, options=options)
+        self._target: str = info["target"]
+        self._rng = np.random.default_rng(self.np_random.integers(2**32))
+        self._read_scene()
+        self._failed = np.zeros(self._size, dtype=np.bool_)
+        self._left = self.budget
+        self._moved: list[str] = []
+        self._is_taken = False
+        return self._observe(), self._info("")
+
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Try one skill.
+
+        Raises:
+            ActionError: not an action of the action space.
+        """
+        index = _checked(action, self._size)
+        skill = self.skill(index)
+        self._left -= 1
+        failure = self._imagine(skill) if self._is_kinematic else self._carry_out(skill)
+        if failure:
+            self._failed[index] = True
+        elif skill.direction is not None:
+            self._failed[:] = False
+            self._moved.append(skill.object)
+        info = self._info(failure)
+        is_lost = not self._is_taken and not _stands(self._scene.body(self._target))
+        is_over = info["is_success"] or is_lost or self._left == 0
+        return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
+
+    def render(self) -> Any:
+        """As `RetrieveEnv.render`; the kinematic model's pictures show the first state."""
+        return self._physics_env.render()
+
+    def close(self) -> None:
+        """Free the graphics."""
+        self._physics_env.close()
+
+    # Ours.
+
+    def skill(self, action: int) -> Skill:
+        """What an action stands for."""
+        if action == self._count * DIRECTIONS:
+            return Skill(self._target)
+        return Skill(self._scene.names[action // DIRECTIONS], action % DIRECTIONS)
+
+    def action_masks(self, geometric: bool | None = None) -> NDArray[np.bool_]:
+        """Actions (n,) worth trying: objects that stand on the table, attempts that have not just failed.
+
+        Args:
+            geometric: also leave out skills without a free grasp; by default as the environment was made.
+        """
+        mask = ~self._failed
+        for i, body in enumerate(self._bodies()):
+            clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
+            mask[clears] &= body is not None and body.name != self._target
+        is_geometric = self._geometric_mask if geometric is None else geometric
+        if is_geometric:
+            assert self._geometry is not None
+            for index in np.flatnonzero(mask):
+                mask[index] = not isinstance(self._geometry.grasps(self._scene, self.skill(int(index))), SkillFailure)
+        mask[-1] |= not mask.any()
+        return mask
+
+    @property
+    def scene(self) -> Scene:
+        """What the planner sees now."""
+        return self._scene
+
+    @property
+    def target(self) -> str:
+        """Name of the target."""
+        return self._target
+
+    @property
+    def physics_env(self) -> RetrieveEnv:
+        """The environment in which skills are carried out."""
+        return self._physics_env
+
+    # Inside.
+
+    def _read_scene(self) -> None:
+        """Take the scene from the physics."""
+        held = self._physics_env.measurements.held
+        name = self._physics_env.world.names[held] if held >= 0 else ""
+        self._scene = Scene.from_mujoco(
+            self._physics_env.model, self._physics_env.data, self._physics_env.robot, held=name
+        )
+        if self._geometry is None:
+            self._geometry = skill_geometry(self._scene)
+
+    def _imagine(self, skill: Skill) -> str:
+        assert self._geometry is not None
+        result = self._geometry.simulate_kinematically(self._scene, self._target, skill, self._rng)
+        if isinstance(result, SkillFailure):
+            return result.reason
+        self._scene = result
+        self._is_taken = skill.direction is None
+        return ""
+
+    def _carry_out(self, skill: Skill) -> str:
+        assert self._geometry is not None
+        actions = SkillPlanner(self._geometry, self._rng).plan(self._scene, self._target, skill)
+        if isinstance(actions, SkillFailure):
+            return actions.reason
+        surprise = self._execute(actions)
+        if skill.direction is None and not surprise:
+            self._hold()
+        self._read_scene()
+        if surprise or self._is_taken or skill.direction is not None:
+            return surprise
+        return "not held"
+
+    def _execute(self, actions: tuple[BoundAction, ...]) -> str:
+        """Follow the motions; what surprised the execution, "" for nothing."""
+        physics_env = self._physics_env
+        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot)
+        plan = Execution(
+            Solution(actions, (), SolveStats()), physics_env.robot, sensor.names, sensor.read(), MonitorConfig()
+        )
+        outcome, is_over = Outcome.RUNNING, False
+        while outcome is Outcome.RUNNING and not is_over:
+            step = plan.advance(sensor.read())
+            outcome = step.outcome
+            is_over = self._step_physics(physics_env.joint_action(*step.command))
+        return "" if plan.deviation is None else str(plan.deviation.surprise)
+
+    def _hold(self) -> None:
+        """Keep still with the target in hand."""
+        controller = self._physics_env.world.controller
+        for _ in range(HOLD_STEPS):
+            if self._is_taken or self._step_physics(self._physics_env.joint_action(controller.state.target, 0.0)):
+                return
+
+    def _step_physics(self, action: NDArray[np.float64]) -> bool:
+        """One control step; whether the episode in the arena is over."""
+        _, _, is_over, _, info = self._physics_env.step(action)
+        self._is_taken = info["is_success"]
+        return is_over
+
+    def _bodies(self) -> list[Body | None]:
+        """The objects that can be cleared or taken; None for those that have fallen."""
+        return [body if _stands(body) else None for body in self._scene.objects]
+
+    def _observe(self) -> NDArray[np.float32]:
+        rows = np.zeros((self._count, len(BODY_FIELDS) + DIRECTIONS), np.float32)
+        for i, body in enumerate(self._bodies()):
+            if body is None:
+                continue
+            is_target = body.name == self._target
+            x, y = np.clip(body.position[:2], -_POSITION_BOUND, _POSITION_BOUND)
+            half_x, half_y, half_z = body.half_extents
+            rows[i, : len(BODY_FIELDS)] = 1, is_target, x, y, half_x, half_y, 2 * half_z, body.shape == "box"
+            rows[i, len(BODY_FIELDS) :] = self._failed[i * DIRECTIONS : (i + 1) * DIRECTIONS]
+        return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
+
+    def _info(self, failure: str) -> dict[str, Any]:
+        held = self._scene.held
+        return {
+            "is_success": bool(self._is_taken),
+            "target": self._target,
+            "held": held.name if held is not None else "",
+            "num_fallen": sum(body is None for body in self._bodies()),
+            "failure": failure,
+            "moved": tuple(self._moved),
+        }
+
+
+def _stands(body: Body) -> bool:
+    """Upright on the table, or in the hand above it."""
+    _, x, y, _ = body.quaternion
+    return bool(1 - 2 * (x * x + y * y) > UPRIGHT and body.bottom > TABLE_HEIGHT - 0.02)
+
+
+def _checked(action: Any, count: int) -> int:
+    value = np.asarray(action)
+    if value.shape != () or not np.issubdtype(value.dtype, np.integer) or not 0 <= int(value) < count:
+        raise ActionError(f"the action must be an integer from 0 to {count - 1}, not {action!r}")
+    return int(value)

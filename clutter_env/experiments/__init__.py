@@ -1,0 +1,1 @@
+"""The measurements behind the tables and figures of the documentation."""

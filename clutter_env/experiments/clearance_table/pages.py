@@ -1,0 +1,207 @@
+"""The clearance table as a Markdown page and as plots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+
+from clutter_env.experiments.clearance_table.statistics import Interval, Row, Scenes, Times
+
+__all__ = ["PAPER", "PAPER_OBJECTS", "markdown", "plot"]
+
+PAPER_OBJECTS = (15, 20, 25, 30, 35, 40)
+PAPER = {
+    "clearances": {"srivastava": (3.4, 6.6, 7.5, 8.2, 10.7, 11.2), "ngr": (3.0, 5.0, 5.0, 6.0, 6.0, 6.0)},
+    "duplicated": {"srivastava": (0.3, 0.7, 1.2, 1.6, 2.3, 3.0), "ngr": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
+}
+"""Table 1 of Lee & Kim 2019, by strategy, for `PAPER_OBJECTS`."""
+COLOURS = {"lookahead": "#0072b2", "ngr": "#009e73", "dogar": "#cc79a7", "srivastava": "#d55e00"}
+"""Told apart by the colour-blind too (Okabe & Ito)."""
+GREY = "#777777"
+
+
+def markdown(scenes: Sequence[Scenes], rows: Sequence[Row], cap: int, is_physics: bool) -> str:
+    """All tables, one after another."""
+    strategies = list(dict.fromkeys(row.strategy for row in rows))
+    parts = [_table_1(rows, strategies), _success(rows), _paired(rows, strategies[0], cap)]
+    parts += [_planning_time(rows, is_physics), _causes(rows), _scene_table(scenes)]
+    return "\n".join(parts)
+
+
+def _table_1(rows: Sequence[Row], strategies: Sequence[str]) -> str:
+    """As in the paper, its figures beside ours."""
+    cells = {(row.objects, row.strategy): row for row in rows}
+    head = ["N", *(f"cleared: {name}" for name in strategies), "paper: Srivastava", "paper: NGR"]
+    head += [f"twice: {name}" for name in strategies] + ["paper: Srivastava", "paper: NGR"]
+    lines = []
+    for objects in dict.fromkeys(row.objects for row in rows):
+        own = [cells.get((objects, name)) for name in strategies]
+        lines.append(
+            [str(objects)]
+            + ["–" if row is None else _interval(row.clearances) for row in own]
+            + _of_paper("clearances", objects)
+            + ["–" if row is None else f"{row.duplicated.mean:.2f}" for row in own]
+            + _of_paper("duplicated", objects)
+        )
+    return _section("Table 1: objects cleared, and objects cleared twice or more", head, lines)
+
+
+def _of_paper(figure: str, objects: int) -> list[str]:
+    if objects not in PAPER_OBJECTS:
+        return ["–", "–"]
+    at = PAPER_OBJECTS.index(objects)
+    return [f"{PAPER[figure][name][at]:g}" for name in ("srivastava", "ngr")]
+
+
+def _success(rows: Sequence[Row]) -> str:
+    head = ["N", "strategy", "solved", "success", "p", "cleared / floor", "exactly the floor", "replans", "crashed"]
+    lines = [
+        [
+            str(row.objects),
+            row.strategy,
+            f"{row.solved} / {row.scenes}",
+            _interval(row.success),
+            _number(row.p_success, "{:.2g}"),
+            _interval(row.ratio),
+            _number(row.at_floor, "{:.0%}"),
+            _interval(row.replans),
+            str(row.crashed),
+        ]
+        for row in rows
+    ]
+    return _section("Success and distance from the floor", head, lines)
+
+
+def _paired(rows: Sequence[Row], reference: str, cap: int) -> str:
+    head = ["N", "strategy", "both solved", "cleared", f"{reference} cleared", "difference", f"censored at {cap}"]
+    lines = [
+        [
+            str(row.objects),
+            row.strategy,
+            str(row.both),
+            _number(row.both_clearances),
+            _number(row.both_reference),
+            _interval(row.difference),
+            _interval(row.censored),
+        ]
+        for row in rows
+    ]
+    return _section(f"Paired with {reference}, scene by scene", head, lines)
+
+
+def _planning_time(rows: Sequence[Row], is_physics: bool) -> str:
+    """Milliseconds; physics reports the sum over all plans of an episode only."""
+    figures: dict[str, Callable[[Row], Times]] = {"whole solve": lambda row: row.total}
+    if not is_physics:
+        figures |= {
+            "task planning": lambda row: row.task,
+            "motion planning": lambda row: row.motion,
+            "one task-planning call": lambda row: row.task_call,
+        }
+    head = ["N", "strategy", *figures]
+    lines = [[str(row.objects), row.strategy, *(_times(figure(row)) for figure in figures.values())] for row in rows]
+    return _section("Planning time [CPU ms]: median (95th percentile)", head, lines)
+
+
+def _causes(rows: Sequence[Row]) -> str:
+    failed = [row for row in rows if row.causes]
+    lines = [
+        [str(row.objects), row.strategy, ", ".join(f"{cause}: {count}" for cause, count in sorted(row.causes.items()))]
+        for row in failed
+    ]
+    if not lines:
+        return "### Causes of failure\n\nNone failed.\n"
+    return _section("Causes of failure", ["N", "strategy", "causes"], lines)
+
+
+def _scene_table(scenes: Sequence[Scenes]) -> str:
+    head = [
+        "N",
+        "resets",
+        "free",
+        "obstructed",
+        "no self-clearable set",
+        "unreachable",
+        "not assessed",
+        "floor unproved",
+    ]
+    head += ["floor", "floor [CPU ms]"]
+    lines = [
+        [
+            *map(str, (row.objects, row.seeds, row.free, row.obstructed, row.without_set, row.unreachable)),
+            *map(str, (row.crashed, row.unproved)),
+            _interval(row.floor),
+            _times(row.floor_time),
+        ]
+        for row in scenes
+    ]
+    return _section("Scenes", head, lines)
+
+
+def _section(title: str, head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    table = [head, ["---"] * len(head), *lines]
+    return f"### {title}\n\n" + "".join(f"| {' | '.join(cells)} |\n" for cells in table)
+
+
+def _interval(value: Interval) -> str:
+    return "–" if np.isnan(value.mean) else f"{value.mean:.2f} [{value.low:.2f}, {value.high:.2f}]"
+
+
+def _number(value: float, pattern: str = "{:.2f}") -> str:
+    return "–" if np.isnan(value) else pattern.format(value)
+
+
+def _times(value: Times) -> str:
+    return "–" if np.isnan(value.median) else f"{1e3 * value.median:.3g} ({1e3 * value.p95:.3g})"
+
+
+def plot(scenes: Sequence[Scenes], rows: Sequence[Row], path: Path) -> None:
+    """Success, clearances, repeated clearances and planning time over the number of objects."""
+    figure = Figure(figsize=(11, 7.6), layout="constrained")
+    success, clearances, duplicated, seconds = figure.subplots(2, 2).flat
+    for strategy in dict.fromkeys(row.strategy for row in rows):
+        own = sorted((row for row in rows if row.strategy == strategy), key=lambda row: row.objects)
+        _band(success, own, lambda row: row.success)
+        _band(clearances, own, lambda row: row.clearances)
+        _band(duplicated, own, lambda row: row.duplicated)
+        _band(seconds, own, lambda row: Interval(row.total.median, row.total.median, row.total.p95))
+    _paper_lines(clearances, "clearances")
+    _paper_lines(duplicated, "duplicated")
+    floors = sorted((scene.objects, scene.floor.mean) for scene in scenes)
+    clearances.plot(*zip(*floors, strict=True), color="black", linestyle=":", label="floor (exact minimum)")
+    success.set(title="Share of obstructed scenes solved", ylim=(-0.02, 1.04))
+    clearances.set(title="Objects cleared, scenes solved")
+    duplicated.set(title="Objects cleared twice or more, scenes solved")
+    seconds.set(title="CPU time of a solve [s]: median to 95th percentile", yscale="log")
+    seconds.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    seconds.yaxis.set_major_formatter("{x:g}")
+    seconds.yaxis.set_minor_formatter("")
+    ticks = sorted({row.objects for row in rows})
+    for axes in (success, clearances, duplicated, seconds):
+        axes.set(xlabel="objects on the table", xticks=ticks)
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    success.legend(loc="lower left", frameon=False)
+    clearances.legend(loc="upper left", frameon=False, fontsize="small", ncols=2)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130)
+
+
+def _band(axes: Axes, own: Sequence[Row], figure: Callable[[Row], Interval]) -> None:
+    name = own[0].strategy
+    values = np.array([figure(row) for row in own])
+    numbers = [row.objects for row in own]
+    colour = COLOURS.get(name, GREY)
+    axes.plot(numbers, values[:, 0], marker="o", markersize=4, color=colour, label=name)
+    axes.fill_between(numbers, values[:, 1], values[:, 2], color=colour, alpha=0.15, linewidth=0)
+
+
+def _paper_lines(axes: Axes, figure: str) -> None:
+    for name, values in PAPER[figure].items():
+        label = f"paper: {'NGR' if name == 'ngr' else 'Srivastava'}"
+        axes.plot(PAPER_OBJECTS, values, color=COLOURS[name], linestyle="--", linewidth=1, alpha=0.8, label=label)

@@ -1,0 +1,203 @@
+"""One trial of the clearance table: a scene to be assessed, or a strategy to be tried on it, planned or in physics."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+
+import clutter_env  # noqa: F401 - registers the environments
+from planners.execution.expert import ExpertConfig, TampExpert
+from planners.planner import Planner
+from planners.scene import Scene
+from planners.tamp.solution import Infeasible
+
+__all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "run_trial"]
+
+ASSESSMENT = "floor"
+"""The trial that finds out how many clearances a scene needs."""
+_WARM_UP_SEED = 99_999
+"""Of a scene that is solved before anything is timed, so that compiling and loading do not count."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What to do: `strategy` is `ASSESSMENT` or one of the planner's; the scene is what the environment resets to."""
+
+    objects: int
+    seed: int
+    strategy: str
+    layout: str = "paper"
+    control_mode: Literal["joint", "ee"] = "joint"
+    physics: bool = False
+    time_limit: float = 20.0
+
+    @property
+    def key(self) -> tuple[int, int, str]:
+        """Identifies it within one table."""
+        return self.objects, self.seed, self.strategy
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """A scene: its target, and the floor under the clearances of any plan (None: no self-clearable set).
+
+    `cause` is "" or why there is no floor; "crash" if it could not be assessed, with the traceback in `detail`.
+    """
+
+    objects: int
+    seed: int
+    target: str = ""
+    floor: int | None = None
+    lower_bound: int = 0
+    proved: bool = False
+    cause: str = ""
+    detail: str = ""
+    floor_s: float = 0.0
+    strategy: str = ASSESSMENT
+
+    @property
+    def is_obstructed(self) -> bool:
+        """Whether something has to be cleared, and can be."""
+        return bool(self.floor)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What a strategy made of a scene.
+
+    `cause` is "" for success, "crash" (traceback in `detail`), or a cause of failure. Times in CPU seconds, but
+    `wall_s`; `sim_s`, `deviations`, `fallen` only in physics, where `replans` are those after deviations.
+    """
+
+    objects: int
+    seed: int
+    strategy: str
+    solved: bool = False
+    cause: str = ""
+    detail: str = ""
+    clearances: tuple[str, ...] = ()
+    duplicated: int = 0
+    replans: int = 0
+    task_plans: int = 0
+    task_planning_s: float = 0.0
+    motion_planning_s: float = 0.0
+    total_s: float = 0.0
+    wall_s: float = 0.0
+    sim_s: float = 0.0
+    steps: int = 0
+    fallen: int = 0
+    deviations: tuple[str, ...] = field(default=())
+
+    def as_json(self) -> dict[str, Any]:
+        """As JSON values."""
+        return asdict(self)
+
+
+def run_trial(trial: Trial) -> Assessment | Attempt:
+    """Do it; the worker's first trial warms it up."""
+    _warm_up(trial.layout, trial.control_mode)
+    if trial.strategy == ASSESSMENT:
+        return _assess(trial)
+    return _execute(trial) if trial.physics else _solve(trial)
+
+
+def _assess(trial: Trial) -> Assessment:
+    planner, scene, target = _scene(trial)
+    before = time.process_time()
+    floor = planner.clearance_floor(scene, target)
+    spent = time.process_time() - before
+    return Assessment(
+        trial.objects, trial.seed, target, floor.count, floor.lower_bound, floor.proved, floor.cause, floor_s=spent
+    )
+
+
+def _solve(trial: Trial) -> Attempt:
+    planner, scene, target = _scene(trial)
+    before = time.perf_counter()
+    rng = np.random.default_rng(trial.seed)
+    outcome = planner.solve(scene, target, trial.strategy, rng, trial.time_limit)
+    wall_s = time.perf_counter() - before
+    failed = isinstance(outcome, Infeasible)
+    stats = outcome.stats
+    return Attempt(
+        *trial.key,
+        solved=not failed,
+        cause=str(outcome.cause) if isinstance(outcome, Infeasible) else "",
+        detail=outcome.detail if isinstance(outcome, Infeasible) else "",
+        clearances=outcome.clearances,
+        duplicated=_repeated(outcome.clearances),
+        replans=stats.replans,
+        task_plans=stats.task_plans,
+        task_planning_s=stats.task_planning_s,
+        motion_planning_s=stats.motion_planning_s,
+        total_s=stats.total_s,
+        wall_s=wall_s,
+    )
+
+
+def _execute(trial: Trial) -> Attempt:
+    """The expert in physics; the environment is the judge of success."""
+    env = _environment(trial.objects, trial.layout, trial.control_mode)
+    _, info = env.reset(seed=trial.seed)
+    before = time.perf_counter()
+    expert = TampExpert(env, trial.strategy, config=ExpertConfig(planning_s=trial.time_limit, with_floor=False))
+    expert.reset(info["target"])
+    over, steps = expert.done, 0
+    while not over:
+        _, _, terminated, truncated, info = env.step(expert.act())
+        over = terminated or truncated or expert.done
+        steps += 1
+    report = expert.report
+    solved = bool(info["is_success"])
+    return Attempt(
+        *trial.key,
+        solved=solved,
+        cause="" if solved else _cause(report.failure, steps),
+        detail="" if solved else report.failure,
+        clearances=report.clearances,
+        duplicated=len(report.duplicated),
+        replans=report.replans,
+        total_s=report.planning_s,
+        wall_s=time.perf_counter() - before,
+        sim_s=report.sim_s,
+        steps=steps,
+        fallen=int(info["num_fallen"]),
+        deviations=report.deviations,
+    )
+
+
+def _cause(failure: str, steps: int) -> str:
+    """The kind of a failure; what is said after a colon or a semicolon is about the single case."""
+    return failure.partition(":")[0].partition(";")[0] or f"the environment saw no success in {steps} steps"
+
+
+def _repeated(names: tuple[str, ...]) -> int:
+    return sum(names.count(name) > 1 for name in set(names))
+
+
+def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
+    env = _environment(trial.objects, trial.layout, trial.control_mode)
+    _, info = env.reset(seed=trial.seed)
+    unwrapped: Any = env.unwrapped
+    scene = Scene.from_mujoco(unwrapped.model, unwrapped.data, unwrapped.robot)
+    follower = unwrapped.tcp_follower() if trial.control_mode == "ee" else None
+    return Planner(unwrapped.robot, follower=follower), scene, info["target"]
+
+
+@cache
+def _environment(objects: int, layout: str, control_mode: str) -> gym.Env:
+    name = f"clutter_env/Retrieve-o{objects}-v0"
+    return gym.make(name, layout=layout, control_mode=control_mode, disable_env_checker=True)
+
+
+@cache
+def _warm_up(layout: str, control_mode: Literal["joint", "ee"]) -> None:
+    trial = Trial(15, _WARM_UP_SEED, "lookahead", layout, control_mode)
+    planner, scene, target = _scene(trial)
+    planner.clearance_floor(scene, target)
+    planner.solve(scene, target, time_limit=trial.time_limit)

@@ -1,0 +1,61 @@
+"""What an episode printed: the plan as in Fig. 13 of Lee & Kim 2019, replanning as in Fig. 11, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from planners.execution.expert import EpisodeReport
+from planners.symbolic.problem import GroundAction, format_plan
+from planners.tamp.solution import Infeasible, ReplanRecord, Solution
+
+__all__ = ["plan_text", "replanning_text", "report_text"]
+
+_FACTS = 8
+"""New facts printed of one replanning step."""
+
+
+def plan_text(solution: Solution | Infeasible, target: str) -> str:
+    """The plan F, or why there is none."""
+    if isinstance(solution, Infeasible):
+        return f"No plan: {solution.cause}: {solution.detail}"
+    by = f" (obstructed by {', '.join(solution.clearances)})" if solution.clearances else ""
+    plan = format_plan(GroundAction(action.name, action.args) for action in solution.actions)
+    return f"Goal: grasp the {target}{by}\n\n{plan}"
+
+
+def replanning_text(history: Sequence[ReplanRecord]) -> str:
+    """Step by step: the task plan, how far it was verified, what refuted it, what was learnt."""
+    return "\n\n".join(_step(number, entry) for number, entry in enumerate(history, start=1))
+
+
+def _step(number: int, entry: ReplanRecord) -> str:
+    lines = [f"Task plan {number}"]
+    for index, action in enumerate(entry.plan):
+        mark = "+" if index < entry.verified else "x" if index == entry.verified else " "
+        lines.append(f"  {mark} {action}")
+    lines.append("  refuted; new facts in the initial state:" if entry.new_facts else "  refuted")
+    lines += [f"    {fact}" for fact in entry.new_facts[:_FACTS]]
+    if len(entry.new_facts) > _FACTS:
+        lines.append(f"    ... and {len(entry.new_facts) - _FACTS} more")
+    return "\n".join(lines)
+
+
+def report_text(report: EpisodeReport, is_success: bool) -> str:
+    """How the episode went, one figure a line."""
+    names = ", ".join(report.clearances) or "none"
+    rows = {
+        "success": "yes, says the environment"
+        if is_success
+        else f"no: {report.failure or 'the target was not held up'}",
+        "planned, executed, scored": ", ".join(
+            "yes" if done else "no" for done in (report.planned, report.executed, report.scored)
+        ),
+        "objects cleared": f"{len(report.clearances)} ({names})",
+        "cleared twice or more": str(len(report.duplicated)),
+        "fewest possible": "not proved" if report.floor is None else str(report.floor),
+        "replans after deviations": f"{report.replans} ({'; '.join(report.deviations)})" if report.replans else "0",
+        "planning": f"{report.planning_s:.2f} s of CPU time",
+        "simulated time": f"{report.sim_s:.1f} s",
+    }
+    width = max(map(len, rows))
+    return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())

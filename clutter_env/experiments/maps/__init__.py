@@ -1,0 +1,1 @@
+"""Reachability maps measured and drawn."""

@@ -1,0 +1,184 @@
+"""The paper's experiment: time of placement queries for cups on a table, by the classical and the proposed map."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from assets.robots import RobotSpec
+from irm.floor.free_space import FreeSpace
+from irm.maps.cache import cached_map
+from irm.maps.reachability import ReachabilityMap
+from irm.queries.classical import ClassicalInverseReachabilityMap
+from irm.queries.full_scan import full_scan
+from irm.queries.inverse import InverseReachabilityMap
+from irm.queries.placement import BasePlacement
+
+__all__ = ["PAPER", "Timing", "map_of_size", "measure_speed", "plot_speed", "speed_table"]
+
+TABLE = (0.8, 1.6)
+"""[m] depth and width of the table; its outline is grown by 0.3 m as in the paper's Fig. 2."""
+GROWN = 0.3
+CUP_HEIGHTS = (0.75, 0.95)
+"""[m] hand heights of the cups, and of the map restricted to them."""
+RANGES = {"180": (-np.pi, np.pi), "90": (-np.pi / 2, np.pi / 2)}
+"""Approach yaws, as the paper names them."""
+BATCH = 20_000
+PAPER = {"R180": (1180.6, 313.3), "P180": (249.7, 25.4), "R90": (695.0, 156.6), "P90": (138.6, 15.5)}
+"""Mean and deviation [ms] in the paper, Fig. 3, with 7,899 poses (Python 2.7)."""
+ON_RINGS = (7_899, 26_000)
+"""Sizes of the paper: of its restricted map, and of its whole one."""
+
+Query = Callable[..., BasePlacement]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One column of the box plot; CPU times of one thread in ms."""
+
+    poses: int
+    method: str
+    times: tuple[float, ...]
+    same_best: int
+    """Queries in which the best μ equals that of the compiled query, bit for bit."""
+
+
+def map_of_size(robot: RobotSpec, poses: int, seed: int) -> ReachabilityMap:
+    """The paper's sizes are random parts of the 62-orientation map, the smaller one at the heights of cups; anything
+    larger is the whole map of 114 orientations at a fixed torso height."""
+    if poses not in ON_RINGS:
+        return cached_map(robot, orientations=114, lift=False)
+    whole = cached_map(robot)
+    height = whole.positions[:, 2]
+    low, high = CUP_HEIGHTS if poses == ON_RINGS[0] else (0.4, 1.4)
+    candidates = np.flatnonzero((height > low) & (height < high))
+    return whole.subset(np.sort(np.random.default_rng(seed).choice(candidates, poses, replace=False)))
+
+
+def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list[Timing]:
+    """R180, P180, R90, P90 and the compiled query, one by one and in batch, on one map."""
+    rm = map_of_size(robot, poses, seed)
+    floor = FreeSpace.from_boxes([(0.0, 0.0, *TABLE)], radius=GROWN)
+    proposed, classical = InverseReachabilityMap(rm), ClassicalInverseReachabilityMap(rm)
+    cups = _cups(queries, seed)
+    results = []
+    for name, yaw_range in RANGES.items():
+        asked: dict[str, Any] = {"yaw_range": yaw_range, "free_space": floor}
+        scan: Query = lambda cup, **how: full_scan(proposed, cup, **how)  # noqa: E731
+        answers, fast = _timed(proposed.query, cups, asked, f"compiled {name}, {len(rm)} poses")
+        for letter, query in (("R", classical.query), ("P", scan)):
+            others, times = _timed(query, cups, asked, f"{letter}{name}, {len(rm)} poses")
+            same = sum(bool(_best(a) == _best(b)) for a, b in zip(answers, others, strict=True))
+            results.append(Timing(len(rm), f"{letter}{name}", times, same))
+        results.append(Timing(len(rm), f"compiled {name}", fast, len(cups)))
+        results.append(_batch(proposed, len(rm), name, asked, answers, cups, seed))
+    return results
+
+
+def _cups(count: int, seed: int) -> NDArray[np.float64]:
+    """(n, 3) hand positions on the table."""
+    rng = np.random.default_rng(seed)
+    half_depth, half_width = TABLE[0] / 2 - 0.05, TABLE[1] / 2 - 0.05
+    low, high = (-half_depth, -half_width, CUP_HEIGHTS[0] + 0.03), (half_depth, half_width, CUP_HEIGHTS[1] - 0.001)
+    return rng.uniform(low, high, size=(count, 3))
+
+
+def _timed(
+    query: Query, cups: NDArray[np.float64], asked: dict[str, Any], title: str
+) -> tuple[list[BasePlacement], tuple[float, ...]]:
+    query(cups[0], **asked)
+    answers, times = [], []
+    for cup in tqdm(cups, title):
+        start = time.process_time_ns()
+        answers.append(query(cup, **asked))
+        times.append((time.process_time_ns() - start) * 1e-6)
+    return answers, tuple(times)
+
+
+def _batch(
+    proposed: InverseReachabilityMap,
+    poses: int,
+    name: str,
+    asked: dict[str, Any],
+    answers: Sequence[BasePlacement],
+    cups: NDArray[np.float64],
+    seed: int,
+) -> Timing:
+    """Time per query of ten batches, and parity on the cups themselves."""
+    how = {"yaw_ranges": asked["yaw_range"], "free_space": asked["free_space"]}
+    own = proposed.query_batch(cups, **how).manipulability[:, 0]
+    same = sum(bool(_best(a) == (0.0 if np.isnan(mu) else mu)) for a, mu in zip(answers, own, strict=True))
+    times = []
+    for k in range(10):
+        many = _cups(BATCH, seed + 1 + k)
+        start = time.process_time_ns()
+        proposed.query_batch(many, **how)
+        times.append((time.process_time_ns() - start) * 1e-6 / BATCH)
+    return Timing(poses, f"batch {name}", tuple(times), same)
+
+
+def _best(placement: BasePlacement) -> float:
+    return float(placement.manipulability[0]) if len(placement) else 0.0
+
+
+def speed_table(rows: Sequence[Timing], queries: int) -> str:
+    """Mean ± deviation, median, and how many times faster than the classical map, as a Markdown table."""
+    lines = [
+        "| poses | query | mean ± deviation [ms] | median [ms] | faster than R (median) | same best μ |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| 7,899 (paper) | {name} | {mean} ± {spread} | – | {_paper_ratio(name)} | – |"
+        for name, (mean, spread) in PAPER.items()
+    ]
+    for row in rows:
+        angle = row.method.lstrip("RP").split()[-1]
+        reference = next(r for r in rows if r.poses == row.poses and r.method == f"R{angle}")
+        times = np.array(row.times)
+        ratio = np.median(reference.times) / np.median(times)
+        lines.append(
+            f"| {row.poses:,} | {row.method} | {times.mean():.3g} ± {times.std():.2g} | {np.median(times):.3g} "
+            f"| {ratio:,.3g} | {row.same_best} of {queries} |"
+        )
+    return "\n".join(lines)
+
+
+def _paper_ratio(name: str) -> str:
+    return f"{PAPER['R' + name[1:]][0] / PAPER[name][0]:.2g}"
+
+
+def plot_speed(rows: Sequence[Timing], file: Path) -> None:
+    """A box plot like the paper's Fig. 3 for every map."""
+    sizes = list(dict.fromkeys(row.poses for row in rows))
+    figure = Figure(figsize=(4.2 * len(sizes), 4.4), layout="constrained")
+    axes = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]
+    colours = {"R": "#d55e00", "P": "#0072b2", "c": "#009e73", "b": "#cc79a7"}
+    for axis, poses in zip(axes, sizes, strict=True):
+        mine = [row for row in rows if row.poses == poses]
+        boxes = axis.boxplot(
+            [row.times for row in mine],
+            tick_labels=[row.method.replace(" ", "\n") for row in mine],
+            patch_artist=True,
+            showfliers=False,
+            medianprops={"color": "black"},
+            widths=0.6,
+        )
+        for box, row in zip(boxes["boxes"], mine, strict=True):
+            box.set(facecolor=colours[row.method[0]], alpha=0.75)
+        axis.set(title=f"{poses:,} poses", yscale="log")
+        axis.tick_params(axis="x", labelsize=8)
+        axis.grid(axis="y", alpha=0.3)
+    axes[0].set_ylabel("CPU time of one query [ms]")
+    figure.suptitle(
+        "R: equation 4, P: equation 5, both in NumPy; compiled: equation 5; ± approach range [degrees]", fontsize=9
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=130)

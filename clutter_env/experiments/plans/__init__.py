@@ -1,0 +1,1 @@
+"""Motion planning and whole plans measured and checked."""

@@ -1,0 +1,1 @@
+"""Comparison of policies and experts on the same held-out scenes."""

@@ -1,0 +1,121 @@
+"""Playing held-out episodes, and what is measured in them: the same for every policy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.learning.demonstrations.experts import Expert
+from clutter_env.learning.task import HELD_OUT
+
+__all__ = ["MOVED", "Score", "held_out_seeds", "play", "play_expert", "success_rate"]
+
+MOVED = 0.05
+"""[m] from where it stood: an object farther away in the end has been moved."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How one episode went.
+
+    Attributes:
+        seed: of the scene.
+        is_success: at the end.
+        moved: objects other than the target that were moved.
+        fallen: objects that lie or have left the table.
+        steps: of the environment.
+        sim_s: simulated time [s].
+        wall_s: time [s] that it took, planning and learning's inference included.
+        failure: why not, "" for success.
+    """
+
+    seed: int
+    is_success: bool
+    moved: int
+    fallen: int
+    steps: int
+    sim_s: float
+    wall_s: float
+    failure: str
+
+
+def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
+    """Seeds that nothing is trained on."""
+    return range(first, first + count)
+
+
+def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | None = None) -> Score:
+    """One episode of a policy, cut off after `max_steps`."""
+    started = time.perf_counter()
+    observation, info = env.reset(seed=seed)
+    before = _positions(env)
+    steps, is_over, failure = 0, False, ""
+    while not is_over:
+        observation, _, terminated, truncated, info = env.step(act(observation))
+        steps += 1
+        is_over = terminated or truncated or steps == max_steps
+        failure = "budget spent" if terminated else "time limit"
+    return _score(env, seed, info, before, steps, started, failure)
+
+
+def play_expert(env: gym.Env, expert: Expert, seed: int) -> Score:
+    """One episode of an expert."""
+    started = time.perf_counter()
+    _, info = env.reset(seed=seed)
+    before = _positions(env)
+    expert.reset()
+    steps, is_over = 0, False
+    while not (is_over or expert.done):
+        _, _, terminated, truncated, info = env.step(expert.act())
+        steps += 1
+        is_over = terminated or truncated
+    failure = str(expert.report_values.get("failure") or "not held to the end")
+    return _score(env, seed, info, before, steps, started, failure)
+
+
+def success_rate(env: gym.Env, act: Callable[[Any], Any], seeds: Sequence[int], max_steps: int | None = None) -> float:
+    """Share of the episodes that succeed, within `max_steps` each."""
+    return float(np.mean([play(env, act, seed, max_steps).is_success for seed in seeds]))
+
+
+def _score(
+    env: gym.Env,
+    seed: int,
+    info: dict[str, Any],
+    before: NDArray[np.float64],
+    steps: int,
+    started: float,
+    failure: str,
+) -> Score:
+    away = np.linalg.norm(_positions(env) - before, axis=1) > MOVED
+    physics_env = _physics_env(env)
+    away[physics_env.target_slot : physics_env.target_slot + 1] = False
+    is_success = bool(info["is_success"])
+    if physics_env.target_slot >= 0 and physics_env.measurements.is_off[physics_env.target_slot]:
+        failure = "target lost"
+    return Score(
+        seed=seed,
+        is_success=is_success,
+        moved=int(away.sum()),
+        fallen=int(info["num_fallen"]),
+        steps=steps,
+        sim_s=float(physics_env.data.time),
+        wall_s=time.perf_counter() - started,
+        failure="" if is_success else failure,
+    )
+
+
+def _physics_env(env: gym.Env) -> Any:
+    """The simulated environment, also behind `Skill`."""
+    return getattr(env.unwrapped, "physics_env", env.unwrapped)
+
+
+def _positions(env: gym.Env) -> NDArray[np.float64]:
+    """Centres (n, 3) of the objects in the simulation."""
+    return np.array(_physics_env(env).measurements.poses[:, :3])

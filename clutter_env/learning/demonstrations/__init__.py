@@ -1,0 +1,1 @@
+"""Demonstrations: recorded, kept if they replay, stored and exported."""

@@ -1,0 +1,148 @@
+"""One episode: recorded while an expert acts, played again from its seed and actions alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.learning.demonstrations.experts import Expert
+from clutter_env.learning.task import Task, versions
+
+__all__ = ["Episode", "ReplayResult", "record", "replay"]
+
+PHYSICS_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+"""Time, positions, velocities, activations: what `mj_setState` needs to show a step again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """What happened, T steps long.
+
+    Attributes:
+        task: where.
+        seed: given to reset; with `options` and `actions` it determines all the rest.
+        options: given to reset.
+        observations: by name, (T + 1, ...) each.
+        actions: (T, n).
+        rewards: (T,).
+        terminated, truncated: of the last step.
+        is_success: (T + 1,) flags of the infos.
+        num_fallen: (T + 1,) counts of the infos.
+        states: (T + 1, s) MuJoCo's full physics state.
+        skills: T names of what the expert was doing.
+        plan: the expert's plan as text.
+        report: the expert's report, JSON values.
+        versions: of all that decides what an episode looks like.
+    """
+
+    task: Task
+    seed: int
+    options: Mapping[str, Any] | None
+    observations: Mapping[str, NDArray[Any]]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    terminated: bool
+    truncated: bool
+    is_success: NDArray[np.bool_]
+    num_fallen: NDArray[np.int64]
+    states: NDArray[np.float64]
+    skills: tuple[str, ...]
+    plan: str
+    report: Mapping[str, Any]
+    versions: Mapping[str, str]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the last step's info says success."""
+        return bool(self.is_success[-1])
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """Whether a replay showed the same again; `first_difference` is the step from which it did not, -1 for none."""
+
+    is_identical: bool
+    is_success: bool
+    first_difference: int
+
+
+def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping[str, Any] | None = None) -> Episode:
+    """Reset with the seed and let the expert act until the episode ends or the expert is done.
+
+    Actions are rounded to the action space's float32 before they are used, so that what is stored is what was done.
+    """
+    observation, info = env.reset(seed=seed, options=None if options is None else dict(options))
+    expert.reset()
+    observations, infos, states = [observation], [info], [_physics_state(env)]
+    actions: list[NDArray[np.float32]] = []
+    rewards: list[float] = []
+    skills: list[str] = []
+    terminated = truncated = False
+    while not (terminated or truncated or expert.done):
+        action = np.asarray(expert.act(), np.float32)
+        skills.append(expert.skill)
+        observation, reward, terminated, truncated, info = env.step(action)
+        actions.append(action)
+        rewards.append(float(reward))
+        observations.append(observation)
+        infos.append(info)
+        states.append(_physics_state(env))
+    assert env.action_space.shape is not None
+    return Episode(
+        task=task,
+        seed=seed,
+        options=options,
+        observations={name: np.stack([entry[name] for entry in observations]) for name in observations[0]},
+        actions=np.array(actions, np.float32).reshape(-1, *env.action_space.shape),
+        rewards=np.array(rewards),
+        terminated=bool(terminated),
+        truncated=bool(truncated),
+        is_success=np.array([entry["is_success"] for entry in infos]),
+        num_fallen=np.array([entry["num_fallen"] for entry in infos]),
+        states=np.stack(states),
+        skills=tuple(skills),
+        plan=expert.plan_text,
+        report=expert.report_values,
+        versions=versions(),
+    )
+
+
+def replay(episode: Episode) -> ReplayResult:
+    """Make the environment anew, reset it with the seed, repeat the actions, and compare every bit."""
+    env = episode.task.make()
+    try:
+        observation, info = env.reset(
+            seed=episode.seed, options=None if episode.options is None else dict(episode.options)
+        )
+        if not _same(episode, 0, observation):
+            return ReplayResult(False, bool(info["is_success"]), 0)
+        for step, action in enumerate(episode.actions):
+            observation, reward, _, _, info = env.step(action)
+            if not _same(episode, step + 1, observation) or float(reward) != episode.rewards[step]:
+                return ReplayResult(False, bool(info["is_success"]), step + 1)
+        return ReplayResult(True, bool(info["is_success"]), -1)
+    finally:
+        env.close()
+
+
+def _same(episode: Episode, step: int, observation: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether an observation is bit for bit that of the episode's step."""
+    return observation.keys() == episode.observations.keys() and all(
+        np.asarray(value).tobytes() == episode.observations[name][step].tobytes() for name, value in observation.items()
+    )
+
+
+def _physics_state(env: gym.Env) -> NDArray[np.float64]:
+    model, data = env.unwrapped.model, env.unwrapped.data  # type: ignore[attr-defined]
+    state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
+    mujoco.mj_getState(model, data, state, PHYSICS_STATE)
+    return state

@@ -1,0 +1,1 @@
+"""Policies: networks, features, baselines, and agents loaded from training runs."""

@@ -1,0 +1,62 @@
+"""A network that acts: features in, an action in [-1, 1] out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from clutter_env.learning.errors import DatasetError
+from clutter_env.learning.policies.features import feature_vector
+
+__all__ = ["Policy"]
+
+
+class Policy(nn.Module):
+    """Three linear layers between features and a squashed action.
+
+    The features are taken as they are. Normalising them by their deviation in the data blows up those that hardly vary
+    in it, and they drown the rest once they do: clones of `Pick` then succeed less often.
+    """
+
+    def __init__(self, num_features: int, num_actions: int, width: int = 256) -> None:
+        super().__init__()
+        self.shape = (num_features, num_actions, width)
+        self.layers = nn.Sequential(
+            nn.Linear(num_features, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, num_actions)
+        )
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Actions (k, a) of features (k, f)."""
+        return torch.tanh(self.layers(features))
+
+    def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """The action (a,) for one observation."""
+        with torch.no_grad():
+            action = self(torch.from_numpy(feature_vector(observation))[None])[0]
+        return np.asarray(action.numpy(), np.float32)
+
+    def save(self, path: Path) -> None:
+        """Write shape and weights; the file is whole or absent."""
+        part = path.with_name(f".{path.name}.part")
+        torch.save({"shape": self.shape, "weights": self.state_dict()}, part)
+        part.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> Policy:
+        """The policy that `save` wrote.
+
+        Raises:
+            DatasetError: there is none.
+        """
+        if not path.exists():
+            raise DatasetError(f"there is no policy at {path}")
+        content = torch.load(path, weights_only=True)
+        policy = cls(*content["shape"])
+        policy.load_state_dict(content["weights"])
+        return policy

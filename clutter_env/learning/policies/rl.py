@@ -1,0 +1,212 @@
+"""Reinforcement learning with Stable-Baselines3: models made, fed with demonstrations, saved whole and resumed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from sb3_contrib import TQC, MaskablePPO
+from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from clutter_env.envs.observation import OBJECT_FIELDS
+from clutter_env.learning.demonstrations.dataset import write_json
+from clutter_env.learning.errors import LearningError
+from clutter_env.learning.policies.features import NEAR_SCALES, OBJECTS_FROM, TCP
+from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
+
+__all__ = [
+    "ALGORITHMS",
+    "Checkpoints",
+    "GoalFeatures",
+    "ScaledActions",
+    "load_model",
+    "make_model",
+    "save_model",
+    "training_env",
+]
+
+ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
+    {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
+)
+"""SAC and TQC learn goal environments with hindsight; PPO and MaskablePPO learn skills."""
+GOAL_ALGORITHMS = ("sac", "tqc")
+HISTORY_FILE = "history.json"
+_MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
+
+BASE_SCALE, TURN_SCALE = 0.1, 0.2
+"""Shares of the greatest base velocity and hand turning rate that a learner's full action asks for. Goals are within
+the arm's reach; at full speed the noise of exploration drives the base away."""
+
+
+class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
+    """Slows the base and the turning of the hand."""
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        self.scale = np.ones(env.action_space.shape or (), np.float32)
+        self.scale[:3] = BASE_SCALE
+        if env.unwrapped.config.control_mode == "ee":  # type: ignore[attr-defined]
+            self.scale[6:9] = TURN_SCALE
+
+    def action(self, action: Any) -> Any:
+        """What the environment is told."""
+        return action * self.scale
+
+    def reverse_action(self, action: Any) -> Any:
+        """What a learner would have had to say; as near as it can."""
+        return np.clip(action / self.scale, -1.0, 1.0)
+
+
+def training_env(name: str, env: gym.Env) -> gym.Env:
+    """The environment as an algorithm sees it."""
+    return ScaledActions(env) if name in GOAL_ALGORITHMS else env
+
+
+class GoalFeatures(BaseFeaturesExtractor):
+    """`features.feature_vector` of a goal observation, for batches on torch."""
+
+    def __init__(self, space: gym.spaces.Dict) -> None:
+        size = int(np.prod(space["observation"].shape))  # type: ignore[arg-type]
+        ways = 1 + (size > OBJECTS_FROM)
+        super().__init__(space, size + ways * 3 * (1 + len(NEAR_SCALES)))
+
+    def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """(k, f)."""
+        vector = observation["observation"].float()
+        way = (observation["desired_goal"] - observation["achieved_goal"]).float()
+        sine, cosine = vector[:, 2], vector[:, 3]
+        ahead = cosine * way[:, 0] + sine * way[:, 1]
+        left = cosine * way[:, 1] - sine * way[:, 0]
+        parts = [vector, *_near_and_far(torch.stack((ahead, left, way[:, 2]), dim=1))]
+        if vector.shape[1] > OBJECTS_FROM:
+            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, len(OBJECT_FIELDS))
+            target = (rows[:, :, 2:5] * rows[:, :, 1:2]).sum(1)
+            parts += _near_and_far(target - vector[:, TCP])
+        return torch.cat(parts, dim=1)
+
+
+def _near_and_far(way: torch.Tensor) -> list[torch.Tensor]:
+    return [2 * way, *(torch.tanh(scale * way) for scale in NEAR_SCALES)]
+
+
+def make_model(
+    name: str, env: gym.Env, seed: int, log: Path | None = None, has_demonstrations: bool = False
+) -> BaseAlgorithm:
+    """A new model for an environment from `training_env`.
+
+    Args:
+        name: of the algorithm.
+        env: where it will learn.
+        seed: of everything random.
+        log: directory for TensorBoard.
+        has_demonstrations: whether SAC or TQC should stay near to some: they explore little then. Without any they
+            explore freely, and their learning rate falls so that what they have found settles.
+
+    Raises:
+        LearningError: no such algorithm; the message lists those there are.
+    """
+    if name not in ALGORITHMS:
+        raise LearningError(f"no algorithm {name!r}; known ones: {', '.join(ALGORITHMS)}")
+    common: dict[str, Any] = {
+        "env": env,
+        "seed": seed,
+        "device": "cpu",
+        "tensorboard_log": None if log is None else str(log),
+    }
+    settings = _off_policy(has_demonstrations) if name in GOAL_ALGORITHMS else _on_policy(name)
+    return ALGORITHMS[name](**settings, **common)
+
+
+def save_model(model: BaseAlgorithm, directory: Path) -> None:
+    """Write model and replay buffer; each file is whole or the old one stays."""
+    directory.mkdir(parents=True, exist_ok=True)
+    part = directory / f".part.{os.getpid()}.zip"
+    model.save(part)
+    if isinstance(model, OffPolicyAlgorithm):
+        buffer = directory / f".part.{os.getpid()}.pkl"
+        model.save_replay_buffer(buffer)
+        buffer.replace(directory / _BUFFER)
+    part.replace(directory / _MODEL)
+
+
+def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = False) -> BaseAlgorithm:
+    """The model that `save_model` wrote; with its replay buffer it is ready to go on learning.
+
+    Raises:
+        LearningError: there is none.
+    """
+    path = directory / _MODEL
+    if not path.exists():
+        raise LearningError(f"there is no model in {directory}")
+    model = ALGORITHMS[name].load(path, env=env, device="cpu")
+    if with_buffer and isinstance(model, OffPolicyAlgorithm):
+        model.load_replay_buffer(directory / _BUFFER, truncate_last_traj=True)
+    return model
+
+
+class Checkpoints(BaseCallback):
+    """Calls `evaluate` and saves the model every so many steps; keeps the history of an interrupted run."""
+
+    def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
+        super().__init__()
+        self._directory, self._every, self._evaluate = directory, every, evaluate
+        self._next = every
+        path = directory / HISTORY_FILE
+        self.history: list[dict[str, float]] = json.loads(path.read_text()) if path.exists() else []
+
+    def _on_training_start(self) -> None:
+        self._next = (self.num_timesteps // self._every + 1) * self._every
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps >= self._next:
+            self._next += self._every
+            self.history.append({"steps": self.num_timesteps, **self._evaluate(self.model)})
+            for name, value in self.history[-1].items():
+                self.logger.record(f"held_out/{name}", value)
+            save_model(self.model, self._directory)
+            write_json(self._directory / HISTORY_FILE, self.history)
+        return True
+
+
+def _falling_rate(share_left: float) -> float:
+    """The learning rate when so much of the run is left."""
+    return 1e-3 * (0.1 + 0.9 * share_left)
+
+
+def _off_policy(has_demonstrations: bool) -> dict[str, Any]:
+    return {
+        "policy": "MultiInputPolicy",
+        "replay_buffer_class": HerReplayBuffer,
+        "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
+        "learning_rate": 1e-3 if has_demonstrations else _falling_rate,
+        "ent_coef": "auto_0.1" if has_demonstrations else "auto",
+        "batch_size": 256,
+        "gamma": 0.95,
+        "tau": 0.02,
+        "learning_starts": 1000,
+        "buffer_size": 300_000,
+        "policy_kwargs": {"net_arch": [128, 128], "features_extractor_class": GoalFeatures},
+    }
+
+
+def _on_policy(name: str) -> dict[str, Any]:
+    return {
+        "policy": MaskableSkillPolicy if name == "maskable_ppo" else SkillPolicy,
+        "learning_rate": 1e-3,
+        "n_steps": 512,
+        "batch_size": 128,
+        "n_epochs": 6,
+        "gamma": 0.97,
+        "ent_coef": 0.01,
+    }

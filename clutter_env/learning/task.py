@@ -1,0 +1,76 @@
+"""What is to be done, as data: an environment id and its keyword arguments, the same in every process."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from typing import Any
+
+import gymnasium as gym
+
+import clutter_env  # noqa: F401  registers the environments
+from clutter_env.errors import ConfigError
+from clutter_env.learning.errors import UnknownTask
+
+__all__ = ["HELD_OUT", "Task", "family", "versions"]
+
+HELD_OUT = 1_000_000
+"""Seeds from here on are for evaluation: nothing is collected or trained on them."""
+
+_PACKAGES = ("clutter-env", "mujoco", "gymnasium", "numpy", "numba", "mink", "kairos-planner")
+
+
+@dataclass(frozen=True)
+class Task:
+    """An environment to make: its id and keyword arguments (JSON values)."""
+
+    env_id: str
+    keywords: Mapping[str, Any] = field(default_factory=dict)
+
+    def make(self, **more: Any) -> gym.Env:
+        """The environment; `more` keyword arguments win over the task's own.
+
+        Raises:
+            UnknownTask: no such environment, or it cannot be made with these keyword arguments.
+        """
+        try:
+            return gym.make(self.env_id, **{**self.keywords, **more})
+        except gym.error.UnregisteredEnv:
+            known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
+            raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}") from None
+        except ConfigError as problem:
+            raise UnknownTask(f"{self.env_id}: {problem}") from problem
+
+    @property
+    def family(self) -> str:
+        """ "retrieve", "skill", "reach", "pick": what environments of one id but for its number have in common."""
+        return family(self.env_id)
+
+    def to_json(self) -> str:
+        """Text from which `from_json` makes an equal task."""
+        return json.dumps({"env_id": self.env_id, "keywords": dict(self.keywords)}, sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> Task:
+        """The task that `to_json` described."""
+        content = json.loads(text)
+        return cls(content["env_id"], content["keywords"])
+
+
+def family(env_id: str) -> str:
+    """The family of an id: "retrieve" of clutter_env/Retrieve-o15-v0."""
+    return env_id.rpartition("/")[2].partition("-")[0].lower()
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, the machine's architecture and every package that decides what an episode looks like."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

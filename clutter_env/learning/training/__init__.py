@@ -1,0 +1,1 @@
+"""Training: cloning, DAgger, and reinforcement learning."""

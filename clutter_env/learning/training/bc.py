@@ -1,0 +1,89 @@
+"""Behaviour cloning: what the expert did, as regression."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from clutter_env.learning.demonstrations.episode import Episode
+from clutter_env.learning.errors import DatasetError
+from clutter_env.learning.policies.features import feature_vector
+from clutter_env.learning.policies.policy import Policy
+
+__all__ = ["CloneConfig", "Examples", "clone", "examples_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """What to do where: `features` (k, f) and `actions` (k, a)."""
+
+    features: NDArray[np.float32]
+    actions: NDArray[np.float32]
+
+    def __add__(self, other: Examples) -> Examples:
+        return Examples(np.concatenate((self.features, other.features)), np.concatenate((self.actions, other.actions)))
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+@dataclass(frozen=True)
+class CloneConfig:
+    """How to fit: gradient steps, examples per step, first learning rate (it falls to zero), layer width, seed."""
+
+    steps: int = 10_000
+    batch: int = 512
+    learning_rate: float = 1e-3
+    width: int = 256
+    seed: int = 0
+
+
+def examples_of(episodes: Iterable[Episode]) -> Examples:
+    """All steps of the episodes.
+
+    Raises:
+        DatasetError: there are none.
+    """
+    features, actions = [], []
+    for episode in episodes:
+        features.append(feature_vector(episode.observations)[:-1])
+        actions.append(episode.actions)
+    if not actions:
+        raise DatasetError("there are no episodes to learn from")
+    return Examples(np.concatenate(features), np.concatenate(actions))
+
+
+def clone(
+    examples: Examples,
+    config: CloneConfig = CloneConfig(),
+    policy: Policy | None = None,
+    report: Callable[[int, float], None] = lambda *_: None,
+) -> Policy:
+    """A policy that does what the examples do.
+
+    Args:
+        examples: to imitate.
+        config: how to fit.
+        policy: where to start; a new one without it. It is changed.
+        report: called with the step and the loss now and then.
+    """
+    torch.manual_seed(config.seed)
+    features, actions = torch.from_numpy(examples.features), torch.from_numpy(examples.actions)
+    if policy is None:
+        policy = Policy(features.shape[1], actions.shape[1], config.width)
+    optimiser = torch.optim.Adam(policy.parameters(), lr=config.learning_rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
+    for step in range(config.steps):
+        chosen = torch.randint(len(features), (config.batch,))
+        loss = torch.nn.functional.smooth_l1_loss(policy(features[chosen]), actions[chosen], beta=0.1)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        if step % 500 == 0 or step == config.steps - 1:
+            report(step, loss.item())
+    return policy

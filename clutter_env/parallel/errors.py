@@ -1,0 +1,7 @@
+"""The exception of this package."""
+
+__all__ = ["WorkerError"]
+
+
+class WorkerError(ValueError):
+    """Work that cannot be started: too few workers, or Ray is not installed."""

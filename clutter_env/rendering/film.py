@@ -1,0 +1,140 @@
+"""An episode as a film and as a strip of its moments, where the machine can draw."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from clutter_env.rendering.renderer import Renderer
+
+__all__ = ["FRAME_SIZE", "Film"]
+
+Frame = NDArray[np.uint8]
+
+FRAME_SIZE = 480
+"""Pixels along each side of one camera's picture."""
+_VIEW = {"azimuth": 72.0, "elevation": -36.0, "distance": 2.5}
+_VIEW_CENTRE = (-0.22, 0.0, 0.85)
+"""[deg], [m]: across the table from the robot's right, where neither arm nor head hides the hand for long."""
+STEPS_PER_FRAME = 4
+"""Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
+FRAMES_PER_SECOND = 20
+_GIF_SHARE = 2
+"""A GIF takes every second frame at half the size: it is for machines without ffmpeg."""
+_TELLING = (": close", ": lift", ": open")
+"""Phases whose last state tells what happens: the grasp, the object in the air, the object put down."""
+_STRIP_COLUMNS = 4
+_MOST_MOMENTS = 24
+_STRIP_SIZE = 360
+_BAR = 34
+"""Pixels of the caption's bar."""
+_INK, _PAPER = (48, 52, 59), (255, 255, 255)
+
+
+@dataclass
+class Film:
+    """Collects frames of an environment; close it in the end.
+
+    Raises:
+        RenderingUnavailable: when made on a machine without OpenGL.
+    """
+
+    env: Any
+    frames: list[Frame] = field(default_factory=list)
+    moments: list[tuple[str, Frame]] = field(default_factory=list)
+    _steps: int = 0
+    _caption: str = ""
+
+    def __post_init__(self) -> None:
+        self._maker = Renderer(self.env.model, FRAME_SIZE, FRAME_SIZE)
+        self._view = mujoco.MjvCamera()
+        self._view.type = mujoco.mjtCamera.mjCAMERA_FREE
+        self._view.lookat[:] = _VIEW_CENTRE
+        for name, value in _VIEW.items():
+            setattr(self._view, name, value)
+
+    def watch(self, caption: str) -> None:
+        """Look at the state after a control step; the ends of the phases in `_TELLING` are moments of the strip."""
+        if caption != self._caption and self._caption.endswith(_TELLING):
+            self._keep_moment()
+        self._caption = caption or self._caption
+        if self._steps % STEPS_PER_FRAME == 0:
+            self._keep_frame()
+        self._steps += 1
+
+    def finish(self, caption: str) -> None:
+        """The last moment; the film stays on it for a second."""
+        self._caption = caption
+        self._keep_moment()
+        self._keep_frame()
+        self.frames += self.frames[-1:] * FRAMES_PER_SECOND
+
+    def save_strip(self, path: Path) -> None:
+        """All moments on one page; of many, some evenly spread ones and the last."""
+        chosen = np.unique(np.linspace(0, len(self.moments) - 1, _MOST_MOMENTS).round().astype(int))
+        tiles = [_tile(*self.moments[index]) for index in chosen]
+        columns = min(_STRIP_COLUMNS, len(tiles))
+        blank = np.full_like(tiles[0], 255)
+        tiles += [blank] * (-len(tiles) % columns)
+        rows = [np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)]
+        Image.fromarray(np.vstack(rows)).save(path, optimize=True)
+
+    def save_film(self, stem: Path) -> Path:
+        """An mp4 where imageio and its ffmpeg are installed, otherwise a GIF; returns which."""
+        if importlib.util.find_spec("imageio") and importlib.util.find_spec("imageio_ffmpeg"):
+            return self._save_mp4(stem.with_suffix(".mp4"))
+        return self._save_gif(stem.with_suffix(".gif"))
+
+    def close(self) -> None:
+        """Free the graphics."""
+        self._maker.close()
+
+    def _keep_moment(self) -> None:
+        self.moments.append((self._caption, self._maker.colour(self.env.data, self._view)))
+
+    def _keep_frame(self) -> None:
+        views = [self._maker.colour(self.env.data, camera) for camera in (self._view, "top")]
+        self.frames.append(_captioned(np.hstack(views), self._caption))
+
+    def _save_mp4(self, path: Path) -> Path:
+        import imageio.v2 as imageio  # optional: not among the project's own dependencies
+
+        with imageio.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7) as writer:
+            for frame in self.frames:
+                writer.append_data(frame)  # type: ignore[attr-defined]  # imageio's type of a reader and writer is too wide
+        return path
+
+    def _save_gif(self, path: Path) -> Path:
+        first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames[::_GIF_SHARE]]
+        milliseconds = 1000 * _GIF_SHARE // FRAMES_PER_SECOND
+        first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0)
+        return path
+
+
+def _captioned(picture: Frame, caption: str) -> Frame:
+    """The picture with a bar under it that says what happens."""
+    height, width = picture.shape[:2]
+    page = Image.new("RGB", (width, height + _BAR), _PAPER)
+    page.paste(Image.fromarray(picture), (0, 0))
+    ImageDraw.Draw(page).text((12, height + 8), caption, fill=_INK, font=_font(16))
+    return np.asarray(page)
+
+
+def _tile(caption: str, picture: Frame) -> Frame:
+    """A moment for the strip: smaller, with its caption and a white frame."""
+    size = _STRIP_SIZE
+    page = Image.new("RGB", (size + 8, size + 8 + _BAR), _PAPER)
+    page.paste(Image.fromarray(picture).resize((size, size), Image.Resampling.LANCZOS), (4, 4))
+    ImageDraw.Draw(page).text((8, size + 10), caption, fill=_INK, font=_font(14))
+    return np.asarray(page)
+
+
+def _font(size: int) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
+    return ImageFont.load_default(size)

@@ -1,0 +1,163 @@
+"""Pictures of a world, with whatever OpenGL the machine has; nothing of OpenGL is touched before the first picture."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.errors import RenderingUnavailable
+
+__all__ = ["Renderer", "has_display", "make_context", "open_window"]
+
+_DEBIAN_PACKAGES = (
+    "on Debian or Ubuntu install libegl1 libegl-mesa0 libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa, software only)"
+)
+_OFF = ("disable", "disabled", "off", "false", "0")
+_MAX_GEOMS = 2000
+_GEOM_GROUPS = (1, 1, 1, 0, 0, 0)
+"""Shown: the scene (0), the meshes (1) and the primitives (2) that no mesh stands for."""
+
+
+class GLContext(Protocol):
+    """What MuJoCo's context classes have in common."""
+
+    def make_current(self) -> None:
+        """Direct this thread's OpenGL calls here."""
+
+    def free(self) -> None:
+        """Give the context back."""
+
+
+def has_display() -> bool:
+    """Whether a window could be opened."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def make_context(width: int, height: int) -> GLContext:
+    """An off-screen context: the one that MUJOCO_GL names, else the first that works.
+
+    Raises:
+        RenderingUnavailable: none works; the message names the missing packages.
+    """
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wanted in _OFF:
+        raise RenderingUnavailable(f"rendering is switched off by MUJOCO_GL={wanted}; unset it to draw pictures")
+    backends = ["mujoco.gl_context"] if wanted or has_display() else ["mujoco.egl", "mujoco.osmesa"]
+    failures = []
+    for backend in backends:
+        try:
+            return _open(backend, width, height)
+        except Exception as error:  # each backend fails in its own way; all failures are reported below
+            failures.append(f"{wanted or backend.removeprefix('mujoco.')}: {error}")
+    raise RenderingUnavailable(f"no OpenGL context ({'; '.join(failures)}); {_DEBIAN_PACKAGES}")
+
+
+def _open(backend: str, width: int, height: int) -> GLContext:
+    """A context of one backend. PyOpenGL's choice of platform is undone when the backend does not work."""
+    before = os.environ.get("PYOPENGL_PLATFORM")
+    try:
+        context: GLContext = importlib.import_module(backend).GLContext(width, height)
+        context.make_current()
+    except Exception:
+        if before is None:
+            os.environ.pop("PYOPENGL_PLATFORM", None)
+        raise
+    return context
+
+
+class Renderer:
+    """Draws one model: colour or depth, through any of its cameras; without shadows and multisampling.
+
+    Raises:
+        RenderingUnavailable: this machine has no working OpenGL.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
+        self._model = model
+        self._size = width, height
+        self._context: GLContext | None = make_context(width, height)
+        self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[:] = _GEOM_GROUPS
+        self._option.sitegroup[:] = 0
+        self._device = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._device)
+        self._device.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+
+    def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8; `camera` is one of the model's, or a view of one's own."""
+        width, height = self._size
+        picture = np.empty((height, width, 3), np.uint8)
+        self._draw(data, camera, picture, None)
+        return np.ascontiguousarray(picture[::-1])
+
+    def depth(self, data: mujoco.MjData, camera: str) -> NDArray[np.float32]:
+        """(height, width) distance along the camera's axis [m]; the far plane where nothing is."""
+        width, height = self._size
+        buffer = np.empty((height, width), np.float32)
+        self._draw(data, camera, None, buffer)
+        return self._metric(buffer)
+
+    def colour_and_depth(self, data: mujoco.MjData, camera: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Both, from one drawing."""
+        width, height = self._size
+        picture, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        self._draw(data, camera, picture, buffer)
+        return np.ascontiguousarray(picture[::-1]), self._metric(buffer)
+
+    def _metric(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Distances [m], upright, from the graphics device's depth buffer (0 at the far plane)."""
+        extent = self._model.stat.extent
+        near, far = self._model.vis.map.znear * extent, self._model.vis.map.zfar * extent
+        return np.ascontiguousarray((near / (near / far + (1 - near / far) * buffer))[::-1]).astype(np.float32)
+
+    def _draw(
+        self,
+        data: mujoco.MjData,
+        camera: str | mujoco.MjvCamera,
+        picture: NDArray[np.uint8] | None,
+        depth: NDArray[np.float32] | None,
+    ) -> None:
+        assert self._context is not None
+        self._context.make_current()
+        view = self._fixed(camera) if isinstance(camera, str) else camera
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(self._model, data, self._option, None, view, everything, self._scene)
+        viewport = mujoco.MjrRect(0, 0, *self._size)
+        mujoco.mjr_render(viewport, self._scene, self._device)
+        mujoco.mjr_readPixels(picture, depth, viewport, self._device)
+
+    def _fixed(self, camera: str) -> mujoco.MjvCamera:
+        """The view of one of the model's cameras."""
+        view = mujoco.MjvCamera()
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = self._model.camera(camera).id
+        return view
+
+    def close(self) -> None:
+        """Free what the graphics driver holds; may be called twice."""
+        if self._context is not None:
+            self._context.make_current()
+            self._device.free()
+            self._context.free()
+            self._context = None
+
+
+def open_window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
+    """MuJoCo's own viewer in a window that this process updates with `sync()`.
+
+    Raises:
+        RenderingUnavailable: there is no display.
+    """
+    if not has_display():
+        raise RenderingUnavailable("render_mode='human' needs a display; set DISPLAY, or use 'rgb_array'")
+    viewer = importlib.import_module("mujoco.viewer")
+    return viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)

@@ -1,0 +1,1 @@
+"""Statistics, tables and files of results."""

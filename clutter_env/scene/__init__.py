@@ -1,0 +1,1 @@
+"""Tables and objects: layouts and the random scenes drawn on them."""

@@ -1,0 +1,1 @@
+"""The MuJoCo model, the controllers, and saved states."""

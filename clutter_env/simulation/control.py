@@ -1,0 +1,235 @@
+"""Actions to joint targets: what the motors are told to follow in the next control step.
+
+The controller keeps a joint target that moves within the robot's velocity and acceleration limits; the motors (stiff
+position servos with a velocity reference) follow it. An action asks for a velocity of that target.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
+from clutter_env.errors import ActionError
+from clutter_env.simulation.model import ModelIndex
+
+__all__ = ["CONTROL_STEP", "ControlState", "JointController", "checked_action"]
+
+CONTROL_STEP = 1 / CONTROL_HZ
+"""[s]"""
+SEGMENTS = 5
+"""Steps in which the motors' command moves within one control step (100 Hz)."""
+ARENA = 4.0
+"""[m] The base target stays within this distance of the table's centre along x and y."""
+
+_SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
+
+_BASE_LEAD = 0.10
+_TORSO_LEAD = 0.03
+_ARM_LEAD = 0.15
+"""[m], [m], [rad]: how far the target may run ahead of a blocked joint; twice what saturates the motors or less."""
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class ControlState:
+    """What the controller remembers from one control step to the next.
+
+    `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `finger` [m].
+    """
+
+    target: Vector
+    velocity: Vector
+    finger: float
+
+
+def checked_action(action: ArrayLike, size: int) -> Vector:
+    """The action as a float64 vector clipped to [-1, 1].
+
+    Raises:
+        ActionError: not a finite numeric vector of shape (size,).
+    """
+    try:
+        vector = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ActionError(f"the action must be {size} finite numbers in [-1, 1], not {action!r}") from None
+    if vector.shape != (size,):
+        raise ActionError(f"the action must have shape ({size},), not {vector.shape}")
+    if not np.isfinite(vector).all():
+        raise ActionError(f"the action must be {size} finite numbers in [-1, 1]; it holds NaN or infinity: {vector}")
+    return np.minimum(np.maximum(vector, -1.0), 1.0)
+
+
+class JointController:
+    """ "joint" control: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, finger position.
+
+    A full action is the joint's maximum velocity. The last number is the opening: -1 closed, 1 open; the fingers move
+    there at their own speed.
+    """
+
+    def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
+        self._index = index
+        self._robot = robot
+        arm = len(robot.chain) - 1
+        self._max_velocity = np.array(robot.max_velocity)
+        self._max_change = np.array(robot.max_acceleration) * CONTROL_STEP
+        chain = robot.chain
+        self._lower = np.array([-ARENA, -ARENA, -math.inf, *(link.lower for link in chain)])
+        self._upper = np.array([ARENA, ARENA, math.inf, *(link.upper for link in chain)])
+        self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
+        self._feedforward = _velocity_feedforward(model, index)
+        self._head_command = np.zeros(model.nu)
+        self._head_command[index.head_actuators] = robot.head_configuration
+        self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
+
+    @property
+    def size(self) -> int:
+        """Numbers in an action."""
+        return len(self._max_velocity) + 1
+
+    def reset(self, data: mujoco.MjData) -> None:
+        """Take the present configuration as the target, at rest."""
+        self.state = ControlState(
+            target=data.qpos[self._index.drive_qpos].copy(),
+            velocity=np.zeros_like(self._max_velocity),
+            finger=float(data.qpos[self._index.finger_qpos].mean()),
+        )
+        data.ctrl[:] = self._posture_command()
+
+    def velocity_limit(self, is_loaded: bool) -> Vector:
+        """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
+        limit = self._max_velocity.copy()
+        if is_loaded:
+            limit[2] = min(limit[2], self._robot.max_loaded_yaw_rate)
+        return limit
+
+    def follow(
+        self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grip: float, is_loaded: bool
+    ) -> None:
+        """Advance the physics while the target moves as asked, as far as the limits allow.
+
+        Args:
+            model: the model.
+            data: its data, stepped `PHYSICS_STEPS` times.
+            velocity: (4 + n,) wanted, base x and y in the base's frame.
+            grip: wanted finger position, -1 closed to 1 open.
+            is_loaded: whether something is held.
+        """
+        before = self._posture_command()
+        self._advance_target(data, velocity, is_loaded)
+        self._advance_finger(grip)
+        after = self._posture_command()
+        for command in before + _SHARES * (after - before) + self._reference(self.state.velocity):
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
+
+    def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
+        """The action that brings the target to `q_target` (4 + n,) in the next control step.
+
+        Where that is out of reach within the limits, the action that approaches it with room to brake; a goal that
+        stands still may be passed by the braking distance of one step (3 cm, 0.05 rad) before it is met.
+
+        Raises:
+            ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.
+        """
+        goal = _checked_vector("q_target", q_target, len(self._max_velocity))
+        velocity = self.velocity_towards(goal, is_loaded)
+        return np.append(np.clip(velocity / self._max_velocity, -1.0, 1.0), self.grip_action(gripper_width))
+
+    def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
+        """Velocity (4 + n,), base part in the base's frame, that a step to the whole-body configuration `goal`
+        needs."""
+        cosine, sine = math.cos(self.state.target[2]), math.sin(self.state.target[2])
+        error = _turned(goal - self.state.target, cosine, -sine)
+        present = _turned(self.state.velocity, cosine, -sine)
+        wanted = error / CONTROL_STEP
+        limit = self.velocity_limit(is_loaded)
+        tolerance = 1 + 1e-9
+        is_reachable = (np.abs(wanted) <= limit * tolerance) & (
+            np.abs(wanted - present) <= self._max_change * tolerance
+        )
+        half = self._max_change / 2
+        braking = np.sqrt(half**2 + 2 * self._max_change * np.abs(error) / CONTROL_STEP) - half
+        return np.where(is_reachable, wanted, np.sign(error) * np.minimum(np.minimum(braking, np.abs(wanted)), limit))
+
+    def grip_action(self, gripper_width: float) -> float:
+        """The action's last number for pads `gripper_width` [m] apart.
+
+        Raises:
+            ActionError: not a finite number.
+        """
+        width = _checked_vector("gripper_width", [gripper_width], 1)[0]
+        return 2 * self._robot.finger_position(float(width)) / self._robot.max_finger_position - 1
+
+    def _advance_target(self, data: mujoco.MjData, velocity: Vector, is_loaded: bool) -> None:
+        state = self.state
+        cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
+        present = _turned(state.velocity, cosine, -sine)
+        limit = self.velocity_limit(is_loaded)
+        allowed = _clipped(velocity, -limit, limit)
+        allowed = _clipped(allowed, present - self._max_change, present + self._max_change)
+        allowed = _turned(allowed, cosine, sine)
+        actual = data.qpos[self._index.drive_qpos]
+        target = state.target + allowed * CONTROL_STEP
+        bounded = _clipped(target, actual - self._lead, actual + self._lead)
+        bounded = _clipped(bounded, self._lower, self._upper)
+        if not np.array_equal(bounded, target):
+            moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
+            allowed = np.where(bounded == target, allowed, moved)
+        self.state = ControlState(target=bounded, velocity=allowed, finger=state.finger)
+
+    def _advance_finger(self, grip: float) -> None:
+        wanted = (grip + 1) / 2 * self._robot.max_finger_position
+        step = self._robot.max_finger_velocity * CONTROL_STEP
+        self.state.finger += min(max(wanted - self.state.finger, -step), step)
+
+    def _posture_command(self) -> Vector:
+        """Motor commands (nu,) of the present targets at rest."""
+        command = self._head_command.copy()
+        command[self._index.drive_actuators] = self.state.target
+        command[self._index.finger_actuators] = self.state.finger
+        return command
+
+    def _reference(self, velocity: Vector) -> Vector:
+        """What is added to the motor commands (nu,) of targets that move."""
+        command = np.zeros_like(self._head_command)
+        command[self._index.drive_actuators] = self._feedforward * velocity
+        return command
+
+
+def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
+    """[s] (4 + n,): added to a servo's position command per unit of velocity, it cancels the drag of its damping."""
+    gain = model.actuator_gainprm[index.drive_actuators, 0]
+    damping = -model.actuator_biasprm[index.drive_actuators, 2]
+    joint_damping = np.array([model.dof_damping[dof].ravel()[0] for dof in index.drive_dof])
+    feedforward: Vector = (damping + joint_damping) / gain
+    return feedforward
+
+
+def _turned(drive: Vector, cosine: float, sine: float) -> Vector:
+    """A whole-body configuration whose base part is turned by the angle of this cosine and sine."""
+    turned = drive.copy()
+    x, y = float(drive[0]), float(drive[1])
+    turned[0], turned[1] = cosine * x - sine * y, sine * x + cosine * y
+    return turned
+
+
+def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:
+    """`np.clip` without its overhead on short vectors."""
+    return np.minimum(np.maximum(values, lowest), highest)
+
+
+def _checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ActionError(f"{name} must be {size} finite numbers, not {value!r}") from None
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise ActionError(f"{name} must be {size} finite numbers, not {value!r}")
+    return vector

@@ -1,0 +1,289 @@
+"""The MuJoCo model of robot, furniture and objects, and where things are in it."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.config import TIMESTEP
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, object_name
+
+__all__ = ["ModelIndex", "build_spec", "compile_model", "has_visuals", "mesh_folder"]
+
+PARKED_X = -3.0
+"""[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
+asleep."""
+ENVIRONMENT_BITS = (1, 3)
+"""contype, conaffinity of furniture and objects; the robot has 2, 0 and thus never meets itself."""
+VISUAL_GROUP, HIDDEN_GROUP = 1, 3
+"""Geom groups of the meshes shown and of the primitives that they replace."""
+
+_OBJECT_FRICTION = (0.8, 0.005, 0.0005)
+_OBJECT_SOLREF = (0.01, 1.0)
+_OBJECT_ROLLING_DAMPING = 2e-4
+"""[N m s] on the objects' rotation: one that rolls away comes to rest, and sleeps, within seconds."""
+_FURNITURE_COLOURS = {
+    "table": (0.80, 0.68, 0.53, 1.0),
+    "counter": (0.83, 0.84, 0.85, 1.0),
+    "wall": (0.90, 0.90, 0.88, 1.0),
+    "shelf": (0.66, 0.54, 0.41, 1.0),
+}
+_SHELF_BOARD_ALPHA = 0.2
+"""The board above the objects is drawn see-through."""
+_SCENE_EYE, _SCENE_POINT = (-2.55, 1.85, 2.35), (-0.45, 0.02, 0.70)
+"""[m] where the camera "scene" stands and looks: from behind the robot's left shoulder."""
+_TOP_X = -0.45
+"""[m] of the camera "top": between the table and where the robot starts."""
+_EXTENT = 2.0
+"""[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
+
+
+@dataclass(frozen=True)
+class ModelIndex:
+    """Where things are in a compiled model; arrays are read-only."""
+
+    base_body: int
+    tcp_site: int
+    drive_qpos: NDArray[np.intp]
+    drive_dof: NDArray[np.intp]
+    drive_actuators: NDArray[np.intp]
+    finger_qpos: NDArray[np.intp]
+    finger_actuators: NDArray[np.intp]
+    finger_geoms: tuple[int, int]
+    finger_couplings: NDArray[np.intp]
+    """The equality constraints that make the fingers move alike."""
+    head_qpos: NDArray[np.intp]
+    head_actuators: NDArray[np.intp]
+    object_bodies: slice
+    object_geoms: NDArray[np.intp]
+    object_qpos: slice
+    object_dof: slice
+    num_objects: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, robot: RobotSpec, num_objects: int) -> ModelIndex:
+        """The index of a model that `compile_model` made."""
+
+        def qpos(joints: tuple[str, ...]) -> NDArray[np.intp]:
+            return _frozen([model.joint(name).qposadr[0] for name in joints])
+
+        def actuators(joints: tuple[str, ...]) -> NDArray[np.intp]:
+            return _frozen([model.actuator(name).id for name in joints])
+
+        first = model.body(object_name(0)).id if num_objects else model.nbody
+        fingers = [model.joint(name).id for name in robot.finger_joints]
+        is_joint = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
+        return cls(
+            base_body=model.body(robot.base_body).id,
+            tcp_site=model.site(robot.tcp_site).id,
+            drive_qpos=qpos(robot.drive_joints),
+            drive_dof=_frozen([model.joint(name).dofadr[0] for name in robot.drive_joints]),
+            drive_actuators=actuators(robot.drive_joints),
+            finger_qpos=qpos(robot.finger_joints),
+            finger_actuators=actuators(robot.finger_joints),
+            finger_geoms=(model.geom(robot.finger_geoms[0]).id, model.geom(robot.finger_geoms[1]).id),
+            finger_couplings=_frozen(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
+            head_qpos=qpos(robot.head_joints),
+            head_actuators=actuators(robot.head_joints),
+            object_bodies=slice(first, first + num_objects),
+            object_geoms=_frozen([model.geom(object_name(i)).id for i in range(num_objects)]),
+            object_qpos=slice(model.nq - 7 * num_objects, model.nq),
+            object_dof=slice(model.nv - 6 * num_objects, model.nv),
+            num_objects=num_objects,
+        )
+
+
+def _frozen(values: list[int]) -> NDArray[np.intp]:
+    array = np.array(values, dtype=np.intp)
+    array.setflags(write=False)
+    return array
+
+
+def compile_model(
+    robot: RobotSpec,
+    layout: Layout,
+    shapes: tuple[str, ...],
+    picture: tuple[int, int] = (480, 480),
+    show_meshes: bool = False,
+) -> mujoco.MjModel:
+    """Robot, furniture and one body per entry of `shapes`.
+
+    Args:
+        robot: which robot.
+        layout: which table.
+        shapes: "cylinder" or "box" for each object.
+        picture: width and height [pixels] of the largest picture to be drawn.
+        show_meshes: show the robot's meshes instead of its primitives, where they are installed.
+    """
+    spec = build_spec(robot, layout, shapes)
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = picture
+    if show_meshes and has_visuals(robot):
+        _show_meshes(spec, robot)
+    model = spec.compile()
+    turning = model.dof_damping[model.nv - 6 * len(shapes) :].reshape(-1, 6)[:, 3:]
+    turning[:] = _OBJECT_ROLLING_DAMPING
+    return model
+
+
+def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> mujoco.MjSpec:
+    """The editable model; see `compile_model`."""
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    spec.modelname = f"{robot.name}_{layout.name}"
+    _set_physics(spec)
+    _park_robot(spec, robot)
+    _add_surroundings(spec, layout)
+    for index, shape in enumerate(shapes):
+        _add_object(spec, index, shape)
+    return spec
+
+
+def _set_physics(spec: mujoco.MjSpec) -> None:
+    """The settings under which side grasps hold: elliptic cone, impratio 10, stiff pads; bodies at rest sleep."""
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+
+
+def _park_robot(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Move the reference configuration away from the table while joint positions stay world coordinates."""
+    base = spec.body(robot.base_body)
+    base.pos = [PARKED_X, 0.0, 0.0]
+    spec.joint(robot.base_joints[0]).ref = PARKED_X
+
+
+def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
+    world = spec.worldbody
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.5],
+        rgba=[0.93, 0.94, 0.95, 1],
+        contype=1,
+        conaffinity=1,
+    )
+    contype, conaffinity = ENVIRONMENT_BITS
+    for box in furniture(layout):
+        colour = list(_FURNITURE_COLOURS[box.name.split("_")[0]])
+        if box.name == "shelf_board":
+            colour[3] = _SHELF_BOARD_ALPHA
+        world.add_geom(
+            name=box.name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=box.position,
+            size=box.half_extents,
+            rgba=colour,
+            contype=contype,
+            conaffinity=conaffinity,
+        )
+    _add_lights_and_cameras(spec, layout)
+
+
+def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
+    """Soft light, a pale sky, the cameras "scene" (from the robot's left, behind it) and "top"."""
+    spec.visual.quality.offsamples = 0
+    spec.stat.extent, spec.stat.center = _EXTENT, [0.0, 0.0, TABLE_HEIGHT]
+    spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
+    spec.visual.headlight.diffuse = [0.32, 0.32, 0.32]
+    spec.visual.headlight.specular = [0.05, 0.05, 0.05]
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.97, 0.98, 1.0],
+        rgb2=[0.86, 0.90, 0.94],
+        width=64,
+        height=384,
+    )
+    world = spec.worldbody
+    world.add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[-1.5, 1.5, 4],
+        dir=[0.45, -0.35, -1],
+        diffuse=[0.45, 0.45, 0.45],
+        castshadow=False,
+    )
+    world.add_camera(
+        name="scene", pos=_SCENE_EYE, xyaxes=_look_at(np.array(_SCENE_EYE), np.array(_SCENE_POINT)), fovy=40
+    )
+    height = TABLE_HEIGHT + 1.2 * (max(layout.width, layout.depth) + 1.0)
+    world.add_camera(name="top", pos=[_TOP_X, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=45)
+
+
+def _look_at(eye: NDArray[np.float64], point: NDArray[np.float64]) -> list[float]:
+    """The camera's x and y axes (6 numbers) that make it look from `eye` at `point`, upright."""
+    back = (eye - point) / np.linalg.norm(eye - point)
+    right = np.cross((0.0, 0.0, 1.0), back)
+    right /= np.linalg.norm(right)
+    return [*right, *np.cross(back, right)]
+
+
+def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
+    """A free body; `fitting.fit_scene` gives it its size, mass and place."""
+    body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])
+    body.add_freejoint(name=f"{object_name(index)}_joint")
+    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+    contype, conaffinity = ENVIRONMENT_BITS
+    body.explicitinertial = True
+    body.mass, body.inertia = 0.2, [1e-3, 1e-3, 1e-3]
+    body.ipos, body.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    is_box = shape == "box"
+    body.add_geom(
+        name=object_name(index),
+        type=mujoco.mjtGeom.mjGEOM_BOX if is_box else mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[0.03, 0.03, 0.08] if is_box else [0.03, 0.08, 0],
+        friction=_OBJECT_FRICTION,
+        solref=_OBJECT_SOLREF,
+        contype=contype,
+        conaffinity=conaffinity,
+    )
+
+
+def mesh_folder(robot: RobotSpec) -> Path | None:
+    """Where the robot's meshes are installed (found without importing their package), None if they are not."""
+    spec = importlib.util.find_spec(robot.mesh_package) if robot.mesh_package else None
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    folder = Path(spec.submodule_search_locations[0]) / robot.mesh_folder
+    return folder if folder.is_dir() else None
+
+
+def has_visuals(robot: RobotSpec) -> bool:
+    """Whether every mesh of the robot is installed."""
+    folder = mesh_folder(robot)
+    return folder is not None and bool(robot.meshes) and all((folder / mesh.file).is_file() for mesh in robot.meshes)
+
+
+def _show_meshes(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Add massless, untouchable meshes and hide the primitives of the bodies that they stand for."""
+    folder = mesh_folder(robot)
+    assert folder is not None
+    covered = {mesh.body for mesh in robot.meshes}
+    for name in covered:
+        for geom in spec.body(name).geoms:
+            geom.group = HIDDEN_GROUP
+    for index, mesh in enumerate(robot.meshes):
+        name = f"visual_{index}"
+        spec.add_mesh(name=name, file=str(folder / mesh.file))
+        spec.body(mesh.body).add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            pos=mesh.position,
+            quat=mesh.quaternion,
+            rgba=mesh.rgba,
+            mass=0,
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+        )

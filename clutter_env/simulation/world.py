@@ -1,0 +1,143 @@
+"""One simulated world: the model, its data, the controller's memory, and what can be measured in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, TableScene, object_name
+from clutter_env.simulation.apply_scene import fit_scene
+from clutter_env.simulation.control import JointController
+from clutter_env.simulation.model import ModelIndex, compile_model
+
+__all__ = ["Measurements", "World"]
+
+TOPPLED_TILT = (1 - math.cos(math.radians(45.0))) / 2
+"""Bound of qx² + qy²: an object whose axis leans farther than 45° from the vertical has toppled."""
+FALLEN_BELOW = TABLE_HEIGHT - 0.01
+"""[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
+
+_RIGHT_PAD, _LEFT_PAD, _OTHER = -1, -2, -3
+"""Marks of the finger geoms, and of all that is neither a finger nor an object, among the object slots 0, 1, …"""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What observation, reward and success are made from, after a control step.
+
+    `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
+    top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything.
+    """
+
+    poses: NDArray[np.float64]
+    is_fallen: NDArray[np.bool_]
+    is_off: NDArray[np.bool_]
+    held: int
+    is_touching: bool
+
+
+class World:
+    """Physics of one robot, one table and a fixed number of objects; `reset` refits it to a scene."""
+
+    def __init__(
+        self,
+        robot: RobotSpec,
+        layout: Layout,
+        shapes: tuple[str, ...],
+        picture: tuple[int, int] = (480, 480),
+        show_meshes: bool = False,
+    ) -> None:
+        self.robot = robot
+        self.shapes = shapes
+        self.model = compile_model(robot, layout, shapes, picture, show_meshes)
+        self.data = mujoco.MjData(self.model)
+        self.index = ModelIndex.of(self.model, robot, len(shapes))
+        self.controller = JointController(self.model, self.index, robot)
+        self.names = tuple(object_name(slot) for slot in range(len(shapes)))
+        self._slot_of_geom = np.full(self.model.ngeom, _OTHER)
+        self._slot_of_geom[self.index.object_geoms] = np.arange(len(shapes))
+        self._slot_of_geom[list(self.index.finger_geoms)] = _RIGHT_PAD, _LEFT_PAD
+        self.scene: TableScene | None = None
+
+    def fit(self, scene: TableScene) -> None:
+        """Give the model's objects the sizes, masses and colours of `scene`; the data are left undefined."""
+        self.scene = scene
+        fit_scene(self.model, self.data, self.index, scene)
+
+    def reset(self, scene: TableScene, configuration: tuple[float, ...] | None = None) -> None:
+        """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose.
+
+        Args:
+            scene: what stands where.
+            configuration: torso and arm joints (1 + n,), the robot's home configuration without it.
+        """
+        self.fit(scene)
+        model, data, index = self.model, self.data, self.index
+        mujoco.mj_resetData(model, data)
+        data.qpos[index.drive_qpos] = (*scene.base, *(self.robot.home if configuration is None else configuration))
+        data.qpos[index.finger_qpos] = self.robot.max_finger_position
+        data.qpos[index.head_qpos] = self.robot.head_configuration
+        self.controller.reset(data)
+        mujoco.mj_forward(model, data)
+
+    def advance(self, measurements: Measurements, velocity: NDArray[np.float64], grip: float) -> Measurements:
+        """One control step; see `JointController.follow`.
+
+        The fingers are coupled while they touch something. Free fingers move alike by themselves, and a physics step
+        without any constraint costs a fifth less.
+
+        Args:
+            measurements: what was measured before the step.
+            velocity: (4 + n,) wanted joint velocities, base x and y in the base's frame.
+            grip: wanted finger position, -1 closed to 1 open.
+        """
+        self.data.eq_active[self.index.finger_couplings] = measurements.is_touching
+        self.controller.follow(self.model, self.data, velocity, grip, is_loaded=measurements.held >= 0)
+        self.settle_kinematics()
+        return self.measure()
+
+    def settle_kinematics(self) -> None:
+        """Bring body and site poses up to date with the positions that the last physics step reached."""
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def measure(self) -> Measurements:
+        """The present state of the objects."""
+        return self.measure_objects(*self._grip())
+
+    def measure_objects(self, held: int, is_touching: bool) -> Measurements:
+        """The present state of the objects, where it is known what the fingers hold and touch."""
+        poses = self.data.qpos[self.index.object_qpos].reshape(-1, 7).copy()
+        is_off = poses[:, 2] < FALLEN_BELOW
+        is_fallen = is_off | (poses[:, 4] ** 2 + poses[:, 5] ** 2 > TOPPLED_TILT)
+        if held >= 0:
+            is_fallen[held] = False
+        return Measurements(poses, is_fallen, is_off, held, is_touching)
+
+    def lowest_point(self, measurements: Measurements, slot: int) -> float:
+        """Height [m] of an object's lowest point above the floor."""
+        assert self.scene is not None
+        height, w, x, y, z = (float(value) for value in measurements.poses[slot, 2:])
+        down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        half_x, half_y, half_z = (float(value) for value in self.scene.half_extents[slot])
+        if self.scene.is_box[slot]:
+            side = half_x * abs(down_x) + half_y * abs(down_y)
+        else:
+            side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
+        return height - side - half_z * abs(down_z)
+
+    def _grip(self) -> tuple[int, bool]:
+        """The object that both fingers touch, -1 without one; and whether a finger touches anything."""
+        contacts = self.data.contact
+        if not len(contacts):
+            return -1, False
+        slots = self._slot_of_geom[contacts.geom]
+        others = slots.max(axis=1)
+        on_right = others[(slots == _RIGHT_PAD).any(axis=1)]
+        on_left = others[(slots == _LEFT_PAD).any(axis=1)]
+        both = on_right[(on_right >= 0) & np.isin(on_right, on_left)]
+        return int(both.min()) if both.size else -1, bool(on_right.size or on_left.size)

@@ -1,0 +1,204 @@
+"""A second look at the bases a map proposes: exact inverse kinematics, and the caller's own collision check.
+
+A map knows cells, not configurations, and nothing of what stands around the robot. `verify` takes the bases of a
+placement in order and returns the first one at which the arm really reaches every hand pose, in a configuration the
+caller accepts, and can pass from each to the next without leaping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from irm.arm.kinematics import PRISMATIC, ArmChain, inverse
+from irm.arm.numerical import random_seeds, solve
+from irm.errors import QueryError
+from irm.maps.orientation_index import rotation
+from irm.queries.placement import BasePlacement, as_positions
+
+__all__ = ["ConfigurationSearch", "IsFree", "NotVerified", "Verified", "configurations", "hand_poses", "verify"]
+
+Floats = NDArray[np.float64]
+
+IsFree = Callable[[Floats, Floats], bool]
+"""Whether a base pose (3,) with a configuration (1 + n,) is free of collisions."""
+
+
+@dataclass(frozen=True)
+class ConfigurationSearch:
+    """How the free parameters of the arm are searched.
+
+    Attributes:
+        torsos: torso heights tried, evenly over the range.
+        rolls: upper-arm rolls tried per turn, by arms with a closed form.
+        seeds: random starting configurations per torso height, by the others.
+        seed: of those.
+        largest_step: [rad] by which no arm joint may move more between consecutive hand poses.
+        largest_lift: [m] by which the torso may not move more.
+    """
+
+    torsos: int = 8
+    rolls: int = 36
+    seeds: int = 12
+    seed: int = 0
+    largest_step: float = 0.35
+    largest_lift: float = 0.06
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A base from which every hand pose is reached.
+
+    Attributes:
+        rank: its place in the placement, 0 for the best.
+        base: (3,) x, y [m], yaw [rad].
+        configurations: (m, 1 + n) one configuration per hand pose, each close to the one before.
+    """
+
+    rank: int
+    base: Floats
+    configurations: Floats
+
+
+@dataclass(frozen=True)
+class NotVerified:
+    """None of the bases stood the test.
+
+    Attributes:
+        reached: (k,) how many of the hand poses, from the first on, each base served.
+    """
+
+    reached: tuple[int, ...]
+
+
+def hand_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats:
+    """T_world_tcp (m, 4, 4) of hands at positions (m, 3) that all point the same way."""
+    points = as_positions(positions)
+    T = np.tile(np.eye(4), (len(points), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = rotation(yaw, pitch, roll), points
+    return T
+
+
+def configurations(chain: ArmChain, T_base_tcp: ArrayLike, search: ConfigurationSearch | None = None) -> Floats:
+    """(k, 1 + n) configurations that reach a pose (4, 4), over the arm's free parameters."""
+    how = search or ConfigurationSearch()
+    low, high = float(chain.lower[0]), float(chain.upper[0])
+    torsos = np.linspace(low, high, how.torsos) if high > low else np.array([low])
+    if chain.has_closed_form:
+        return inverse(chain, T_base_tcp, torsos, np.linspace(-np.pi, np.pi, how.rolls, endpoint=False))
+    rng = np.random.default_rng(how.seed)
+    return solve(chain, T_base_tcp, np.concatenate([random_seeds(chain, how.seeds, torso, rng) for torso in torsos]))
+
+
+def verify(
+    chain: ArmChain,
+    placement: BasePlacement,
+    hands: Callable[[int], ArrayLike],
+    is_free: IsFree | None = None,
+    *,
+    limit: int = 5,
+    search: ConfigurationSearch | None = None,
+) -> Verified | NotVerified:
+    """The first of the best bases that reaches every hand pose free of collisions.
+
+    Args:
+        chain: of the robot.
+        placement: what to verify.
+        hands: T_world_tcp (m, 4, 4) for the base of that rank: the approach yaw may differ from base to base.
+        is_free: judges each configuration; None accepts all.
+        limit: how many bases to look at.
+        search: how finely.
+
+    Example:
+        placement = inverse_map.query_path(offsets, target=cup, free_space=floor, k=5)
+        path = lambda rank: hand_poses(waypoints(placement.approach_yaw[rank]), placement.approach_yaw[rank])
+        match verify(chain, placement, path, is_free):
+            case Verified(base=base, configurations=q): ...
+    """
+    how = search or ConfigurationSearch()
+    reached = []
+    for rank in range(min(limit, len(placement))):
+        T_world_tcp = np.asarray(hands(rank), dtype=float)
+        if T_world_tcp.ndim != 3 or T_world_tcp.shape[1:] != (4, 4) or len(T_world_tcp) == 0:
+            raise QueryError(f"hand poses of one base are an array (m, 4, 4) with m ≥ 1, not {T_world_tcp.shape}")
+        base = placement.poses[rank]
+        path = _configuration_path(chain, base, _world_to_base(base) @ T_world_tcp, is_free, how)
+        if len(path) == len(T_world_tcp):
+            return Verified(rank, base, path)
+        reached.append(len(path))
+    return NotVerified(tuple(reached))
+
+
+def _world_to_base(base: Floats) -> Floats:
+    """T_base_world of a base pose (3,)."""
+    T = np.eye(4)
+    T[:3, :3] = rotation(-base[2], 0.0, 0.0)
+    T[:2, 3] = -T[:2, :2] @ base[:2]
+    return T
+
+
+def _configuration_path(
+    chain: ArmChain, base: Floats, T_base_tcp: Floats, is_free: IsFree | None, how: ConfigurationSearch
+) -> Floats:
+    """One configuration per hand pose, each within a step of the one before; shorter if that ends on the way."""
+    layers: list[Floats] = []
+    parents: list[NDArray[np.int64]] = []
+    for T in T_base_tcp:
+        found = configurations(chain, T, how)
+        if layers and len(found):
+            limits, turning = _step_limits(chain, how)
+            parent = _nearest_parents(found, layers[-1], limits, turning)
+            found, parent = found[parent >= 0], parent[parent >= 0]
+        else:
+            parent = np.zeros(len(found), dtype=np.int64)
+        if is_free is not None:
+            free = np.array([is_free(base, q) for q in found], dtype=bool)
+            found, parent = found[free], parent[free]
+        if not len(found):
+            break
+        layers.append(found)
+        parents.append(parent)
+    return _backwards(chain, layers, parents)
+
+
+def _step_limits(chain: ArmChain, how: ConfigurationSearch) -> tuple[Floats, NDArray[np.bool_]]:
+    """(1 + n,) largest step of each joint, and which joints turn freely and so take the short way round."""
+    limits = np.full(chain.size, how.largest_step)
+    limits[0] = how.largest_lift
+    return limits, (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
+
+
+@njit(cache=True)
+def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """For each configuration (k, n) the nearest of those before (m, n), measured in steps; -1 if none is within one
+    step."""
+    parents = np.full(found.shape[0], -1)
+    for i in range(found.shape[0]):
+        nearest = 1.0
+        for j in range(before.shape[0]):
+            widest = 0.0
+            for joint in range(limits.shape[0]):
+                apart = abs(found[i, joint] - before[j, joint])
+                if turning[joint]:
+                    apart = min(apart, abs(2.0 * np.pi - apart))
+                widest = max(widest, apart / limits[joint])
+                if widest > nearest:
+                    break
+            if widest <= nearest:
+                nearest = widest
+                parents[i] = j
+    return parents
+
+
+def _backwards(chain: ArmChain, layers: list[Floats], parents: list[NDArray[np.int64]]) -> Floats:
+    """The configurations that led to the first one of the last layer, first to last."""
+    path: list[Floats] = []
+    index = 0
+    for layer, parent in zip(reversed(layers), reversed(parents), strict=True):
+        path.append(layer[index])
+        index = int(parent[index])
+    return np.array(path[::-1]).reshape(-1, chain.size)

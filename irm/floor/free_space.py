@@ -1,0 +1,162 @@
+"""Where the base fits on the floor: outlines of furniture grown by the footprint, rastered for lookups in O(1).
+
+A cell of the raster is free if all of it is, blocked if all of it is, and mixed otherwise. A point in a mixed cell is
+measured exactly, so that no strip is too narrow to be found and no blocked point is ever called free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.errors import QueryError
+from irm.floor.distance_transform import distance_to_seeds
+from irm.floor.raster import BLOCKED, FREE, MIXED, Raster, are_outside, classify_cells, point_is_free
+
+__all__ = ["EVERYWHERE", "FreeSpace"]
+
+Floats = NDArray[np.float64]
+
+DEFAULT_MARGIN = 2.0
+"""[m] of floor kept around the outlines when no bounds are given: more than any arm's reach."""
+
+_MAX_CELLS = 25_000_000
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """The part of the floor where the base's centre may be.
+
+    Attributes:
+        raster: its arrays, read-only.
+
+    Example:
+        table = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=FETCH.base_radius + 0.01)
+        table.is_free(-0.8, 0.0)
+    """
+
+    raster: Raster
+
+    @staticmethod
+    def from_boxes(
+        boxes: ArrayLike,
+        radius: float,
+        bounds: tuple[float, float, float, float] | None = None,
+        resolution: float = 0.02,
+    ) -> FreeSpace:
+        """Floor around boxes.
+
+        Args:
+            boxes: (k, 4) rows of centre x, y and size along x, y [m], or (k, 5) with a yaw [rad] last.
+            radius: how far the base's centre must stay away from every outline [m].
+            bounds: x_min, y_min, x_max, y_max of the floor the base's centre may be on; by default the boxes and
+                2 m around them.
+            resolution: edge of the raster's cells [m]; no effect on the answers, only on the speed.
+
+        Raises:
+            QueryError: a number is not finite, a size or the radius is negative, or the bounds are empty.
+        """
+        rows = np.asarray(boxes, dtype=float)
+        if rows.size and (rows.ndim != 2 or rows.shape[1] not in (4, 5)):
+            raise QueryError(f"boxes have 4 or 5 columns (x, y, size x, size y, yaw), not shape {rows.shape}")
+        if rows.size and np.any(rows[:, 2:4] < 0):
+            raise QueryError("a box has a negative size")
+        return FreeSpace.from_polygons([_box_corners(row) for row in rows], radius, bounds, resolution)
+
+    @staticmethod
+    def from_polygons(
+        polygons: Sequence[ArrayLike],
+        radius: float,
+        bounds: tuple[float, float, float, float] | None = None,
+        resolution: float = 0.02,
+    ) -> FreeSpace:
+        """Floor around simple polygons, each (v, 2) corners [m] in order; otherwise like `from_boxes`."""
+        outlines = [np.asarray(polygon, dtype=float) for polygon in polygons]
+        if any(outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 for outline in outlines):
+            raise QueryError("a polygon is an array (v, 2) of at least 3 corners")
+        vertices = np.concatenate([np.empty((0, 2)), *outlines])
+        if not np.isfinite(vertices).all() or not np.isfinite(radius) or radius < 0:
+            raise QueryError(f"outlines and radius must be finite numbers, and the radius ({radius}) not negative")
+        starts = np.cumsum([0] + [len(outline) for outline in outlines])
+        x0, y0, x1, y1 = _bounds(vertices, radius, bounds)
+        if not (np.isfinite(resolution) and resolution > 0):
+            raise QueryError(f"resolution must be positive, not {resolution}")
+        shape = (int(np.ceil((x1 - x0) / resolution)), int(np.ceil((y1 - y0) / resolution)))
+        if shape[0] * shape[1] > _MAX_CELLS:
+            raise QueryError(
+                f"{shape[0]} × {shape[1]} cells are too many; choose smaller bounds or a coarser resolution"
+            )
+        cells = classify_cells(shape[0], shape[1], x0, y0, resolution, vertices, starts, float(radius))
+        distance = distance_to_seeds(cells != BLOCKED, resolution)
+        for array in (cells, distance, vertices, starts):
+            array.setflags(write=False)
+        return FreeSpace(Raster(cells, distance, x0, y0, x1, y1, float(resolution), vertices, starts, float(radius)))
+
+    def is_free(self, x: float, y: float) -> bool:
+        """Whether the base's centre may be at a point [m]; points outside the bounds and NaN are not free."""
+        return bool(point_is_free(self.raster, float(x), float(y)))
+
+    def are_free(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """`is_free` of many points; `x` and `y` have the same shape, and so has the answer."""
+        raster = self.raster
+        if raster.cells.size == 0:
+            return np.asarray(np.isfinite(x) & np.isfinite(y))
+        i = ((x - raster.x0) * (1.0 / raster.resolution)).astype(np.int64)
+        j = ((y - raster.y0) * (1.0 / raster.resolution)).astype(np.int64)
+        inside = (x >= raster.x0) & (x <= raster.x1) & (y >= raster.y0) & (y <= raster.y1)
+        width, depth = raster.cells.shape
+        kind = raster.cells.ravel()[np.clip(i, 0, width - 1) * depth + np.clip(j, 0, depth - 1)]
+        free: NDArray[np.bool_] = (kind == FREE) & inside
+        mixed = (kind == MIXED) & inside
+        free[mixed] = are_outside(raster.vertices, raster.starts, raster.radius, x[mixed], y[mixed])
+        return free
+
+    @cached_property
+    def is_empty(self) -> bool:
+        """Whether no point is free as far as the raster can tell: every cell is blocked."""
+        return self.raster.cells.size > 0 and not self.raster.cells.any()
+
+
+def _box_corners(row: Floats) -> Floats:
+    """(4, 2) corners of one box."""
+    x, y, width, depth = row[:4]
+    yaw = float(row[4]) if len(row) == 5 else 0.0
+    local = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (width / 2, depth / 2)
+    turned: Floats = local @ np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]]) + (x, y)
+    return turned
+
+
+def _bounds(
+    vertices: Floats, radius: float, bounds: tuple[float, float, float, float] | None
+) -> tuple[float, float, float, float]:
+    if bounds is None:
+        if len(vertices) == 0:
+            raise QueryError("without any outline the bounds must be given; free_space=None means free everywhere")
+        low, high = vertices.min(axis=0) - radius - DEFAULT_MARGIN, vertices.max(axis=0) + radius + DEFAULT_MARGIN
+        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    x0, y0, x1, y1 = (float(value) for value in bounds)
+    if not (np.isfinite([x0, y0, x1, y1]).all() and x0 < x1 and y0 < y1):
+        raise QueryError(f"bounds are x_min, y_min, x_max, y_max with x_min < x_max and y_min < y_max, not {bounds}")
+    return x0, y0, x1, y1
+
+
+EVERYWHERE = FreeSpace(
+    Raster(
+        np.empty((0, 0), np.uint8),
+        np.empty((0, 0), np.float32),
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+        np.empty((0, 2)),
+        np.zeros(1, np.int64),
+        0.0,
+    )
+)
+"""A floor without furniture or walls."""

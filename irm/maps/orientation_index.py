@@ -1,0 +1,83 @@
+"""Which sampled orientation a hand has, and which ones lie next to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.maps.grid import Orientations
+
+__all__ = ["nearest_orientation", "orientation_neighbours", "rotation", "yaw_pitch_roll"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_POLE = 1e-6
+"""Horizontal length of the approach axis below which yaw has no meaning and is set to 0."""
+
+
+def rotation(yaw: float, pitch: float, roll: float) -> Floats:
+    """R(γ, β, α) = Rz(yaw) Ry(pitch) Rx(roll), the paper's ZYX convention."""
+    cy, sy, cp, sp, cr, sr = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def yaw_pitch_roll(R: Floats) -> Floats:
+    """(n, 3) angles of rotations (n, 3, 3); at the poles the yaw is 0 and the roll takes all."""
+    horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
+    pitch = np.arctan2(-R[:, 2, 0], horizontal)
+    regular = horizontal > _POLE
+    yaw = np.where(regular, np.arctan2(R[:, 1, 0], R[:, 0, 0]), 0.0)
+    sign = np.sign(pitch)
+    roll = np.where(regular, np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(sign * R[:, 0, 1], R[:, 1, 1]))
+    return np.column_stack([yaw, pitch, roll])
+
+
+def nearest_orientation(orientations: Orientations, R: Floats) -> Integers:
+    """(n,) index of the orientation cell that holds each rotation (n, 3, 3); -1 where the map has no such ring."""
+    yaw, pitch, roll = yaw_pitch_roll(R).T
+    rings = np.unique(orientations.pitch)
+    ring = np.abs(pitch[:, None] - rings).argmin(axis=1)
+    inside = np.abs(pitch - rings[ring]) <= orientations.step / 2
+    result = np.full(len(R), -1, dtype=np.int64)
+    for k, value in enumerate(rings):
+        members = np.flatnonzero(orientations.pitch == value)
+        here = np.flatnonzero(inside & (ring == k))
+        turn = yaw[here]
+        if orientations.is_pole(int(members[0])):
+            turn = yaw[here] - np.sign(value) * roll[here]
+            group = np.full(here.size, members[0])
+        elif orientations.free_roll:
+            group = np.full(here.size, members[0])
+        else:
+            group = members[np.round(roll[here] / (2 * np.pi) * members.size).astype(np.int64) % members.size]
+        count = orientations.count[group]
+        result[here] = orientations.start[group] + np.round(turn / (2 * np.pi) * count).astype(np.int64) % count
+    return result
+
+
+def orientation_neighbours(orientations: Orientations) -> Integers:
+    """(size, m) orientations next to each one, padded with -1: yaw ± 1, pitch ± 1, roll ± 1."""
+    pitch, roll, count, start = orientations.pitch, orientations.roll, orientations.count, orientations.start
+    rolls = len(np.unique(roll))
+    rows: list[set[int]] = [set() for _ in range(orientations.size)]
+    for group in range(len(pitch)):
+        for k in range(count[group]):
+            own = int(start[group]) + k
+            rows[own] |= {int(start[group]) + (k + turn) % int(count[group]) for turn in (1, -1)} - {own}
+            for other in range(len(pitch)):
+                steps = abs(pitch[other] - pitch[group]) / orientations.step
+                turn = abs((roll[other] - roll[group] + np.pi) % (2 * np.pi) - np.pi) * rolls / (2 * np.pi)
+                pole = orientations.is_pole(group) or orientations.is_pole(other)
+                if (0.5 < steps < 1.5 and (turn < 0.5 or pole)) or (steps < 0.5 and 0.5 < turn < 1.5):
+                    twin = int(start[other]) + round(k * count[other] / count[group]) % int(count[other])
+                    rows[own].add(twin)
+                    rows[twin].add(own)
+    width = max(len(row) for row in rows)
+    return np.array([sorted(row) + [-1] * (width - len(row)) for row in rows], dtype=np.int64)

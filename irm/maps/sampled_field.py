@@ -1,0 +1,169 @@
+"""Best manipulability of every cell of a map, for arms without a closed form.
+
+Random configurations say which cells may be reachable; from each of them numerical inverse kinematics moves the hand to
+the cell's centre; and every cell so reached seeds its neighbours, in its own layer and in the one above. A cell counts
+only if its centre was reached. μ is the best one met, a lower bound of the best there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from irm.arm.kinematics import ArmChain, fk_frames
+from irm.arm.manipulability import condition
+from irm.arm.numerical import approach_pose, random_seeds
+from irm.maps.grid import MapGrid, MapParameters
+from irm.maps.orientation_index import nearest_orientation, orientation_neighbours, rotation
+
+__all__ = ["sampled_layers"]
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+ATTEMPTS = 4
+"""Seeds tried per cell."""
+
+_BETTER = 1.1
+"""A neighbour's μ must exceed a cell's own by this factor to be worth another attempt."""
+
+
+class _Layer(NamedTuple):
+    """What is known of one layer: `mu` (o, x, y), `configuration` (o, x, y, n), `attempts` (o, x, y)."""
+
+    mu: Singles
+    configuration: Singles
+    attempts: NDArray[np.uint8]
+
+
+class _Cells(NamedTuple):
+    """Centres of a layer's cells: x (2h,), y (2h,), z, rotations (o, 3, 3), neighbours (o, m) padded with -1."""
+
+    x: Floats
+    y: Floats
+    z: float
+    R: Floats
+    neighbours: Integers
+
+
+def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Floats], Iterator[Singles]]:
+    """The layer generator of the generic route, see `irm.maps.closed_form_field.closed_form_layers`."""
+
+    def layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Iterator[Singles]:
+        rng = np.random.default_rng(parameters.seed)
+        configurations = random_seeds(chain, parameters.samples, 0.0, rng)
+        configurations, cells = _sorted_by_layer(chain, grid, configurations, heights)
+        orientations = grid.orientations
+        R = np.array([rotation(*angles) for angles in orientations.angles])
+        neighbours = orientation_neighbours(orientations)
+        arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
+        below = np.zeros((*grid.shape[1:], chain.size), dtype=np.float32)
+        was_reached = np.zeros(grid.shape[1:], dtype=bool)
+        for k, height in enumerate(heights):
+            mine = slice(*np.searchsorted(cells[:, 0], [k, k + 1]))
+            layer = _Layer(
+                np.zeros(grid.shape[1:], dtype=np.float32),
+                np.zeros((*grid.shape[1:], chain.size), dtype=np.float32),
+                np.zeros(grid.shape[1:], dtype=np.uint8),
+            )
+            centres = _Cells(grid.axis(0), grid.axis(1), float(height), R, neighbours)
+            seeds = np.concatenate([configurations[mine], below[was_reached].astype(float)])
+            at = np.concatenate([cells[mine, 1:], np.argwhere(was_reached)])
+            _fill_layer(*arm, orientations.free_roll, centres, seeds, np.ascontiguousarray(at), layer)
+            below, was_reached = layer.configuration, layer.mu > 0
+            yield layer.mu
+
+    return layers
+
+
+def _sorted_by_layer(
+    chain: ArmChain, grid: MapGrid, configurations: Floats, heights: Floats
+) -> tuple[Floats, Integers]:
+    """The configurations whose hand lies in some cell, with that cell (layer, orientation, x, y), lowest layer
+    first."""
+    R, p = _hands(chain.offsets, chain.axes, chain.tip, configurations)
+    half = 2 * grid.half
+    layer = np.floor((p[:, 2] - heights[0]) / grid.voxel + 0.5).astype(np.int64)
+    x, y = (np.floor((p[:, k] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
+    orientation = nearest_orientation(grid.orientations, R)
+    inside = (layer >= 0) & (layer < heights.size) & (x >= 0) & (x < half) & (y >= 0) & (y < half) & (orientation >= 0)
+    cells = np.column_stack([layer, orientation, x, y])[inside]
+    order = np.argsort(cells[:, 0], kind="stable")
+    return configurations[inside][order], cells[order]
+
+
+@njit(cache=True)
+def _hands(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
+    """Orientations (m, 3, 3) and positions (m, 3) of the TCP at many configurations."""
+    m, n = configurations.shape
+    out_R, out_p = np.empty((m, 3, 3)), np.empty((m, 3))
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for k in range(m):
+        fk_frames(offsets, axes, tip, configurations[k], R, p)
+        out_R[k], out_p[k] = R[n], p[n]
+    return out_R, out_p
+
+
+@njit(cache=True)
+def _fill_layer(
+    offsets: Floats,
+    axes: Integers,
+    tip: Floats,
+    lower: Floats,
+    upper: Floats,
+    free_roll: bool,
+    centres: _Cells,
+    seeds: Floats,
+    at: Integers,
+    layer: _Layer,
+) -> None:
+    """Solve the cells `at` (m, 3) from `seeds` (m, n), then their neighbours from them, until nothing new is found."""
+    n = axes.shape[0]
+    R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
+    A, d, e = np.empty((6, 6)), np.empty(6), np.empty(6)
+    width = centres.x.shape[0]
+    stack = [(0, 0, 0)]
+    stack.pop()
+    q, goal = np.empty(n), np.empty(3)
+    pending = 0
+    while True:
+        if len(stack) > 0:
+            o, x, y = stack.pop()
+            source = layer.configuration[o, x, y]
+            moves = 4 + centres.neighbours.shape[1]
+        elif pending < at.shape[0]:
+            o, x, y = at[pending, 0], at[pending, 1], at[pending, 2]
+            source = seeds[pending].astype(np.float32)
+            moves = 1
+            pending += 1
+        else:
+            return
+        from_seed = moves == 1
+        for move in range(moves):
+            to, i, j = o, x, y
+            if not from_seed:
+                if move < 4:
+                    i, j = x + (move == 0) - (move == 1), y + (move == 2) - (move == 3)
+                else:
+                    to = centres.neighbours[o, move - 4]
+                if to < 0 or i < 0 or j < 0 or i >= width or j >= width:
+                    continue
+            own = layer.mu[to, i, j]
+            promising = own == 0.0 or (not from_seed and layer.mu[o, x, y] > _BETTER * own)
+            if layer.attempts[to, i, j] >= ATTEMPTS or not promising:
+                continue
+            layer.attempts[to, i, j] += 1
+            goal[0], goal[1], goal[2] = centres.x[i], centres.y[j], centres.z
+            q[:] = source
+            if not approach_pose(offsets, axes, tip, lower, upper, centres.R[to], goal, free_roll, q, R, p, J):
+                continue
+            mu = np.float32(condition(J, A, d, e))
+            if mu > own:
+                layer.mu[to, i, j] = mu
+                layer.configuration[to, i, j] = q.astype(np.float32)
+                stack.append((to, i, j))

@@ -1,0 +1,1 @@
+"""Where may the base stand? Inverse maps (equations 4 and 5) and placement queries for one or several hand poses."""

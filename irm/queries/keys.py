@@ -1,0 +1,155 @@
+"""Where equation 5's dictionary is opened: the key [z, β, α] of a hand pose."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import copysign, isfinite, pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.errors import QueryError
+from irm.maps.grid import MapGrid, Orientations
+from irm.queries.placement import approach_yaws, is_full_turn
+
+__all__ = ["Key", "Turns", "base_turns", "find_key", "find_keys", "flat_key", "nearby_keys", "outer_turns"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_EXACT = 1e-6
+"""[rad] within which a hand orientation is that of the map's ring."""
+
+_POLE_STEP = float(np.radians(15))
+"""[rad] between the turns around a vertical approach, at most."""
+
+_OUTER_STEP = float(np.radians(5))
+"""[rad] between the turns at which the outer map is looked at."""
+
+_OUTER_STEPS = 1.5
+"""Yaw samples by which the outer map reaches beyond a reachable one: its neighbour, to that one's far edge."""
+
+
+class Key(NamedTuple):
+    """A layer and an orientation group of the map, and how the hand lies in them.
+
+    `height_offset` [m] of the hand above the layer's middle; `exact` if pitch and roll are the group's own; `yaw_shift`
+    [rad]
+    what to subtract from the approach yaw: at a pole, the roll.
+    """
+
+    layer: int
+    group: int
+    height_offset: float
+    exact: bool
+    yaw_shift: float
+
+
+class Turns(NamedTuple):
+    """The yaws (n,) at which a key's bases are laid out around the hand, and their cosines and sines (n, 2).
+
+    `all_around`: they go all around in the steps of the map's own yaw samples, or of a divisor of these.
+    """
+
+    yaws: Floats
+    directions: Floats
+    all_around: bool
+
+
+def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
+    """The key of a hand at height `z`; None if no arm configuration takes the hand so low or so high.
+
+    Raises:
+        QueryError: an angle is not finite, or the map was built without this height or pitch.
+    """
+    group, exact, shift = _find_group(grid.orientations, pitch, roll)
+    layer = grid.layer(z)
+    if not 0 <= layer < grid.layers:
+        _require_covered(grid, z)
+        return None
+    return Key(layer, group, z - grid.layer_height(layer), exact, shift)
+
+
+def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key, Integers, Floats]:
+    """Of many hands of one pitch and roll: any one's key, flat keys (n,) with -1 out of reach, and rises (n,) [m].
+
+    Raises:
+        QueryError: as `find_key`, for the lowest or the highest of them.
+    """
+    for height in (float(z.min()), float(z.max())):
+        if not 0 <= grid.layer(height) < grid.layers:
+            _require_covered(grid, height)
+    group, exact, shift = _find_group(grid.orientations, pitch, roll)
+    layers = np.floor((z - grid.bottom) / grid.voxel).astype(np.int64)
+    keys = layers * len(grid.orientations.pitch) + group
+    keys[(layers < 0) | (layers >= grid.layers)] = -1
+    return Key(0, group, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.voxel)
+
+
+@lru_cache(maxsize=1024)
+def _find_group(orientations: Orientations, pitch: float, roll: float) -> tuple[int, bool, float]:
+    """Group, whether it is hit exactly, and yaw shift of a pitch and a roll."""
+    if not (isfinite(pitch) and isfinite(roll)):
+        raise QueryError(f"pitch and roll must be finite numbers [rad], not {pitch} and {roll}")
+    group = orientations.nearest(pitch, roll)
+    exact = abs(pitch - float(orientations.pitch[group])) < _EXACT
+    if orientations.free_roll:
+        return group, exact, 0.0
+    if orientations.is_pole(group):
+        return group, exact, copysign(roll, pitch)
+    off_roll = (roll - float(orientations.roll[group]) + pi) % (2 * pi) - pi
+    return group, exact and abs(off_roll) < _EXACT, 0.0
+
+
+def _require_covered(grid: MapGrid, z: float) -> None:
+    """Raise if a height outside the grid was left out of it by its parameters, not by the arm's reach."""
+    if grid.cut_below if z < grid.bottom else grid.cut_above:
+        raise QueryError(f"this map covers hand heights {grid.bottom:.2f} to {grid.top:.2f} m, not {z:.3f} m")
+
+
+def flat_key(grid: MapGrid, layer: int, group: int) -> int:
+    """Number of a key: groups of one layer are consecutive."""
+    return layer * len(grid.orientations.pitch) + group
+
+
+def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Turns:
+    """The turns for a checked range of approach yaws.
+
+    For a vertical approach of a hand that rolls freely they go all around: the wrist makes up for the hand's yaw.
+    """
+    samples = int(grid.orientations.count[key.group])
+    if grid.orientations.free_roll and grid.orientations.is_pole(key.group):
+        return _turns(-pi, pi, min(step, _POLE_STEP), samples)
+    return _turns(yaw_range[0] - key.yaw_shift, yaw_range[1] - key.yaw_shift, step, samples)
+
+
+@lru_cache(maxsize=256)
+def _turns(low: float, high: float, step: float, samples: int) -> Turns:
+    yaws = approach_yaws((low, high), step, samples)
+    directions = np.column_stack([np.cos(yaws), np.sin(yaws)])
+    yaws.setflags(write=False)
+    directions.setflags(write=False)
+    return Turns(yaws, directions, is_full_turn((low, high)))
+
+
+def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
+    """Numbers of the keys whose cells touch those of a key; None if the map was built without some of them."""
+    orientations = grid.orientations
+    if (key.layer == 0 and grid.cut_below) or (key.layer == grid.layers - 1 and grid.cut_above):
+        return None
+    layers = range(max(0, key.layer - 1), min(grid.layers, key.layer + 2))
+    near = np.abs(orientations.pitch - orientations.pitch[key.group]) < 1.01 * orientations.step
+    sides = len(np.unique(np.round(orientations.pitch[near] / orientations.step)))
+    if not key.exact and sides < (2 if orientations.is_pole(key.group) else 3):
+        return None
+    return np.array([flat_key(grid, layer, int(group)) for layer in layers for group in np.flatnonzero(near)])
+
+
+def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:
+    """Turns (n,) that no base of the outer map is farther from than the second value [rad]."""
+    widening = _OUTER_STEPS * 2 * np.pi / grid.orientations.count[key.group]
+    low, high = yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening
+    low, high = (low, high) if high - low < 2 * np.pi else (-np.pi, np.pi)
+    count = int(np.ceil((high - low) / _OUTER_STEP))
+    return np.linspace(low, high, count + 1), (high - low) / count / 2

@@ -1,0 +1,227 @@
+"""One base for several hand positions, compiled: a path, or several objects.
+
+Bases come from the map of one position, the lead, in the order of `irm.queries.tiles`. Every other position, a
+companion, is looked up in the voxel that holds it as seen from that base. The score of a base is the smallest μ. It
+cannot exceed the lead's own, so the search ends as early as that of a single position.
+"""
+
+from __future__ import annotations
+
+from math import cos, floor, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from irm.arm.closed_form import wrap
+from irm.floor.raster import Raster, point_is_free
+from irm.maps.reachability import ReachabilityMap
+from irm.queries.placement_kernel import floor_distance, is_apart
+from irm.queries.tiles import Tiles
+
+__all__ = ["GroupField", "MultiTargetQuery", "best_serving", "group_field"]
+
+Floats = NDArray[np.float64]
+
+_ROUNDING = 1e-5
+"""[m] of the single precision in which bases are stored; [rad] by which a yaw may leave its window."""
+
+
+class GroupField(NamedTuple):
+    """The map of one pitch and roll as a dense array: `mu` and `torso` (layer, yaw, x, y), and where its cells lie."""
+
+    mu: NDArray[np.float32]
+    torso: NDArray[np.float32]
+    x0: float
+    y0: float
+    z0: float
+    voxel: float
+
+
+class MultiTargetQuery(NamedTuple):
+    """What the base must serve.
+
+    `points` (n, m, 3): the m hand positions at each of the n lead yaws, the lead first. `yaws` (n,) of the lead.
+    `windows` (m, 2): lower end and length of each position's range of yaws. `same_yaw`: whether all positions have the
+    lead's yaw instead.
+    """
+
+    points: Floats
+    yaws: Floats
+    windows: Floats
+    same_yaw: bool
+
+
+def group_field(rm: ReachabilityMap, group: int) -> GroupField:
+    """The dense map of one orientation group."""
+    grid, start = rm.grid, rm.grid.orientations.start
+    layers, _, width, depth = grid.shape
+    yaws = int(start[group + 1] - start[group])
+    z, orientation, x, y = rm.indices()
+    mine = (orientation >= start[group]) & (orientation < start[group + 1])
+    mu, torso = np.zeros((layers, yaws, width, depth), np.float32), np.zeros((layers, yaws, width, depth), np.float32)
+    place = z[mine], orientation[mine] - start[group], x[mine], y[mine]
+    mu[place], torso[place] = rm.manipulability[mine], rm.torso[mine]
+    edge = grid.half * grid.voxel
+    return GroupField(mu, torso, grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom, grid.voxel)
+
+
+@njit(cache=True)
+def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
+    """Layer, x and y index of the voxel that holds a point as seen from a base, and whether it and the next exist.
+
+    `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point.
+    """
+    c, s = cos(yaw), sin(yaw)
+    dx, dy = point[0] - x, point[1] - y
+    layer = floor((point[2] - field.z0) / field.voxel - shift)
+    i = floor((c * dx + s * dy - field.x0) / field.voxel - shift)
+    j = floor((c * dy - s * dx - field.y0) / field.voxel - shift)
+    more = 1 if shift > 0.0 else 0
+    layers, _, width, depth = field.mu.shape
+    inside = 0 <= i < width - more and 0 <= j < depth - more and 0 <= layer < layers - more
+    return layer, i, j, inside
+
+
+@njit(cache=True)
+def _best_yaw(
+    field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
+) -> tuple[float, int]:
+    """Best μ of a hand position seen from a base over the yaw samples within the window, and that sample's number."""
+    yaws = field.mu.shape[1]
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    best, sample = 0.0, -1
+    if not inside:
+        return best, sample
+    for g in range(yaws):
+        mu = field.mu[layer, g, i, j]
+        if mu > best:
+            beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
+            if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
+                best, sample = mu, g
+    return best, sample
+
+
+@njit(cache=True)
+def _is_enclosed(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
+    """Whether the eight cell centres around a hand position are all reachable at one yaw sample."""
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.5)
+    if not inside:
+        return False
+    for a in range(2):
+        for b in range(2):
+            for d in range(2):
+                if field.mu[layer + a, sample, i + b, j + d] <= 0.0:
+                    return False
+    return True
+
+
+@njit(cache=True)
+def _own_sample(field: GroupField, relative_yaw: float) -> int:
+    """The yaw sample of the hand that a base with this yaw relative to the approach was made from."""
+    yaws = field.mu.shape[1]
+    return floor(-relative_yaw / (2.0 * pi) * yaws + 0.5) % yaws
+
+
+@njit(cache=True)
+def _best_server(
+    tiles: Tiles,
+    key: int,
+    query: MultiTargetQuery,
+    field: GroupField,
+    raster: Raster,
+    taken: Floats,
+    count: int,
+    apart: float,
+) -> tuple[float, int, int]:
+    """Score, base and turn of the best base that is free and away from the first `count` rows of `taken`."""
+    best, best_base, best_turn = 0.0, -1, -1
+    bounded = raster.cells.size > 0
+    yaws = field.mu.shape[1]
+    for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
+        if tiles.tile_mu[tile] <= best:
+            break
+        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
+        for turn in range(query.yaws.shape[0]):
+            px, py = query.points[turn, 0, 0], query.points[turn, 0, 1]
+            c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
+            if bounded and floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
+                continue
+            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
+                if tiles.mu[base] <= best:
+                    break
+                x = px + c * tiles.x[base] - s * tiles.y[base]
+                y = py + s * tiles.x[base] + c * tiles.y[base]
+                yaw = query.yaws[turn] + tiles.yaw[base]
+                score = float(tiles.mu[base])
+                own = _own_sample(field, tiles.yaw[base])
+                for m in range(1, query.points.shape[1]):
+                    low, span = query.windows[m, 0], query.windows[m, 1]
+                    if query.same_yaw:
+                        low, span = yaw + 2.0 * pi * own / yaws, 0.0
+                    mu, _ = _best_yaw(field, x, y, yaw, query.points[turn, m], low, span)
+                    score = min(score, mu)
+                    if score <= best:
+                        break
+                if score > best and point_is_free(raster, x, y) and is_apart(taken, count, x, y, apart):
+                    best, best_base, best_turn = score, base, turn
+    return best, best_base, best_turn
+
+
+@njit(cache=True)
+def best_serving(
+    tiles: Tiles,
+    key: int,
+    query: MultiTargetQuery,
+    field: GroupField,
+    raster: Raster,
+    apart: float,
+    exact: bool,
+    torso_lower: float,
+    torso_upper: float,
+    rows: Floats,
+    torsos: Floats,
+    yaws: Floats,
+) -> int:
+    """The k best bases that serve every position.
+
+    Args:
+        tiles, key: bases of the lead.
+        query: what to serve.
+        field: of the positions' pitch and roll.
+        raster: of the free floor.
+        apart: smallest distance between two bases [m].
+        exact: whether pitch and roll are exactly those of the map.
+        torso_lower, torso_upper: [m].
+        rows: (k, 5) filled with x, y, yaw, smallest μ, certain (0 or 1).
+        torsos, yaws: (k, m) filled with torso height and approach yaw of each position.
+
+    Returns:
+        How many rows were filled.
+    """
+    samples = field.mu.shape[1]
+    for k in range(rows.shape[0]):
+        score, base, turn = _best_server(tiles, key, query, field, raster, rows, k, apart)
+        if base < 0:
+            return k
+        c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
+        x = query.points[turn, 0, 0] + c * tiles.x[base] - s * tiles.y[base]
+        y = query.points[turn, 0, 1] + s * tiles.x[base] + c * tiles.y[base]
+        yaw = query.yaws[turn] + tiles.yaw[base]
+        own = _own_sample(field, tiles.yaw[base])
+        certain = exact
+        for m in range(query.points.shape[1]):
+            point = query.points[turn, m]
+            low, span = query.windows[m, 0], query.windows[m, 1]
+            if query.same_yaw or m == 0:
+                low, span = yaw + 2.0 * pi * own / samples, 0.0
+            _, sample = _best_yaw(field, x, y, yaw, point, low, span)
+            layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
+            certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
+            height_offset = point[2] - field.z0 - (layer + 0.5) * field.voxel
+            torsos[k, m] = min(torso_upper, max(torso_lower, field.torso[layer, sample, i, j] + height_offset))
+            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)
+        rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
+        rows[k, 4] = 1.0 if certain else 0.0
+    return rows.shape[0]

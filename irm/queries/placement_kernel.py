@@ -1,0 +1,295 @@
+"""Compiled placement queries over `Tiles` and `Raster`."""
+
+from __future__ import annotations
+
+from math import cos, hypot, pi, sin, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from irm.arm.closed_form import wrap
+from irm.floor.raster import FREE, MIXED, Raster, floor_kind, is_outside, outline_distance
+from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
+from irm.queries.tiles import RING_WIDTH, Tiles
+
+__all__ = ["SAME_PLACE", "any_base_near", "best_bases", "best_bases_batch", "floor_distance", "is_apart", "turns_of"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SAME_PLACE = 1e-6
+"""[m] Bases closer than this are one."""
+
+_ROUNDING = 1e-5
+"""[m] added to distances that must not be underestimated: bases are stored in single precision."""
+
+_SHORT = 0.999
+"""Share of a distance to free floor by which the kernels step over places that cannot be free."""
+
+
+@njit(cache=True)
+def turns_of(yaws: Floats) -> Floats:
+    """(n, 2) cosines and sines."""
+    turns = np.empty((yaws.shape[0], 2))
+    for k in range(yaws.shape[0]):
+        turns[k, 0], turns[k, 1] = cos(yaws[k]), sin(yaws[k])
+    return turns
+
+
+@njit(cache=True, inline="always")
+def floor_distance(raster: Raster, x: float, y: float) -> float:
+    """A lower bound of the distance from a point to the nearest free point [m].
+
+    Outside the raster the nearest point of its rectangle answers: it is nearer to everything inside.
+    """
+    inside_x, inside_y = min(raster.x1, max(raster.x0, x)), min(raster.y1, max(raster.y0, y))
+    inverse = 1.0 / raster.resolution
+    i = min(int((inside_x - raster.x0) * inverse), raster.cells.shape[0] - 1)
+    j = min(int((inside_y - raster.y0) * inverse), raster.cells.shape[1] - 1)
+    outside = 0.0 if x == inside_x and y == inside_y else hypot(x - inside_x, y - inside_y)
+    return max(outside, raster.distance[i, j] - 1.4143 * raster.resolution)
+
+
+@njit(cache=True)
+def _gap(raster: Raster, x: float, y: float) -> float:
+    """`floor_distance`, sharpened near furniture: to be free is to be `radius` away from each outline."""
+    gap = floor_distance(raster, x, y)
+    if gap > 0.0:
+        vertices, starts = raster.vertices, raster.starts
+        for m in range(starts.shape[0] - 1):
+            gap = max(gap, raster.radius - outline_distance(vertices, starts[m], starts[m + 1], x, y))
+    return gap
+
+
+@njit(cache=True, inline="always")
+def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> bool:
+    """Whether a point is farther than `apart` from the first `count` rows of `taken`."""
+    near = 0
+    for k in range(count):
+        near += hypot(x - taken[k, 0], y - taken[k, 1]) <= apart
+    return near == 0
+
+
+@njit(cache=True, inline="always")
+def _best_on_rings(
+    tiles: Tiles, key: int, px: float, py: float, turns: Floats, raster: Raster, taken: Floats, count: int, apart: float
+) -> tuple[int, int]:
+    """`_best_in_tiles` for turns that go all around in the steps of the map's own yaws.
+
+    Turning the hand by such a step is the same as taking the next yaw sample of the same voxel: only the best sample
+    of each voxel needs to be looked at, and all its places around the hand are equally good.
+    """
+    x_of, y_of, radius, members = tiles.x, tiles.y, tiles.ring_radius, tiles.ring_base
+    vertices, starts = raster.vertices, raster.starts
+    bounded = raster.cells.size > 0
+    gap = _gap(raster, px, py) - _ROUNDING if bounded else 0.0
+    per_arc = turns.shape[0] / (2.0 * pi)
+    skip = tiles.ring_skip[key, min(int(gap / RING_WIDTH), tiles.ring_skip.shape[1] - 1)]
+    for ring in range(skip, tiles.ring_first[key + 1]):
+        if radius[ring] < gap:
+            continue
+        base = members[ring]
+        turn = 0
+        while turn < turns.shape[0]:
+            c, s = turns[turn, 0], turns[turn, 1]
+            x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
+            away = floor_distance(raster, x, y) if bounded else 0.0
+            if away <= 0.0:
+                kind = floor_kind(raster, x, y) if bounded else FREE
+                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
+                if free and is_apart(taken, count, x, y, apart):
+                    return base, turn
+            turn += 1 + int(_SHORT * away / radius[ring] * per_arc)
+    return -1, -1
+
+
+@njit(cache=True, inline="always")
+def _best_in_tiles(
+    tiles: Tiles,
+    key: int,
+    px: float,
+    py: float,
+    turns: Floats,
+    step: float,
+    raster: Raster,
+    taken: Floats,
+    count: int,
+    apart: float,
+) -> tuple[int, int]:
+    """The best base and its turn: free, and more than `apart` from the first `count` rows of `taken`; (-1, -1) if none.
+
+    `turns` (n, 2) are cosines and sines of increasing approach yaws, `step` apart [rad]. Of equally good turns the one
+    nearest to the middle is taken.
+    """
+    best, best_base, best_turn = np.float32(-1.0), -1, -1
+    x_of, y_of, mu = tiles.x, tiles.y, tiles.mu
+    vertices, starts = raster.vertices, raster.starts
+    bounded = raster.cells.size > 0
+    gap = _gap(raster, px, py) if bounded else 0.0
+    last = turns.shape[0] - 1
+    per_arc = 1.0 / step if step > 0.0 else 0.0
+    for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
+        if tiles.tile_mu[tile] < best:
+            break
+        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
+        distance = sqrt(tx * tx + ty * ty)
+        if bounded and distance + reach < gap:
+            continue
+        turn = 0
+        while turn <= last:
+            c, s = turns[turn, 0], turns[turn, 1]
+            away = floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) - reach if bounded else 0.0
+            if away > 0.0:
+                turn += 1 + int(_SHORT * away / distance * per_arc)
+                continue
+            nearer = abs(2 * turn - last) < abs(2 * best_turn - last)
+            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
+                if mu[base] < best or (mu[base] == best and not nearer):
+                    break
+                x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
+                kind = floor_kind(raster, x, y) if bounded else FREE
+                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
+                if free and is_apart(taken, count, x, y, apart):
+                    best, best_base, best_turn = mu[base], base, turn
+                    break
+            turn += 1
+    return best_base, best_turn
+
+
+@njit(cache=True, inline="always")
+def best_bases(
+    tiles: Tiles,
+    key: int,
+    px: float,
+    py: float,
+    rise: float,
+    exact_pitch: bool,
+    torso_lower: float,
+    torso_upper: float,
+    yaws: Floats,
+    turns: Floats,
+    all_around: bool,
+    yaw_shift: float,
+    raster: Raster,
+    apart: float,
+    rows: Floats,
+) -> int:
+    """The k best bases, each more than `apart` from the better ones.
+
+    Args:
+        tiles: of the inverse map.
+        key: of the hand's height, pitch and roll.
+        px, py: hand [m].
+        rise: hand above the middle of the key's layer [m].
+        exact_pitch: whether pitch and roll of the hand are exactly those of the key.
+        torso_lower, torso_upper: range in which the torso can follow `rise` [m]; equal if the map's torso is fixed.
+        yaws: (n,) approach yaws to try [rad].
+        turns: (n, 2) their cosines and sines.
+        all_around: whether they go all around in the steps of the map's yaws.
+        yaw_shift: what to add to a turn for the hand's approach yaw [rad].
+        raster: of the free floor.
+        apart: [m].
+        rows: (k, 7) filled with x, y, yaw, approach yaw, μ, torso, certain (0 or 1).
+
+    Returns:
+        How many rows were filled.
+    """
+    step = yaws[1] - yaws[0] if yaws.shape[0] > 1 else 0.0
+    for k in range(rows.shape[0]):
+        if all_around:
+            base, turn = _best_on_rings(tiles, key, px, py, turns, raster, rows, k, apart)
+        else:
+            base, turn = _best_in_tiles(tiles, key, px, py, turns, step, raster, rows, k, apart)
+        if base < 0:
+            return k
+        c, s = turns[turn, 0], turns[turn, 1]
+        rows[k, 0] = px + c * tiles.x[base] - s * tiles.y[base]
+        rows[k, 1] = py + s * tiles.x[base] + c * tiles.y[base]
+        rows[k, 2] = wrap(yaws[turn] + tiles.yaw[base])
+        rows[k, 3] = wrap(yaws[turn] + yaw_shift)
+        rows[k, 4] = tiles.mu[base]
+        torso = tiles.torso[base] + rise
+        rows[k, 5] = min(torso_upper, max(torso_lower, torso)) if torso_upper > torso_lower else tiles.torso[base]
+        follows = abs(rise) < 1e-9 or (torso_upper > torso_lower and torso_lower <= torso <= torso_upper)
+        inside = follows or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
+        rows[k, 6] = 1.0 if (exact_pitch and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
+    return rows.shape[0]
+
+
+@njit(cache=True)
+def best_bases_batch(
+    tiles: Tiles,
+    keys: Integers,
+    positions: Floats,
+    rises: Floats,
+    exact_pitch: bool,
+    torso_lower: float,
+    torso_upper: float,
+    yaws: Floats,
+    turns: Floats,
+    all_around: NDArray[np.bool_],
+    first_yaw: Integers,
+    window: Integers,
+    yaw_shift: float,
+    raster: Raster,
+    apart: float,
+    rows: Floats,
+    counts: Integers,
+) -> None:
+    """`best_bases` of n queries: `keys` (n,), -1 for none, `positions` (n, 3), `rises` (n,), `rows` (n, k, 7).
+
+    Query i tries the yaws from `first_yaw[window[i]]` to `first_yaw[window[i] + 1]`; `all_around` is one per window.
+    """
+    for i in range(keys.shape[0]):
+        counts[i] = 0
+        if keys[i] >= 0:
+            first, last = first_yaw[window[i]], first_yaw[window[i] + 1]
+            counts[i] = best_bases(
+                tiles,
+                keys[i],
+                positions[i, 0],
+                positions[i, 1],
+                rises[i],
+                exact_pitch,
+                torso_lower,
+                torso_upper,
+                yaws[first:last],
+                turns[first:last],
+                all_around[window[i]],
+                yaw_shift,
+                raster,
+                apart,
+                rows[i],
+            )
+        for k in range(counts[i], rows.shape[1]):
+            rows[i, k, :6] = np.nan
+            rows[i, k, 6] = 0.0
+
+
+@njit(cache=True)
+def any_base_near(
+    tiles: Tiles, keys: Integers, px: float, py: float, turns: Floats, half_turn: float, raster: Raster, slack: float
+) -> bool:
+    """Whether any base of any of the `keys` lies within `slack` of free floor at one of the `turns` (n, 2).
+
+    Turns are `2 half_turn` apart [rad]; the arc between them is added to the slack.
+    """
+    bounded = raster.cells.size > 0
+    for key in keys:
+        for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
+            if not bounded:
+                return True
+            tx, ty = tiles.tile_x[tile], tiles.tile_y[tile]
+            margin = slack + hypot(tx, ty) * half_turn + _ROUNDING
+            reach = margin + tiles.tile_radius[tile] * (1.0 + half_turn)
+            for turn in range(turns.shape[0]):
+                c, s = turns[turn, 0], turns[turn, 1]
+                if floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
+                    continue
+                for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
+                    x = px + c * tiles.x[base] - s * tiles.y[base]
+                    y = py + s * tiles.x[base] + c * tiles.y[base]
+                    if floor_distance(raster, x, y) <= slack + hypot(tiles.x[base], tiles.y[base]) * half_turn:
+                        return True
+    return False

@@ -1,0 +1,127 @@
+"""The bases of an inverse map, arranged so that the best free one is found without looking at most of the others.
+
+The bases of one key (height, pitch, roll) are gathered into square tiles by where they stand relative to the hand at
+approach yaw 0, and sorted by μ within their tile; the tiles are sorted by their best μ. A query walks the tiles until
+none can beat what it has, and skips every tile whose surroundings hold no free floor. Rings serve queries that leave
+the approach yaw open: the best base of each voxel, by μ.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.maps.reachability import ReachabilityMap
+
+__all__ = ["RING_WIDTH", "TILE", "Tiles", "invert_map"]
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+TILE = 0.1
+"""[m] edge of a tile: with two voxels to a side some twenty bases share one look at the floor."""
+
+
+RING_WIDTH = 0.025
+"""[m] between the distances at which a query may enter a key's list of rings."""
+
+
+class Tiles(NamedTuple):
+    """Arrays for kernels.
+
+    Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the hand at approach yaw 0, `mu`, `torso` [m], `flags`.
+    Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
+    `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
+    (keys + 1,) bases. Per ring, best first: `ring_base`, the base, and `ring_radius`, its distance from the hand [m];
+    per key `ring_first` (keys + 1,) rings, and `ring_skip` (keys, b): the first ring that reaches b `RING_WIDTH` far.
+    """
+
+    x: Singles
+    y: Singles
+    yaw: Singles
+    mu: Singles
+    torso: Singles
+    flags: NDArray[np.uint8]
+    tile_x: Floats
+    tile_y: Floats
+    tile_radius: Floats
+    tile_mu: Singles
+    tile_first: Integers
+    tile_last: Integers
+    key_first: Integers
+    base_first: Integers
+    ring_base: Integers
+    ring_radius: Singles
+    ring_first: Integers
+    ring_skip: Integers
+
+
+def invert_map(rm: ReachabilityMap) -> Tiles:
+    """The bases of equation 5 for every pose of a map, in tiles."""
+    grid = rm.grid
+    z, orientation, i, j = rm.indices()
+    group = np.searchsorted(grid.orientations.start, orientation, side="right") - 1
+    groups = len(grid.orientations.pitch)
+    yaw = -grid.orientations.yaw[orientation]
+    c, s = np.cos(np.pi + yaw), np.sin(np.pi + yaw)
+    hand_x, hand_y = grid.axis(0)[i], grid.axis(1)[j]
+    x, y = c * hand_x - s * hand_y, s * hand_x + c * hand_y
+    key, keys = z * groups + group, grid.layers * groups
+    order, tiles = _tiles(key, keys, x, y, rm.manipulability)
+    columns: tuple[NDArray[Any], ...] = (x, y, yaw, rm.manipulability, rm.torso)
+    bases: list[NDArray[Any]] = [values[order].astype(np.float32) for values in columns]
+    voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
+    rings = _rings(voxel[order], key[order], keys, np.hypot(bases[0], bases[1]), bases[3])
+    base_first = np.searchsorted(key[order], np.arange(keys + 1))
+    result = Tiles._make([*bases, rm.flags[order], *tiles, base_first, *rings])
+    for array in result:
+        array.setflags(write=False)
+    return result
+
+
+def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:
+    """The order of the bases, given each one's `key` in 0 … keys - 1, and `tile_x` to `key_first`."""
+    half = int(np.ceil(max(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0)) / TILE)) + 1
+    column, row = np.floor(x / TILE).astype(np.int64) + half, np.floor(y / TILE).astype(np.int64) + half
+    tile = (key * (2 * half) + column) * (2 * half) + row
+    order = _sorted_descending(tile, mu)
+    tile = tile[order]
+    first = np.flatnonzero(np.diff(tile, prepend=-1))
+    last = np.append(first[1:], len(tile)) if len(first) else first
+    tile_x = (tile[first] // (2 * half) % (2 * half) - half + 0.5) * TILE
+    tile_y = (tile[first] % (2 * half) - half + 0.5) * TILE
+    size = last - first
+    apart = np.hypot(x[order] - np.repeat(tile_x, size), y[order] - np.repeat(tile_y, size))
+    radius = np.maximum.reduceat(apart, first) if len(first) else apart
+    tile_mu = mu[order][first]
+    tile_key = tile[first] // (2 * half) ** 2
+    rank = _sorted_descending(tile_key, tile_mu)
+    key_first = np.searchsorted(tile_key[rank], np.arange(keys + 1))
+    return order, (*(values[rank] for values in (tile_x, tile_y, radius, tile_mu, first, last)), key_first)
+
+
+def _rings(
+    voxel: Integers, key: Integers, keys: int, distance: Singles, mu: Singles
+) -> tuple[Integers, Singles, Integers, Integers]:
+    """`ring_base` to `ring_skip`: of each voxel's bases the best, sorted by key and μ."""
+    by_voxel = _sorted_descending(voxel, mu)
+    best = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]
+    best = best[_sorted_descending(key[best], mu[best])]
+    radius = distance[best]
+    first = np.searchsorted(key[best], np.arange(keys + 1))
+    steps = int(radius.max(initial=0.0) / RING_WIDTH) + 2
+    skip = np.repeat(first[1:, None], steps, axis=1)
+    for step in range(steps):
+        far = np.flatnonzero(radius >= step * RING_WIDTH)
+        reaching, start = np.unique(key[best[far]], return_index=True)
+        skip[reaching, step] = far[start]
+    return best, radius, first, skip
+
+
+def _sorted_descending(major: Integers, mu: Singles) -> Integers:
+    """Order by `major`, then by decreasing `mu`: positive floats sort like their bits."""
+    bits = mu.astype(np.float32).view(np.uint32).astype(np.uint64)
+    return np.argsort((major.astype(np.uint64) << np.uint64(32)) | (np.uint64(0xFFFFFFFF) - bits), kind="stable")

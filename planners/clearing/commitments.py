@@ -1,0 +1,207 @@
+"""Which grasp each object's references stand for: the choice that decides what is in whose way.
+
+To commit to a target is to choose a grasp for it, for everything in the way of that grasp, for everything in the way
+of those, and so on, such that no object waits for itself. The task planner then sees each choice as facts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from planners.cause import Cause
+from planners.clearing.minimum_clearances import FloorLimits, FloorResult, self_clearable_sets
+from planners.grasping.candidates import GraspCandidate
+from planners.scene import Scene
+
+__all__ = [
+    "CandidateSource",
+    "Commitments",
+    "ExcludingObjects",
+    "NoCommitment",
+    "greedy_commitments",
+    "never",
+    "smallest_commitments",
+    "varied_commitments",
+]
+
+
+Volume: TypeAlias = Callable[[GraspCandidate], int]
+"""What a grasp sweeps, as bits: one for each of a number of cells."""
+
+
+class CandidateSource(Protocol):
+    """Where grasps come from."""
+
+    def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object where it stands, with what blocks each now; best first."""
+        ...
+
+
+@dataclass(frozen=True)
+class ExcludingObjects:
+    """The same grasps, but none of some objects: they stay where they are."""
+
+    source: CandidateSource
+    names: frozenset[str]
+
+    def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """As `CandidateSource.options`."""
+        return () if name in self.names else self.source.options(scene, name)
+
+
+@dataclass(frozen=True)
+class Commitments:
+    """A grasp for the target and for every object that must go before it.
+
+    Attributes:
+        target: the object wanted.
+        order: objects to clear, in an order in which each is free when its turn comes.
+        grasps: the chosen grasp of each of them and of the target.
+    """
+
+    target: str
+    order: tuple[str, ...]
+    grasps: Mapping[str, GraspCandidate]
+
+    def blockers(self, scene: Scene) -> dict[str, tuple[str, ...]]:
+        """What is in the way of each chosen grasp, by name."""
+        return {name: scene.names_of(grasp.blockers) for name, grasp in self.grasps.items()}
+
+    def without(self, name: str) -> Commitments:
+        """What remains once that object has been cleared."""
+        kept = {other: grasp for other, grasp in self.grasps.items() if other != name}
+        return Commitments(self.target, tuple(o for o in self.order if o != name), MappingProxyType(kept))
+
+
+@dataclass(frozen=True)
+class NoCommitment:
+    """There is no way to commit: the cause, and the objects that show it."""
+
+    cause: Cause
+    objects: tuple[str, ...]
+    proved: bool = True
+
+
+def never() -> bool:
+    """Time is never up."""
+    return False
+
+
+def greedy_commitments(
+    source: CandidateSource, scene: Scene, target: str, is_timed_out: Callable[[], bool] = never
+) -> Commitments | NoCommitment:
+    """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
+
+    The grasps that would make an object wait for itself are passed over. `is_timed_out` says when to give up.
+    """
+    grasps: dict[str, GraspCandidate] = {}
+    order: list[str] = []
+
+    def commit(name: str, waiting: int) -> bool:
+        waiting |= 1 << scene.index(name)
+        for option in sorted(source.options(scene, name), key=lambda option: option.blockers.bit_count()):
+            if is_timed_out():
+                return False
+            if option.blockers & waiting:
+                continue
+            kept, kept_order = dict(grasps), list(order)
+            blockers = [blocker for blocker in scene.names_of(option.blockers) if blocker not in grasps]
+            if all(blocker in grasps or commit(blocker, waiting) for blocker in blockers):
+                grasps[name] = option
+                order.append(name)
+                return True
+            grasps.clear()
+            grasps.update(kept)
+            order[:] = kept_order
+        return False
+
+    if commit(target, 0):
+        return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
+    if is_timed_out():
+        return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
+    reachable = bool(source.options(scene, target))
+    return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
+
+
+def smallest_commitments(
+    source: CandidateSource, scene: Scene, target: str, *, slack: int = 1, limits: FloorLimits | None = None
+) -> Iterator[Commitments | NoCommitment]:
+    """Commitments to the smallest self-clearable sets, fewest clearances first, up to `slack` more than the fewest.
+
+    A single `NoCommitment` where there is no self-clearable set.
+    """
+    names = scene.names
+
+    def masks(index: int) -> list[int]:
+        return [option.blockers for option in source.options(scene, names[index])]
+
+    for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits):
+        if result.count is None:
+            cause = Cause.UNREACHABLE if result.cause == Cause.UNREACHABLE else Cause.NO_SELF_CLEARABLE_SET
+            yield NoCommitment(cause, (target,), result.proved)
+            return
+        yield _committed(source, scene, target, result)
+
+
+def varied_commitments(
+    source: CandidateSource, scene: Scene, commitments: Commitments, rng: np.random.Generator, volume: Volume
+) -> Commitments:
+    """The same objects to clear, in another order drawn at random, through grasps that together sweep little space.
+
+    From the target backwards each object takes, of the grasps free by its turn, the one that adds the fewest cells to
+    what the later ones sweep anyway: the smaller the Negative Goal Region, the more room for what is put aside.
+    """
+    names = scene.names
+    order = _random_order(source, scene, commitments, rng)
+    grasps: dict[str, GraspCandidate] = {}
+    swept = 0
+    for turn in reversed(range(len(order))):
+        removed = sum(1 << index for index in order[:turn])
+        free = _free_options(source, scene, names[order[turn]], removed)
+        added = [(swept | volume(option)).bit_count() for option in free]
+        best = min(range(len(free)), key=lambda j: (added[j], -free[j].quality))
+        grasps[names[order[turn]]] = free[best]
+        swept |= volume(free[best])
+    return Commitments(commitments.target, tuple(names[i] for i in order[:-1]), MappingProxyType(grasps))
+
+
+def _random_order(
+    source: CandidateSource, scene: Scene, commitments: Commitments, rng: np.random.Generator
+) -> list[int]:
+    """An order in which the objects can be removed, the target last."""
+    waiting = {scene.index(name) for name in commitments.grasps}
+    last = scene.index(commitments.target)
+    order: list[int] = []
+    removed = 0
+    while waiting:
+        ready = [
+            index
+            for index in sorted(waiting)
+            if (index != last or len(waiting) == 1) and _free_options(source, scene, scene.names[index], removed)
+        ]
+        index = int(rng.choice(ready))
+        order.append(index)
+        waiting.remove(index)
+        removed |= 1 << index
+    return order
+
+
+def _free_options(source: CandidateSource, scene: Scene, name: str, removed: int) -> list[GraspCandidate]:
+    return [option for option in source.options(scene, name) if option.blockers & ~removed == 0]
+
+
+def _committed(source: CandidateSource, scene: Scene, target: str, result: FloorResult) -> Commitments:
+    """Each object of the set takes its best grasp among those free by its turn."""
+    grasps: dict[str, GraspCandidate] = {}
+    removed = 0
+    for step in result.order:
+        name = scene.names[step.object]
+        grasps[name] = max(_free_options(source, scene, name, removed), key=lambda option: option.quality)
+        removed |= 1 << step.object
+    order = tuple(scene.names[index] for index in result.objects)
+    return Commitments(target, order, MappingProxyType(grasps))

@@ -1,0 +1,258 @@
+"""The exact minimum number of objects that any plan must clear, for a declared set of grasp options.
+
+Whatever a plan does, monotone or not, the objects it has moved by the time it holds the target form a self-clearable
+set (see `planners.clearing.self_clearable`). The smallest such set is therefore a lower bound of the number of objects
+to clear.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from planners.clearing.search_kernel import EXHAUSTED, FOUND, SearchStack, disjoint_landmarks, search
+from planners.clearing.self_clearable import OptionMasks, OptionTable, Removal, bits, removal_orders
+from planners.scene import MAX_OBJECTS, Scene
+
+__all__ = [
+    "NO_SELF_CLEARABLE_SET",
+    "UNREACHABLE",
+    "BlockerMasks",
+    "ClearanceFloor",
+    "FloorLimits",
+    "FloorResult",
+    "clearance_floor",
+    "minimum_clearances",
+    "self_clearable_sets",
+]
+
+UNREACHABLE = "unreachable"
+"""Cause: the target has no option that hits nothing but movable objects."""
+NO_SELF_CLEARABLE_SET = "no self-clearable set"
+"""Cause: whatever is removed, some object that must go before the target blocks itself."""
+
+_NODES_PER_CALL = 256
+"""Search nodes between two looks at the clock; a node takes 20-300 µs."""
+
+
+@dataclass(frozen=True)
+class FloorLimits:
+    """When to stop searching for a proof: nodes visited, and CPU time in seconds: a busy machine changes no plan."""
+
+    expansions: int = 20_000
+    seconds: float = 2.0
+
+
+@dataclass(frozen=True)
+class FloorResult:
+    """A self-clearable set, or why there is none.
+
+    Attributes:
+        count: objects to clear, the target not counted; None if there is no self-clearable set.
+        mask: those objects as bits.
+        order: an order of removal of them, the target last, each with the first of its options that is free by then.
+        proved: no smaller set exists (or, with `cause`, none at all).
+        lower_bound: no self-clearable set has fewer clearances.
+        cause: "" or why there is no set: `UNREACHABLE` or `NO_SELF_CLEARABLE_SET`.
+        expansions: search nodes visited.
+    """
+
+    count: int | None
+    mask: int
+    order: tuple[Removal, ...]
+    proved: bool
+    lower_bound: int
+    cause: str = ""
+    expansions: int = 0
+
+    @property
+    def objects(self) -> tuple[int, ...]:
+        """Indices of the objects to clear, in the order of removal."""
+        return tuple(step.object for step in self.order[:-1])
+
+
+def minimum_clearances(options: OptionMasks, target: int, limits: FloorLimits | None = None) -> FloorResult:
+    """The smallest self-clearable set for the target.
+
+    Iterative deepening over disjoint landmarks; objects whose options have not been asked for count as free, and are
+    asked for once a set that would be smallest relies on them. So the answer is exact for all declared options.
+
+    Args:
+        options: blocker masks per object; see `OptionMasks`.
+        target: index of the target.
+        limits: when to give up the proof; the result then says `proved=False` and carries both bounds.
+
+    Raises:
+        FloorOptionsError: an object without declared options (declare an empty sequence), or a negative mask.
+    """
+    return next(self_clearable_sets(options, target, limits=limits))
+
+
+def self_clearable_sets(
+    options: OptionMasks, target: int, *, slack: int = 0, limits: FloorLimits | None = None
+) -> Iterator[FloorResult]:
+    """Every self-clearable set that needs all its objects, up to `slack` more than the fewest, fewest first.
+
+    Always yields at least one result: if there is no set, the one that says why; if the limits are reached before the
+    first set is proved smallest, one with `proved=False`. The iterator ends early at the limits.
+
+    Raises:
+        FloorOptionsError: as `minimum_clearances`.
+    """
+    yield from _Enumeration(options, target, slack, limits or FloorLimits()).run()
+
+
+class _Enumeration:
+    """The loop around the compiled search: sizes tried, options asked for on demand, and limits."""
+
+    def __init__(self, options: OptionMasks, target: int, slack: int, limits: FloorLimits) -> None:
+        self.table = OptionTable(options, target)
+        self.target = target
+        self.slack = slack
+        self.limits = limits
+        self.expansions = 0
+        self.deadline = math.inf
+        self.size = self._first_size()
+        self._advance(SearchStack(target), nodes=0)  # compiling, on a first run, does not count as searching
+        self.deadline = time.process_time() + limits.seconds
+
+    def run(self) -> Iterator[FloorResult]:
+        fewest: int | None = None
+        while self.size and (fewest is None or self.size - 1 <= fewest + self.slack):
+            for found in self._sets_of_size():
+                fewest = found.bit_count() - 1 if fewest is None else fewest
+                yield self._result(found, proved=True, lower_bound=fewest)
+            if self._out_of_limits():
+                break
+        if fewest is None:
+            found = self._greedy() if self.size else 0
+            yield self._result(found, proved=False, lower_bound=self.size - 1) if found else self._infeasible()
+
+    def _first_size(self) -> int:
+        """Lower bound on the size of a set, the target included; 0 if there is none."""
+        masks, starts, orders = self.table.arrays()
+        bit = np.int64(1 << self.target)
+        bound, _ = disjoint_landmarks(masks, starts, orders, bit, bit, np.int64(0), MAX_OBJECTS)
+        return 1 + int(bound)
+
+    def _sets_of_size(self) -> Iterator[int]:
+        """The sets with `self.size` objects; when all are found, `self.size` is the next to try, 0 for none."""
+        seen: set[int] = set()
+        stack = SearchStack(self.target)
+        while found := self._next(stack):
+            if self.table.load(found):
+                stack = SearchStack(self.target)
+            elif found not in seen and self._needs_all(found):
+                seen.add(found)
+                yield found
+        if not self._out_of_limits():
+            self.size = stack.next_budget
+
+    def _next(self, stack: SearchStack) -> int:
+        """The next set, by what is known so far; 0 if there is none or the limits are reached."""
+        while not self._out_of_limits():
+            status, found = self._advance(stack, _NODES_PER_CALL)
+            if status == FOUND:
+                return found
+            if status == EXHAUSTED:
+                return 0
+        return 0
+
+    def _advance(self, stack: SearchStack, nodes: int) -> tuple[int, int]:
+        """Search on for at most so many nodes: status and the set found."""
+        masks, starts, orders = self.table.arrays()
+        before = stack.nodes
+        status, found = search(masks, starts, orders, self.target, self.size, stack.frames, stack.registers, nodes)
+        self.expansions += stack.nodes - before
+        return int(status), int(found)
+
+    def _out_of_limits(self) -> bool:
+        return self.expansions >= self.limits.expansions or time.process_time() > self.deadline
+
+    def _needs_all(self, found: int) -> bool:
+        """Whether no object can be left out; only sets above the fewest can fail this."""
+        clearances = found & ~(1 << self.target)
+        return not any(self.table.removable(found & ~(1 << i)) >> self.target & 1 for i in bits(clearances))
+
+    def _greedy(self) -> int:
+        """A self-clearable set from which no single object can be left out; 0 if there is none."""
+        while True:
+            kept = self.table.optimistically_removable(self.table.everything())
+            if not kept >> self.target & 1:
+                return 0
+            for index in bits(kept & ~(1 << self.target)):
+                reached = self.table.optimistically_removable(kept & ~(1 << index))
+                kept = reached if reached >> self.target & 1 else kept
+            if not self.table.load(kept):
+                return kept
+
+    def _result(self, found: int, proved: bool, lower_bound: int) -> FloorResult:
+        mask = found & ~(1 << self.target)
+        order = next(removal_orders(self.table, mask, self.target))
+        return FloorResult(mask.bit_count(), mask, order, proved, lower_bound, expansions=self.expansions)
+
+    def _infeasible(self) -> FloorResult:
+        movable = any(mask < 1 << MAX_OBJECTS for mask in self.table.declared(self.target))
+        cause = NO_SELF_CLEARABLE_SET if movable else UNREACHABLE
+        return FloorResult(None, 0, (), True, 0, cause, self.expansions)
+
+
+class BlockerMasks(Protocol):
+    """Where the options come from: geometry knows, this module does not ask how."""
+
+    def blockers(self, name: str) -> Sequence[int]:
+        """Blocker mask of every option of that object, by preference; bit i is object i of the scene."""
+        ...
+
+
+@dataclass(frozen=True)
+class ClearanceFloor:
+    """The fewest objects any plan must clear before it can hold the target, for the declared options.
+
+    Attributes:
+        count: how many; None if no plan exists (see `cause`).
+        objects: their names, in an order in which they can be removed.
+        proved: `count` is exact; otherwise it is an upper bound and `lower_bound` the other one.
+        lower_bound: no plan clears fewer.
+        options: which option each of `objects`, and last the target, is taken through.
+        cause: "" or why there is none: `UNREACHABLE` or `NO_SELF_CLEARABLE_SET`.
+        expansions: search nodes visited.
+    """
+
+    count: int | None
+    objects: tuple[str, ...]
+    proved: bool
+    lower_bound: int
+    options: tuple[int, ...] = ()
+    cause: str = ""
+    expansions: int = 0
+
+
+def clearance_floor(
+    scene: Scene, target: str, options: BlockerMasks, limits: FloorLimits | None = None
+) -> ClearanceFloor:
+    """The exact minimum number of clearances before `target` can be held, for the declared options.
+
+    Raises:
+        UnknownObject: no object of that name in the scene.
+        FloorOptionsError: the options cannot be read.
+    """
+    index = scene.index(target)
+    if scene.held is not None and scene.held.name == target:
+        return ClearanceFloor(0, (), True, 0)
+    names = scene.names
+    result = minimum_clearances(lambda i: options.blockers(names[i]), index, limits)
+    return ClearanceFloor(
+        count=result.count,
+        objects=tuple(names[i] for i in result.objects),
+        proved=result.proved,
+        lower_bound=result.lower_bound,
+        options=tuple(step.option for step in result.order),
+        cause=result.cause,
+        expansions=result.expansions,
+    )

@@ -1,0 +1,225 @@
+"""The robot's collision primitives, read from its MJCF, as arrays for kernels."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from irm.arm.kinematics import ArmChain
+from planners.collision.geometry import BOX, CYLINDER
+
+__all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
+
+BASE = -1
+"""Link of what is fixed to the base; 0 is the torso, 1 … n - 1 the arm."""
+
+_CORES = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): BOX,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): BOX,
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): BOX,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): CYLINDER,
+}
+
+
+class GeometryError(ValueError):
+    """A robot with collision geometry other than boxes, capsules, cylinders and spheres."""
+
+
+class RobotArrays(NamedTuple):
+    """A robot for kernels: a chain of n joints and p collision primitives, the gripper's first. Lengths in metres.
+
+    Attributes:
+        offsets: (n, 3), `axes` (n,), `tip` (3,), `links` (7,), `lower`, `upper` (n,): see `ArmChain`.
+        core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
+        bound: (p,) radius of the sphere about the primitive's centre that contains it.
+        link: (p,) BASE, 0 (torso) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
+        slides: (p,) whether it rides on a finger; `slide` (p, 3) how it then moves in its link per metre of finger way.
+        gap: opening of the closed gripper; `slide_end`: the end of a finger's way.
+        self_pairs: (s, 2) primitives that must not meet: those on links that are not neighbours.
+        held_from: primitives from this one on must not meet an object in hand.
+        reach: (3 + n,) how far each joint moves any point of the robot at most, per radian or metre.
+        tip_reach: (3 + n,) the same for the TCP alone.
+    """
+
+    offsets: NDArray[np.float64]
+    axes: NDArray[np.int64]
+    tip: NDArray[np.float64]
+    links: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    core: NDArray[np.int64]
+    half: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    bound: NDArray[np.float64]
+    link: NDArray[np.int64]
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    slides: NDArray[np.bool_]
+    slide: NDArray[np.float64]
+    gap: float
+    slide_end: float
+    self_pairs: NDArray[np.int64]
+    held_from: int
+    reach: NDArray[np.float64]
+    tip_reach: NDArray[np.float64]
+
+
+def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
+    """Ids of the robot's geoms that can touch something, from the gripper to the base."""
+    base = model.body(robot.base_body).id
+    return [
+        geom
+        for geom in reversed(range(model.ngeom))
+        if int(model.body_rootid[model.geom_bodyid[geom]]) == base
+        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+    ]
+
+
+@cache
+def robot_arrays(robot: RobotSpec) -> RobotArrays:
+    """The primitives of a robot, with its head in `robot.head_configuration`.
+
+    Raises:
+        GeometryError: its MJCF has collision geoms of other kinds.
+    """
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    data = mujoco.MjData(model)
+    for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        data.joint(joint).qpos = angle
+    mujoco.mj_kinematics(model, data)
+    geoms = collision_geoms(model, robot)
+    links = link_of_body(model, robot)
+    chain = ArmChain.from_robot(robot)
+    link = np.array([links[int(model.geom_bodyid[geom])] for geom in geoms], dtype=np.int64)
+    poses = [_pose_in_link(model, data, robot, geom, index) for geom, index in zip(geoms, link, strict=True)]
+    position = np.array([p for p, _ in poses])
+    rotation = np.array([R for _, R in poses])
+    core, half, radius, bound = _shapes(model, geoms)
+    slide = _finger_directions(model, data, robot, geoms, links)
+    reach = bound + robot.max_finger_position * (slide != 0).any(axis=1)
+    last = np.array([chain.size - 1])
+    return RobotArrays(
+        offsets=chain.offsets,
+        axes=chain.axes,
+        tip=chain.tip,
+        links=chain.links,
+        lower=chain.lower,
+        upper=chain.upper,
+        core=core,
+        half=half,
+        radius=radius,
+        bound=bound,
+        link=link,
+        position=position,
+        rotation=rotation,
+        slides=(slide != 0).any(axis=1),
+        slide=slide,
+        gap=robot.finger_gap_closed,
+        slide_end=robot.max_finger_position,
+        self_pairs=_pairs_of_distant_links(link),
+        held_from=int(np.argmax(link < chain.size - 1)),
+        reach=_reach(chain, link, position, reach),
+        tip_reach=_reach(chain, last, chain.tip[None], np.zeros(1)),
+    )
+
+
+def _joint_bodies(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
+    """The body that each joint of the chain moves."""
+    return [int(model.jnt_bodyid[model.joint(link.joint).id]) for link in robot.chain]
+
+
+def link_of_body(model: mujoco.MjModel, robot: RobotSpec) -> dict[int, int]:
+    """The link that each body rides on; head and fingers ride on theirs."""
+    joint_bodies = _joint_bodies(model, robot)
+    links: dict[int, int] = {}
+    for body in range(model.nbody):
+        parent = links.get(int(model.body_parentid[body]), BASE)
+        links[body] = joint_bodies.index(body) if body in joint_bodies else parent
+    return links
+
+
+def _link_frame(
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, link: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    body = model.body(robot.base_body).id if link == BASE else _joint_bodies(model, robot)[link]
+    return data.xpos[body], data.xmat[body].reshape(3, 3)
+
+
+def _pose_in_link(
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geom: int, link: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    origin, frame = _link_frame(model, data, robot, link)
+    return frame.T @ (data.geom_xpos[geom] - origin), frame.T @ data.geom_xmat[geom].reshape(3, 3)
+
+
+def _shapes(
+    model: mujoco.MjModel, geoms: list[int]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Core, half extents, radius and bounding radius of each geom."""
+    core, half, radius = [], [], []
+    for geom in geoms:
+        kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+        if kind not in _CORES:
+            known = ", ".join(mujoco.mjtGeom(known).name for known in _CORES)
+            raise GeometryError(f"geom {model.geom(geom).name!r} is none of {known}")
+        is_round = _CORES[kind] == BOX and kind != int(mujoco.mjtGeom.mjGEOM_BOX)
+        core.append(_CORES[kind])
+        radius.append(size[0] if is_round else 0.0)
+        if _CORES[kind] == CYLINDER:
+            half.append([size[0], size[0], size[1]])
+        else:
+            half.append([0.0, 0.0, size[1]] if is_round else list(size))
+    halves = np.array(half)
+    diagonal = np.linalg.norm(halves, axis=1)
+    round_diagonal = np.hypot(halves[:, 0], halves[:, 2])
+    bound = np.where(np.array(core) == CYLINDER, round_diagonal, diagonal) + np.array(radius)
+    return np.array(core, dtype=np.int64), halves, np.array(radius), bound
+
+
+def _finger_directions(
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: list[int], links: dict[int, int]
+) -> NDArray[np.float64]:
+    """Which way each geom slides in its link as the gripper opens, (p, 3)."""
+    bodies = {int(model.jnt_bodyid[model.joint(name).id]): model.joint(name).id for name in robot.finger_joints}
+    slide = np.zeros((len(geoms), 3))
+    for row, geom in enumerate(geoms):
+        body = int(model.geom_bodyid[geom])
+        if body in bodies:
+            _, frame = _link_frame(model, data, robot, links[body])
+            slide[row] = frame.T @ data.xmat[body].reshape(3, 3) @ model.jnt_axis[bodies[body]]
+    return slide
+
+
+def _pairs_of_distant_links(link: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Pairs of primitives that are neither on one link nor on neighbouring ones."""
+    return np.array(
+        [(i, j) for i in range(len(link)) for j in range(i + 1, len(link)) if abs(link[i] - link[j]) > 1],
+        dtype=np.int64,
+    )
+
+
+def _reach(
+    chain: ArmChain, link: NDArray[np.int64], position: NDArray[np.float64], bound: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Per joint, how far from its axis any point that it turns can be, over all configurations; 1 for slides."""
+    reach = np.ones(3 + chain.size)
+    reach[2] = max(_leg_length(chain, BASE, 2, *leg) for leg in zip(link, position, bound, strict=True))
+    for joint in range(1, chain.size):
+        axis = int(chain.axes[joint])
+        legs = [leg for leg in zip(link, position, bound, strict=True) if leg[0] >= joint]
+        reach[3 + joint] = max(_leg_length(chain, joint, axis, *leg) for leg in legs)
+    return reach
+
+
+def _leg_length(
+    chain: ArmChain, joint: int, axis: int, link: int, position: NDArray[np.float64], bound: float
+) -> float:
+    """[m] from an axis of one link to the farthest point of a sphere on a later link, the arm stretched out."""
+    legs = [*chain.offsets[joint + 1 : link + 1], position]
+    across = np.delete(np.arange(3), axis)
+    return float(np.linalg.norm(legs[0][across]) + sum(np.linalg.norm(leg) for leg in legs[1:]) + bound)

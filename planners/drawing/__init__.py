@@ -1,0 +1,1 @@
+"""Pictures of a plan, with matplotlib. No other room imports this one."""

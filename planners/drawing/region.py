@@ -1,0 +1,221 @@
+"""Top-down pictures of the Negative Goal Region, R_work, candidates and choices (Figs. 8-10 of Lee & Kim 2019)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Patch, Polygon
+from numpy.typing import NDArray
+
+from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
+from planners.scene import Body
+
+__all__ = ["ClearancePicture", "draw_clearance", "draw_legend"]
+
+COLOURS = {
+    "table": "#faf6ef",
+    "NGR1": "#4c78a8",
+    "NGR2": "#f2a541",
+    "outside": "#8d99a6",
+    "target": "#d62728",
+    "obstacle": "#f2cf3a",
+    "moved": "#b07aa1",
+    "cleared": "#dcc7d8",
+    "object": "#dcdcdc",
+    "location": "#1b8a3a",
+    "refused": "#9a9a9a",
+    "ink": "#30343b",
+}
+_RANKED = 9
+"""Candidates that get their rank as a number."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClearancePicture:
+    """What one choice of a clearance location saw.
+
+    Attributes:
+        grid: cells of the support plane.
+        region: where the object must not be put.
+        bodies: all objects on the table.
+        target: name of the target.
+        obstacles: names of the objects still to be cleared after this one.
+        in_work: mask of R_work over the grid, or None not to draw it.
+        candidates: (n, 2) placement locations [m].
+        ordered: (m, 2) those allowed, best first.
+        chosen: (2,) the location taken, or None.
+        grown: where the object's centre must not be, to outline; None not to.
+        moved: name of the object to be put aside, "" for none.
+        cleared: names of the objects put aside before.
+        stands: (k, 2) where the base stands [m], first to take the object, then to put it down.
+    """
+
+    grid: SupportGrid
+    region: NegativeGoalRegion
+    bodies: Sequence[Body]
+    target: str
+    obstacles: Sequence[str] = ()
+    in_work: NDArray[np.bool_] | None = None
+    candidates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    ordered: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    chosen: NDArray[np.float64] | None = None
+    grown: NDArray[np.bool_] | None = None
+    moved: str = ""
+    cleared: Sequence[str] = ()
+    stands: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def kind(self, body: Body) -> str:
+        """What an object is in this picture."""
+        if body.name == self.target:
+            return "target"
+        if body.name == self.moved:
+            return "moved"
+        if body.name in self.cleared:
+            return "cleared"
+        return "obstacle" if body.name in self.obstacles else "object"
+
+
+def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> None:
+    """Draw the picture as the robot sees the table, itself at the bottom: y to the left, x upwards."""
+    x_low, x_high, y_low, y_high = picture.grid.extent
+    axes.set_facecolor(COLOURS["table"])
+    _draw_regions(axes, picture)
+    for body in picture.bodies:
+        axes.add_patch(_outline(body, COLOURS[picture.kind(body)]))
+        at = (body.position[1], body.position[0])
+        number = body.name.removeprefix("object_")
+        axes.annotate(number, at, ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=6)
+    _draw_locations(axes, picture)
+    _draw_move(axes, picture)
+    _draw_stands(axes, picture)
+    axes.set(xlim=(y_high, y_low), ylim=(x_low, x_high), aspect="equal")
+    axes.set_xlabel("y [m]", fontsize=8)
+    axes.set_ylabel("x [m]", fontsize=8)
+    axes.set_title(title, fontsize=10, loc="left", color=COLOURS["ink"])
+    axes.tick_params(labelsize=7, color=COLOURS["refused"])
+    for spine in axes.spines.values():
+        spine.set_color(COLOURS["refused"])
+
+
+def draw_legend(figure: Figure, columns: int = 6) -> None:
+    """What the colours and marks mean, under all pictures."""
+
+    def dot(colour: str, **style: Any) -> Line2D:
+        return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
+
+    edge = {"markeredgecolor": COLOURS["ink"]}
+    entries: dict[str, Artist] = {
+        "target": dot(COLOURS["target"], **edge),
+        "put aside now": dot(COLOURS["moved"], **edge),
+        "put aside before": dot(COLOURS["cleared"], **edge),
+        "to be cleared later": dot(COLOURS["obstacle"], **edge),
+        "stays": dot(COLOURS["object"], **edge),
+        "NGR1: taking the target": Patch(color=COLOURS["NGR1"], alpha=0.55),
+        "NGR2: clearing the others": Patch(color=COLOURS["NGR2"], alpha=0.55),
+        "outside R_work": Patch(facecolor="none", edgecolor=COLOURS["outside"], hatch="////", linewidth=0),
+        "robot in front, to take / to put": dot(COLOURS["moved"], marker="^", **edge),
+        "no room for its centre": Line2D([], [], color=COLOURS["ink"], linewidth=0.8, linestyle=":"),
+        "candidate, in order": dot(COLOURS["location"], markersize=6),
+        "refused candidate": dot(COLOURS["refused"], marker="x", markersize=5),
+    }
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=columns, frameon=False, fontsize=8
+    )
+
+
+def _draw_regions(axes: Axes, picture: ClearancePicture) -> None:
+    x_low, x_high, y_low, y_high = picture.grid.extent
+    extent = (y_low, y_high, x_low, x_high)
+    for name, mask in (("NGR2", picture.region.ngr2), ("NGR1", picture.region.ngr1)):
+        image = np.empty((*mask.shape, 4))
+        image[..., :3] = to_rgb(COLOURS[name])
+        image[..., 3] = 0.5 * mask
+        axes.imshow(image, origin="lower", extent=extent, interpolation="nearest", zorder=1)
+    if picture.in_work is not None and not picture.in_work.all():
+        outside = np.where(picture.in_work, 0.0, 1.0)
+        hatched = axes.contourf(outside, levels=[0.5, 1.5], colors="none", hatches=["////"], extent=extent, zorder=2)
+        hatched.set(edgecolor=COLOURS["outside"], linewidth=0)
+        axes.contour(outside, levels=[0.5], colors=COLOURS["outside"], extent=extent, linewidths=1, zorder=2)
+    if picture.grown is not None and picture.grown.any():
+        style: dict[str, Any] = {"colors": COLOURS["ink"], "linewidths": 0.6, "linestyles": ":"}
+        axes.contour(picture.grown.astype(float), levels=[0.5], extent=extent, zorder=2, **style)
+
+
+def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
+    allowed = {(x, y) for x, y in picture.ordered}
+    refused = np.array([p for p in picture.candidates if tuple(p) not in allowed]).reshape(-1, 2)
+    axes.scatter(refused[:, 1], refused[:, 0], s=14, marker="x", linewidths=0.9, color=COLOURS["refused"], zorder=7)
+    axes.scatter(picture.ordered[:, 1], picture.ordered[:, 0], s=20, color=COLOURS["location"], zorder=7)
+    for rank, (x, y) in enumerate(picture.ordered[:_RANKED], start=1):
+        style: dict[str, Any] = {"color": COLOURS["location"], "fontsize": 7, "fontweight": "bold", "zorder": 8}
+        axes.annotate(str(rank), (y, x), xytext=(4, 3), textcoords="offset points", **style)
+
+
+def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
+    """From where the object stands to where it goes."""
+    if picture.chosen is None:
+        return
+    x, y = picture.chosen
+    ring = {"fill": False, "edgecolor": COLOURS["location"], "linewidth": 1.8, "zorder": 8}
+    moved = next((body for body in picture.bodies if body.name == picture.moved), None)
+    axes.add_patch(Circle((y, x), 0.03 if moved is None else moved.radius, **ring))
+    if moved is None:
+        return
+    arrow = FancyArrowPatch(
+        (moved.position[1], moved.position[0]),
+        (y, x),
+        connectionstyle="arc3,rad=0.2",
+        arrowstyle="-|>",
+        mutation_scale=12,
+        shrinkA=6,
+        shrinkB=6,
+        color=COLOURS["location"],
+        linewidth=1.5,
+        zorder=9,
+    )
+    axes.add_patch(arrow)
+
+
+def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
+    """Where the robot stands, in front of the table: marks at the picture's lower edge."""
+    x_low, _, y_low, y_high = picture.grid.extent
+    colours = (COLOURS["moved"], COLOURS["location"]) if len(picture.stands) > 1 else (COLOURS["target"],)
+    for (_, y), colour in zip(picture.stands, colours, strict=False):
+        at = float(np.clip(y, y_low, y_high))
+        style: dict[str, Any] = {
+            "marker": "^",
+            "markersize": 11,
+            "color": colour,
+            "markeredgecolor": COLOURS["ink"],
+            "zorder": 10,
+        }
+        axes.plot([at], [x_low], clip_on=False, **style)
+
+
+def _outline(body: Body, colour: str) -> Ellipse | Polygon:
+    """The object from above, in the picture's axes: y along, x up."""
+    x, y = float(body.position[0]), float(body.position[1])
+    style: dict[str, Any] = {
+        "facecolor": colour,
+        "edgecolor": COLOURS["ink"],
+        "linewidth": 0.8,
+        "alpha": 0.92,
+        "zorder": 5,
+    }
+    if body.shape == "cylinder" and body.is_upright:
+        return Circle((y, x), body.radius, **style)
+    rotation, half = body.rotation, body.half_extents
+    level = np.delete(np.arange(3), np.abs(rotation[2]).argmax())
+    corners = [
+        body.position[:2] + sum(s * half[a] * rotation[:2, a] for s, a in zip(signs, level, strict=True))
+        for signs in ((-1, -1), (-1, 1), (1, 1), (1, -1))
+    ]
+    return Polygon([(c[1], c[0]) for c in corners], **style)

@@ -1,0 +1,1 @@
+"""The expert: carries out a plan in the environment, monitors it and replans."""

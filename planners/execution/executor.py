@@ -1,0 +1,219 @@
+"""Carrying out a plan step by step, and backing out when the world is not as expected."""
+
+from __future__ import annotations
+
+import itertools
+from enum import Enum, auto
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.execution.monitor import (
+    Deviation,
+    DeviationKind,
+    MonitorConfig,
+    Snapshot,
+    object_moved,
+    object_slipped,
+    tracking_error,
+)
+from planners.motion.arm import tcp_pose
+from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
+from planners.motion.trajectory import CONTROL_STEP, Trajectory
+from planners.scene import RobotState
+from planners.tamp.solution import BoundAction, Solution
+
+__all__ = ["CONTROL_STEP", "Command", "Execution", "Outcome", "Step"]
+
+Array = NDArray[np.float64]
+
+_GRIP_DELAY = 4
+"""Control steps after the fingers have closed until the grip is taken as the one to keep."""
+
+
+class Outcome(Enum):
+    """How far an execution has come."""
+
+    RUNNING = auto()
+    FINISHED = auto()
+    BACKED_OUT = auto()
+
+
+class Command(NamedTuple):
+    """What the robot is told: whole-body configuration (11,) and gripper opening [m]."""
+
+    drive: Array
+    opening: float
+
+
+class Step(NamedTuple):
+    """One control step of an execution."""
+
+    command: Command
+    outcome: Outcome
+    deviation: Deviation | None
+
+
+class Execution:
+    """Follows the trajectories of a solution one control step at a time.
+
+    A surprise ends the plan: the arm goes on to the end of the present trajectory, or back to its beginning, whichever
+    does not lead down into the clutter again, and the outcome is `BACKED_OUT`.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        robot: RobotSpec,
+        names: tuple[str, ...],
+        start: Snapshot,
+        config: MonitorConfig,
+        by_tcp: bool = False,
+    ) -> None:
+        """Begin to carry out a solution.
+
+        Args:
+            solution: what to do.
+            robot: who does it.
+            names: of the objects, in the order of the snapshots.
+            start: what the world looks like now.
+            config: what counts as a surprise.
+            by_tcp: the robot is told TCP poses, and its joints find their own way: wait for the hand instead of
+                expecting every joint at its place.
+        """
+        self._actions = solution.actions
+        self._robot = robot
+        self._names = names
+        self._config = config
+        self._action = 0
+        self._tick = 0
+        self._direction = 1
+        self._expected = start
+        self._grip: Array | None = None
+        self._closed_for = 0
+        self._last: Command | None = None
+        self._by_tcp = by_tcp
+        self._waited = 0
+        self.deviation: Deviation | None = None
+        self.cleared: list[str] = []
+
+    @property
+    def phase(self) -> str:
+        """The action and the phase of its motion."""
+        if self._action >= len(self._actions):
+            return ""
+        action = self._actions[self._action]
+        return f"{action.name} {action.target}: {action.trajectory.phase(self._time).name}"
+
+    def advance(self, now: Snapshot) -> Step:
+        """Compare the world with what is expected, and say what to do next."""
+        if self.deviation is None and self._action < len(self._actions):
+            self.deviation = self._compare(now)
+            if self.deviation is not None:
+                self._direction = self._way_out()
+        if not self._has_to_wait(now):
+            self._move_on(now)
+        if self.deviation is not None and self._is_out():
+            return Step(self._command(), Outcome.BACKED_OUT, self.deviation)
+        outcome = Outcome.FINISHED if self._action >= len(self._actions) else Outcome.RUNNING
+        return Step(self._command(), outcome, self.deviation)
+
+    @property
+    def _trajectory(self) -> Trajectory:
+        return self._actions[min(self._action, len(self._actions) - 1)].trajectory
+
+    @property
+    def _time(self) -> float:
+        return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
+
+    def _move_on(self, now: Snapshot) -> None:
+        """To the next sample, or the next action's first."""
+        self._tick += self._direction
+        while self.deviation is None and self._action < len(self._actions) and self._is_over():
+            self._finish(self._actions[self._action], now)
+            self._action += 1
+            self._tick = 1
+
+    def _has_to_wait(self, now: Snapshot) -> bool:
+        """Whether a hand that is told TCP poses is still on its way; it is waited for, but not for ever."""
+        if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
+            self._waited = 0
+            return False
+        wanted = tcp_pose(self._robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
+        behind = is_behind(wanted, now.T_world_tcp, PRECISE if self._is_near_contact() else ON_THE_WAY)
+        self._waited = self._waited + 1 if behind else 0
+        return behind
+
+    def _is_near_contact(self) -> bool:
+        """Whether the fingers are about to close or to open."""
+        changes = [phase.start for phase in self._trajectory.phases if phase.name in ("close", "open")]
+        return any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
+
+    def _is_over(self) -> bool:
+        return (self._tick - 1) * CONTROL_STEP >= self._trajectory.duration - 1e-9
+
+    def _is_out(self) -> bool:
+        return self._tick <= 0 or self._is_over()
+
+    def _finish(self, action: BoundAction, now: Snapshot) -> None:
+        self._expected = now
+        if action.name.startswith("PutDown"):
+            self.cleared.append(action.target)
+
+    def _command(self) -> Command:
+        """The sample at the present time; a hand that lost its object opens."""
+        sample = self._trajectory.sample(self._time)
+        drive = np.concatenate((sample.base, sample.q))
+        opening = self._robot.finger_gap_closed + 2 * sample.finger_position
+        if self.deviation is not None and self._direction < 0 and self._last is not None and self._grip is None:
+            opening = self._robot.max_opening
+        if self.deviation is not None and self.deviation.surprise in (
+            DeviationKind.GRASP_MISSED,
+            DeviationKind.SLIPPED,
+        ):
+            opening = self._robot.max_opening
+        self._last = Command(drive, opening)
+        return self._last
+
+    def _compare(self, now: Snapshot) -> Deviation | None:
+        action = self._actions[self._action]
+        held = action.trajectory.phase(self._time).held
+        deviation = self._watch_grip(now, held)
+        ignore = held or (action.target if action.name != "MoveBase" else "")
+        deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
+        if deviation is None and self._last is not None:
+            expected = now.drive.copy() if self._by_tcp else self._last.drive.copy()
+            expected[:3] = self._last.drive[:3]
+            deviation = tracking_error(expected, now.drive, self._config)
+        return deviation or self._target_moved(now, action, held)
+
+    def _watch_grip(self, now: Snapshot, held: str) -> Deviation | None:
+        """Whether the fingers got hold of what they closed on, and still have it."""
+        if not held:
+            self._grip, self._closed_for = None, 0
+            return None
+        self._closed_for += 1
+        in_hand = now.in_hand(self._names.index(held))
+        if self._closed_for < _GRIP_DELAY:
+            return None
+        if self._grip is None:
+            self._grip = in_hand
+            reach = float(np.hypot(in_hand[0], in_hand[1]))
+            return Deviation(DeviationKind.GRASP_MISSED, held) if reach > 2 * self._config.slip else None
+        return object_slipped(self._grip, in_hand, held, self._config)
+
+    def _target_moved(self, now: Snapshot, action: BoundAction, held: str) -> Deviation | None:
+        """Whether the object about to be grasped is still where the approach leads."""
+        if action.name != "PickUp" or held:
+            return None
+        index = self._names.index(action.target)
+        away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
+        return Deviation(DeviationKind.DISPLACED, action.target) if away > self._config.displacement else None
+
+    def _way_out(self) -> int:
+        """Back before the hand has done its work at the bottom of the trajectory, on afterwards."""
+        phases = self._trajectory.phases
+        changes = [later.start for before, later in itertools.pairwise(phases) if before.held != later.held]
+        return -1 if changes and self._time < changes[0] else 1

@@ -1,0 +1,1 @@
+"""How can an object be grasped? Grasp poses, base poses and arm configurations."""

@@ -1,0 +1,167 @@
+"""Ways to grasp an object where it stands: hand yaw, base pose and arm configuration, and what is in the way of
+each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.arm.kinematics import ArmChain
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.grasp_poses import GraspConfig, GraspPose, generate_grasps
+from planners.scene import Body, Scene
+
+__all__ = ["BasePlacer", "GraspCandidate", "GraspCandidates", "SamplingConfig", "level_gripper_poses"]
+
+Array = NDArray[np.float64]
+
+OFF_TABLE = 0.02
+"""[m] An object whose lowest point is this far below the table top does not stand on it."""
+
+
+@dataclass(frozen=True)
+class SamplingConfig:
+    """How finely grasps are sampled.
+
+    Attributes:
+        directions: of approach, evenly about the vertical (n of section 3.3).
+        torsos, rolls: values of torso height and upper-arm roll tried for each hand pose.
+        near_home: only the configuration nearest to home, for robots that are told TCP poses.
+    """
+
+    directions: int = 24
+    torsos: int = 6
+    rolls: int = 18
+    near_home: bool = False
+
+
+class BasePlacer(Protocol):
+    """Says where the base may stand."""
+
+    def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad]; index of the hand of each (m,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class GraspCandidate:
+    """One way to grasp one object.
+
+    Attributes:
+        object: its name.
+        base: (3,) x [m], y [m], yaw [rad].
+        q: (8,) torso [m] and arm [rad] at the grasp.
+        yaw: [rad] of the approach in the world.
+        opening: of the gripper [m] on the way there.
+        blockers: objects hit at the grasp, as bits.
+        quality: larger is better.
+    """
+
+    object: str
+    base: Array
+    q: Array
+    yaw: float
+    opening: float
+    blockers: int
+    quality: float
+
+    @property
+    def key(self) -> tuple[str, bytes, bytes]:
+        """Identifies the option across scenes."""
+        return self.object, self.base.tobytes(), self.q.tobytes()
+
+
+def level_gripper_poses(grasps: Sequence[GraspPose]) -> Array:
+    """Side grasps as level hands (k, 4): x, y, z [m] of the TCP, yaw [rad]."""
+    return np.array([(*grasp.T_world_tcp[:3, 3], grasp.yaw) for grasp in grasps]).reshape(-1, 4)
+
+
+@dataclass
+class GraspCandidates:
+    """The grasps of a scene's objects, made when first asked for.
+
+    Motion planning may learn that a grasp is worse than it looked: `ban` takes it out, `obstruct` adds what is in its
+    way. What was learnt about an object is forgotten once the scene changes.
+    """
+
+    placer: BasePlacer
+    chain: ArmChain
+    config: SamplingConfig = field(default_factory=SamplingConfig)
+    _scene: Scene | None = None
+    _world: CollisionWorld | None = None
+    _known: dict[str, tuple[GraspCandidate, ...]] = field(default_factory=dict)
+
+    def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
+        self._look_at(scene)
+        if name not in self._known:
+            self._known[name] = self._find(scene, scene.body(name))
+        return self._known[name]
+
+    def ban(self, scene: Scene, option: GraspCandidate) -> None:
+        """Do not offer that grasp again in this scene."""
+        kept = (other for other in self.options(scene, option.object) if other.key != option.key)
+        self._known[option.object] = tuple(kept)
+
+    def obstruct(self, scene: Scene, option: GraspCandidate, blockers: int) -> None:
+        """From now on these objects are in the way of that grasp too: on the way to it, or from it."""
+        worse = replace(option, blockers=option.blockers | blockers)
+        kept = [worse if other.key == option.key else other for other in self.options(scene, option.object)]
+        kept.sort(key=lambda other: (other.blockers.bit_count(), -other.quality))
+        self._known[option.object] = tuple(kept)
+
+    def _look_at(self, scene: Scene) -> None:
+        if self._scene is None or not _same_objects(self._scene, scene):
+            self._scene = scene
+            self._world = CollisionWorld.from_scene(scene)
+            self._known = {}
+
+    def _find(self, scene: Scene, body: Body) -> tuple[GraspCandidate, ...]:
+        if body.bottom < scene.support.top - OFF_TABLE:
+            return ()
+        grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.config.directions))
+        if not grasps:
+            return ()
+        assert self._world is not None
+        gripper_poses = level_gripper_poses(grasps)
+        opening = max(grasp.opening for grasp in grasps)
+        bases, index = self.placer.bases(gripper_poses)
+        poses = GripperPoses(bases, gripper_poses[index])
+        held = () if scene.held is None else (scene.held.name,)
+        ignore = scene.mask({body.name, *held})
+        found = scan_configurations(self._world, self.chain, poses, self._grid(), opening, ignore=ignore)
+        options = [
+            GraspCandidate(
+                body.name, bases[pair], q, float(poses.gripper_poses[pair, 3]), opening, int(hits), float(quality)
+            )
+            for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
+        ]
+        return tuple(sorted(options, key=lambda option: (option.blockers.bit_count(), -option.quality)))
+
+    def _grid(self) -> ConfigurationGrid:
+        if self.config.near_home:
+            return ConfigurationGrid.near_home(self.chain)
+        return ConfigurationGrid.over(self.chain, self.config.torsos, self.config.rolls)
+
+
+def _same_objects(one: Scene, other: Scene) -> bool:
+    """Whether the objects stand where they stood; where the robot is does not matter."""
+    held = (one.held.name if one.held else "") == (other.held.name if other.held else "")
+    return (
+        held
+        and len(one.objects) == len(other.objects)
+        and all(
+            a is b
+            or (
+                a.name == b.name
+                and np.array_equal(a.position, b.position)
+                and np.array_equal(a.quaternion, b.quaternion)
+            )
+            for a, b in zip(one.objects, other.objects, strict=True)
+        )
+    )

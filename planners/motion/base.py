@@ -1,0 +1,132 @@
+"""Driving between base poses with the arm held still: the whole robot is checked, not only its footprint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.collision.configuration_kernel import make_workspace
+from planners.collision.world import STEP, CollisionWorld
+from planners.motion.arm import NoPath, RRTConfig
+from planners.motion.rrt_connect import rrt_connect, shortcut
+from planners.scene import HeldObject
+
+__all__ = ["BasePath", "plan_base"]
+
+DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
+"""Ways round furniture are far from straight."""
+RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
+"""[m] that the base backs away from the table before it drives along, tried in this order."""
+ROAM = 1.0
+"""[m] beyond start and goal within which a way round is searched for."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BasePath:
+    """A drive, straight between waypoints.
+
+    `waypoints` (n, 3) x [m], y [m], yaw [rad], continuous; `q` (8,) torso and arm; what is in hand.
+    """
+
+    waypoints: Array
+    q: Array
+    held: HeldObject | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("waypoints", "q"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def drive_vectors(self) -> Array:
+        """(n, 11) base and configuration."""
+        return np.hstack([self.waypoints, np.tile(self.q, (len(self.waypoints), 1))])
+
+
+def plan_base(
+    world: CollisionWorld,
+    start: ArrayLike,
+    goal: ArrayLike,
+    q: ArrayLike,
+    *,
+    opening: float | None = None,
+    held: HeldObject | None = None,
+    rng: np.random.Generator | None = None,
+    config: RRTConfig = DRIVE_EFFORT,
+) -> BasePath | NoPath:
+    """A collision-free drive: straight if possible, else backing away first, else found by a random tree.
+
+    Args:
+        world: the scene, compiled.
+        start: (3,) base pose.
+        goal: (3,) base pose; its yaw may be any number of turns away.
+        q: (8,) configuration during the drive.
+        opening: of the gripper [m]; by default closed around what is in hand, else as wide as it goes.
+        held: what is in hand.
+        rng: for the random tree; seed 0 if not given.
+        config: effort of the random tree.
+    """
+    here, there, configuration = (np.array(v, dtype=float) for v in (start, goal, q))
+    if opening is None:
+        opening = 0.0 if held is not None else world.scene.robot.max_opening
+    there[2] = here[2] + math.remainder(there[2] - here[2], 2 * math.pi)
+    for waypoints in _simple_ways(here, there):
+        path = BasePath(waypoints, configuration, held)
+        if not world.path_hits(path.drive_vectors, opening, held):
+            return path
+    for name, place in (("start", here), ("goal", there)):
+        touched = world.hits(place, configuration, opening, held)
+        if touched:
+            return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
+    found = _way_round(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
+    return NoPath("drive: no way round the furniture") if found is None else BasePath(found, configuration, held)
+
+
+def _simple_ways(start: Array, goal: Array) -> Iterator[Array]:
+    """Turning on the way, before it or after it; the same after backing away from the table by more and more."""
+    for retreat in RETREATS:
+        x = min(start[0], goal[0]) - retreat
+        first, last = np.array([x, start[1], start[2]]), np.array([x, goal[1], goal[2]])
+        corners: tuple[tuple[Array, ...], ...] = (
+            (first, last),
+            (first, np.array([x, start[1], goal[2]]), last),
+            (first, np.array([x, goal[1], start[2]]), last),
+        )
+        if retreat == 0.0:
+            yield np.stack((start, goal))
+            yield np.stack((start, np.array([*start[:2], goal[2]]), goal))
+            yield np.stack((start, np.array([*goal[:2], start[2]]), goal))
+        for middle in corners:
+            yield np.stack((start, *middle, goal))
+
+
+def _way_round(
+    world: CollisionWorld,
+    start: Array,
+    goal: Array,
+    q: Array,
+    opening: float,
+    held: HeldObject | None,
+    rng: np.random.Generator,
+    config: RRTConfig,
+) -> Array | None:
+    """Waypoints (n, 3) found by RRT-Connect over base poses."""
+    X = np.hstack([np.stack((start, goal)), np.tile(q, (2, 1))])
+    lower, upper = X.min(axis=0), X.max(axis=0)
+    lower[:3] -= (ROAM, ROAM, math.pi)
+    upper[:3] += (ROAM, ROAM, math.pi)
+    work = make_workspace(world.robot, world.attached(held))
+    arguments = opening, world.active(0), world.padding, STEP
+    tree = X[0], X[1:], lower, upper, *arguments, config.iterations, config.near, rng
+    path = rrt_connect(world.robot, world.obstacles, work, *tree)
+    if not len(path):
+        return None
+    path = shortcut(world.robot, world.obstacles, work, path, *arguments, config.shortcuts, rng)
+    return None if world.path_hits(path, opening, held) else np.asarray(path[:, :3])

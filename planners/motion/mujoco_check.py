@@ -1,0 +1,247 @@
+"""The same path judged by MuJoCo's own collision detection, robot against robot included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.robot_model import collision_geoms, link_of_body, robot_arrays
+from planners.motion.trajectory import Trajectory
+from planners.scene import Body, HeldObject, Scene, SceneError
+
+__all__ = ["TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport"]
+
+TOLERANCE = 0.001
+"""[m] Penetration that an accepted path may have."""
+STEP = 0.02
+"""[m] that a point of the robot may move between two judged configurations, unless told."""
+
+_ROBOT, _THING = 1, 2
+"""Collision bits: the robot meets itself and things; of things, only the one in hand meets others."""
+_NEIGHBOURS = 1
+"""Links this far apart in the chain may touch."""
+
+
+class Motion(Protocol):
+    """What can be judged: whole-body configurations (k, 11) joined by straight lines, with one thing, or nothing, in
+    hand."""
+
+    @property
+    def drive_vectors(self) -> NDArray[np.float64]: ...
+    @property
+    def opening(self) -> float: ...
+    @property
+    def held(self) -> HeldObject | None: ...
+    @property
+    def ignore(self) -> int: ...
+
+
+class PenetrationReport(NamedTuple):
+    """The worst of a motion: depth [m] (0 for none), the two geoms, and the whole-body configuration (11,) where it
+    happens."""
+
+    penetration: float
+    pair: tuple[str, str]
+    where: NDArray[np.float64]
+
+
+class _Segment(NamedTuple):
+    """States (k, 12), whole-body configuration and finger position, with one thing in hand; `ignore` are bits that do
+    not count."""
+
+    states: NDArray[np.float64]
+    held: HeldObject | None
+    ignore: int
+
+
+class MujocoCollisionChecker:
+    """A MuJoCo model of a scene, for judging motions in it. It owns its model; the scene's origin is not touched."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Build the model; `move_to` is the cheap way to the same objects elsewhere."""
+        robot = scene.robot
+        self.scene = scene
+        self._model = model = _build(scene)
+        self._data = mujoco.MjData(model)
+        self._columns = np.array(
+            [model.joint(name).qposadr[0] for name in (*robot.drive_joints, robot.finger_joints[0])]
+        )
+        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
+        for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+            self._data.joint(joint).qpos = angle
+        self._tcp = model.site(robot.tcp_site).id
+        self._hand = _gripper_geoms(model, scene)
+        self._geoms = {body.name: int(model.geom(body.name).id) for body in scene.objects}
+        self._start = {body.name: int(model.joint(body.name).qposadr[0]) for body in scene.objects}
+        self.move_to(scene)
+
+    def move_to(self, scene: Scene) -> None:
+        """Put the objects where another scene has them.
+
+        Raises:
+            SceneError: it differs in more than the poses of its objects and the robot's state.
+        """
+        if _signature(scene) != _signature(self.scene):
+            raise SceneError("a referee serves scenes with the same robot, furniture and objects only")
+        self.scene = scene
+        for body in scene.objects:
+            self._put(body.name, body.position, body.quaternion)
+
+    def accepts(self, motion: Motion | Trajectory, tolerance: float = TOLERANCE, step: float = STEP) -> bool:
+        """Whether nothing penetrates deeper than `tolerance` [m]; see `deepest_penetration`."""
+        return self.deepest_penetration(motion, step).penetration <= tolerance
+
+    def deepest_penetration(self, motion: Motion | Trajectory, step: float = STEP) -> PenetrationReport:
+        """The deepest penetration of a motion.
+
+        Args:
+            motion: a path, or a trajectory, whose phases say what is in hand: what it lets go stays where it was.
+            step: [m] that a point of the robot may move between two judged configurations.
+        """
+        worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self._columns) - 1))
+        for stretch in self._segments(motion):
+            in_hand = -1 if stretch.held is None else self._geoms[stretch.held.name]
+            ignored = {self._geoms[name] for name in self.scene.names_of(stretch.ignore)}
+            self._meet_things(in_hand, _THING)
+            for state in self._refine(stretch, step):
+                self._place(state, stretch.held)
+                worst = self._worse(worst, state, in_hand, ignored)
+            if stretch.held is not None:
+                self._leave(stretch.held.name)
+            self._meet_things(in_hand, 0)
+        self.move_to(self.scene)
+        return worst
+
+    def _segments(self, motion: Motion | Trajectory) -> Iterator[_Segment]:
+        if not isinstance(motion, Trajectory):
+            X = motion.drive_vectors
+            finger = self.scene.robot.finger_position(motion.opening)
+            yield _Segment(np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore)
+            return
+        states = np.column_stack([motion.base, motion.q, motion.finger_position])
+        ends = [*(phase.start for phase in motion.phases[1:]), np.inf]
+        for phase, end in zip(motion.phases, ends, strict=True):
+            rows = np.flatnonzero((motion.times >= phase.start) & (motion.times <= end))
+            if len(rows):
+                held = phase.touched if phase.held else None
+                between = () if phase.touched is None or phase.held else (phase.touched.name,)
+                yield _Segment(states[rows], held, self.scene.mask(between))
+
+    def _refine(self, stretch: _Segment, step: float) -> NDArray[np.float64]:
+        """Cut the straight pieces so that no point of the robot moves more than `step` [m] in one."""
+        robot, held = robot_arrays(self.scene.robot), stretch.held
+        reach = robot.reach
+        if held is not None:
+            body = self.scene.body(held.name)
+            swing = np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(body.half_extents)
+            reach = np.maximum(reach, robot.tip_reach + swing)
+        states = stretch.states
+        parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
+        at = np.concatenate([[0.0], *(i + np.arange(1, max(n, 1) + 1) / max(n, 1) for i, n in enumerate(parts))])
+        below = np.minimum(at.astype(int), len(states) - 1)
+        above = np.minimum(below + 1, len(states) - 1)
+        return np.asarray(states[below] + (at - below)[:, None] * (states[above] - states[below]))
+
+    def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
+        """Pose the robot, and what is in hand, and find contacts."""
+        model, data = self._model, self._data
+        data.qpos[self._columns] = state
+        data.qpos[self._second_finger] = state[-1]
+        mujoco.mj_kinematics(model, data)
+        if held is not None:
+            geom, R = self._geoms[held.name], data.site_xmat[self._tcp].reshape(3, 3)
+            data.geom_xpos[geom] = data.site_xpos[self._tcp] + R @ held.T_tcp_object[:3, 3]
+            data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
+        mujoco.mj_collision(model, data)
+
+    def _leave(self, name: str) -> None:
+        """From now on an object stays where it was placed last."""
+        geom, quaternion = self._geoms[name], np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
+        self._put(name, self._data.geom_xpos[geom], quaternion)
+
+    def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
+        start = self._start[name]
+        self._data.qpos[start : start + 3] = position
+        self._data.qpos[start + 3 : start + 7] = quaternion
+
+    def _meet_things(self, geom: int, bits: int) -> None:
+        """Let the object in hand meet other objects; MuJoCo keeps the bits of geoms once more per body."""
+        if geom >= 0:
+            self._model.geom_conaffinity[geom] = bits
+            self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
+
+    def _worse(
+        self, worst: PenetrationReport, state: NDArray[np.float64], in_hand: int, ignored: set[int]
+    ) -> PenetrationReport:
+        """The worse of a verdict and the contacts found last; the hand may touch what is in it."""
+        if self._data.ncon == 0:
+            return worst
+        contact = self._data.contact
+        for distance, geoms in zip(contact.dist, contact.geom, strict=True):
+            if -distance <= worst.penetration:
+                continue
+            pair = {int(geoms[0]), int(geoms[1])}
+            is_grip = in_hand in pair and bool(pair & self._hand)
+            if not is_grip and not pair & ignored:
+                names = (self._model.geom(geoms[0]).name, self._model.geom(geoms[1]).name)
+                worst = PenetrationReport(-float(distance), names, state[:-1].copy())
+        return worst
+
+
+def _signature(scene: Scene) -> tuple[object, ...]:
+    """What a model is built from, poses of objects excepted."""
+    objects = tuple((body.name, body.shape, *body.half_extents) for body in scene.objects)
+    furniture = tuple((box.name, *box.position, *box.half_extents) for box in scene.furniture)
+    return scene.robot.name, objects, furniture
+
+
+def _gripper_geoms(model: mujoco.MjModel, scene: Scene) -> set[int]:
+    """The collision geoms of the last link: wrist, palm and fingers."""
+    links = link_of_body(model, scene.robot)
+    last = len(scene.robot.chain) - 1
+    return {geom for geom in collision_geoms(model, scene.robot) if links[int(model.geom_bodyid[geom])] == last}
+
+
+def _build(scene: Scene) -> mujoco.MjModel:
+    """Robot, floor, furniture and free bodies for the objects, with the collision bits of this module."""
+    spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
+    for geom in spec.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _THING
+    _let_neighbours_touch(spec, scene)
+    world, static = spec.worldbody, {"contype": _THING, "conaffinity": 0}
+    world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **static)
+    for box in scene.furniture:
+        world.add_geom(name=box.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.position, size=box.half_extents, **static)
+    for body in scene.objects:
+        _add_object(world, body, static)
+    return spec.compile()
+
+
+def _add_object(world: mujoco.MjsBody, body: Body, bits: dict[str, int]) -> None:
+    is_box = body.shape == "box"
+    half = body.half_extents
+    thing = world.add_body(name=body.name)
+    thing.add_freejoint(name=body.name)
+    thing.add_geom(
+        name=body.name,
+        type=mujoco.mjtGeom.mjGEOM_BOX if is_box else mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=half if is_box else [half[0], half[2], 0.0],
+        **bits,
+    )
+
+
+def _let_neighbours_touch(spec: mujoco.MjSpec, scene: Scene) -> None:
+    """Exclude contacts between bodies on the same or on neighbouring links."""
+    model = spec.compile()
+    links = link_of_body(model, scene.robot)
+    bodies = range(1, model.nbody)
+    for i, first in enumerate(bodies):
+        for second in bodies[i + 1 :]:
+            if abs(links[first] - links[second]) <= _NEIGHBOURS:
+                spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)

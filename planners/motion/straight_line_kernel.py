@@ -1,0 +1,127 @@
+"""Straight lines of the TCP, orientation kept, tracked continuously by torso and arm, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from irm.arm.kinematics import arm_jacobian, fk_frames
+from planners.collision.robot_model import RobotArrays
+
+__all__ = ["solve_near", "track_line"]
+
+Array = NDArray[np.float64]
+
+POSITION_TOLERANCE = 1e-4
+"""[m] of the TCP."""
+ROTATION_TOLERANCE = 1e-3
+"""[rad] of the TCP."""
+_ITERATIONS = 12
+_DAMPING = 1e-4
+"""Added to the diagonal of J W Jᵀ, of order 0.1-1 with these weights."""
+
+
+@njit(cache=True)
+def _error(R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array) -> None:
+    """Twist (6,) from the TCP (last frame) to the goal: linear, then angular (small angles)."""
+    n = p.shape[0] - 1
+    for i in range(3):
+        error[i] = p_goal[i] - p[n, i]
+        error[3 + i] = 0.0
+    for k in range(3):
+        for i in range(3):
+            a, b = (i + 1) % 3, (i + 2) % 3
+            error[3 + i] += 0.5 * (R[n, a, k] * R_goal[b, k] - R[n, b, k] * R_goal[a, k])
+
+
+@njit(cache=True)
+def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q: Array) -> bool:
+    """Move `q` (n,) to the nearest configuration whose TCP is at a pose in the base frame.
+
+    Damped least squares; joints move in proportion to their `speed` (n,), and those at a limit stay there.
+
+    Returns:
+        whether the pose was met within the tolerances; if not, `q` is where the search ended.
+    """
+    n = q.shape[0]
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    arm, J = np.empty((6, n - 1)), np.zeros((6, n))
+    error, A = np.empty(6), np.empty((6, 6))
+    for _ in range(_ITERATIONS):
+        fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
+        _error(R, p, R_goal, p_goal, error)
+        if (
+            error[0] ** 2 + error[1] ** 2 + error[2] ** 2 < POSITION_TOLERANCE**2
+            and error[3] ** 2 + error[4] ** 2 + error[5] ** 2 < ROTATION_TOLERANCE**2
+        ):
+            return True
+        arm_jacobian(robot.axes, R, p, arm)
+        J[:, 1:] = arm
+        J[:, 0] = 0.0
+        J[2, 0] = 1.0
+        free = np.ones(n)
+        for _pass in range(n):
+            for i in range(6):
+                for j in range(6):
+                    total = _DAMPING if i == j else 0.0
+                    for k in range(n):
+                        total += J[i, k] * J[j, k] * speed[k] * speed[k] * free[k]
+                    A[i, j] = total
+            force = np.linalg.solve(A, error)
+            is_inside = True
+            for k in range(n):
+                move = 0.0
+                for i in range(6):
+                    move += J[i, k] * force[i]
+                move *= speed[k] * speed[k] * free[k]
+                if free[k] > 0.0 and not robot.lower[k] <= q[k] + move <= robot.upper[k]:
+                    free[k] = 0.0
+                    is_inside = False
+            if is_inside:
+                break
+        for k in range(n):
+            move = 0.0
+            for i in range(6):
+                move += J[i, k] * force[i]
+            q[k] = min(max(q[k] + move * speed[k] * speed[k] * free[k], robot.lower[k]), robot.upper[k])
+    return False
+
+
+@njit(cache=True)
+def track_line(
+    robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
+) -> Array:
+    """Configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` included.
+
+    Args:
+        robot: whose chain it is.
+        q_start: (n,).
+        direction: (3,) unit vector in the base frame.
+        distance: [m].
+        step: [m] between samples at most.
+        jump: greatest change of a joint [m, rad] per sample.
+        speed: (n,) by which the joints share the motion.
+
+    Returns:
+        as far as it gets: fewer than `ceil(distance / step) + 1` rows when a limit or a singularity is in the way.
+    """
+    n = q_start.shape[0]
+    parts = max(1, math.ceil(distance / step - 1e-9))
+    path = np.empty((parts + 1, n))
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    fk_frames(robot.offsets, robot.axes, robot.tip, q_start, R, p)
+    R_goal, origin, goal, q = R[n].copy(), p[n].copy(), np.empty(3), q_start.copy()
+    path[0] = q_start
+    for i in range(1, parts + 1):
+        for axis in range(3):
+            goal[axis] = origin[axis] + direction[axis] * distance * i / parts
+        if not solve_near(robot, R_goal, goal, speed, q):
+            return path[:i]
+        for k in range(n):
+            if abs(q[k] - path[i - 1, k]) > jump:
+                return path[:i]
+        path[i] = q
+    return path

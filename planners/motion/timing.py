@@ -1,0 +1,223 @@
+"""Time for paths: as fast as the joints' velocity and acceleration limits allow, sampled at control steps.
+
+A path is a polygon of whole-body configurations. Along its length the speed limit of every piece, and of every corner
+at which the direction changes, is known; a pass forwards and a pass backwards bound it by the accelerations (Bobrow,
+Dubowsky & Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985, for a kinematic robot).
+The
+controller sees samples: what counts are their first and second differences, and those are checked at the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from planners.motion.arm import ArmPath
+from planners.motion.base import BasePath
+from planners.motion.pick_and_place import PickMotion, PlaceMotion
+from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
+from planners.scene import HeldObject, RobotState
+
+__all__ = ["drive_trajectory", "pick_trajectory", "place_trajectory", "time_parametrise"]
+
+SETTLE_TIME = 0.3
+"""[s] that the closed or opened fingers are given before the arm moves on."""
+HEADROOM = 0.97
+"""Share of the limits that is used; rounding and the turning base frame take the rest."""
+_CORNER_SHARE = 0.45
+"""Share of the acceleration spent on corners; the rest is for speeding up and slowing down."""
+_TINY = 1e-12
+"""A turn by less is none."""
+_GRID = 0.04
+"""[s] at full speed between the points at which the speed is computed."""
+_STRETCHES = 30
+
+Array = NDArray[np.float64]
+
+
+def time_parametrise(
+    X: ArrayLike, robot: RobotSpec, finger_position: float, phase: Phase, is_loaded: bool = False
+) -> Trajectory:
+    """A trajectory along a polygon of whole-body configurations, at rest at both ends.
+
+    Args:
+        X: (k, 11) base x, y, yaw (continuous), torso and arm.
+        robot: whose limits.
+        finger_position: [m], constant.
+        phase: what this stretch is called.
+        is_loaded: the base turns at `robot.max_loaded_yaw_rate` at most.
+
+    Returns:
+        samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
+        and their second differences the acceleration limits, the base's in its own frame.
+    """
+    path = _without_repeats(np.array(X, dtype=float))
+    if len(path) == 1:
+        return _still(path[0], finger_position, phase, CONTROL_STEP)
+    velocity, acceleration = HEADROOM * np.array(robot.max_velocity), HEADROOM * np.array(robot.max_acceleration)
+    if is_loaded:
+        velocity[2] = min(velocity[2], HEADROOM * robot.max_loaded_yaw_rate)
+    length, points = _grid(path, velocity)
+    speed = _speeds(length, points, acceleration)
+    clock = np.concatenate([[0.0], np.cumsum(2 * np.diff(length) / (speed[:-1] + speed[1:]))])
+    for _ in range(_STRETCHES):
+        samples = _sample(clock, speed, length, points)
+        excess = _excess(samples, velocity, acceleration)
+        if excess <= 1.0:
+            break
+        stretch = min(max(np.sqrt(excess), 1.01), 1.5)
+        clock, speed = clock * stretch, speed / stretch
+    times = np.asarray(CONTROL_STEP * np.arange(len(samples)), np.float64)
+    fingers = np.full(len(samples), finger_position)
+    return Trajectory(times, samples[:, :3], samples[:, 3:], fingers, (phase,))
+
+
+def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState) -> Trajectory:
+    """Drive with the arm and the fingers held still."""
+    held = path.held.name if path.held is not None else ""
+    phase = Phase("drive", 0.0, held, path.held)
+    return time_parametrise(path.drive_vectors, robot, state.finger_position, phase, path.held is not None)
+
+
+def pick_trajectory(robot: RobotSpec, motion: PickMotion, state: RobotState) -> Trajectory:
+    """Phases "ready" (fingers), "transit", "approach", "close", "lift", "retreat"; held from the lift on."""
+    transit, approach, lift, retreat = motion.paths
+    open_at = robot.finger_position(transit.opening)
+    here = transit.drive_vectors[0]
+    grasp = approach.drive_vectors[-1]
+    return join(
+        [
+            _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
+            _along(robot, transit, open_at, "transit"),
+            _along(robot, approach, open_at, "approach"),
+            _fingers(robot, grasp, open_at, 0.0, Phase("close", 0.0, "", motion.held), SETTLE_TIME),
+            _along(robot, lift, 0.0, "lift"),
+            _along(robot, retreat, 0.0, "retreat"),
+        ]
+    )
+
+
+def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -> Trajectory:
+    """Phases "transit", "lower", "open", "rise", "retreat"; the object counts as held until the fingers open."""
+    transit, lower, rise, retreat = motion.paths
+    open_at = robot.finger_position(rise.opening)
+    place = lower.drive_vectors[-1]
+    return join(
+        [
+            _along(robot, transit, state.finger_position, "transit"),
+            _along(robot, lower, state.finger_position, "lower"),
+            _fingers(robot, place, state.finger_position, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME),
+            _along(robot, rise, open_at, "rise"),
+            _along(robot, retreat, open_at, "retreat"),
+        ]
+    )
+
+
+def _along(robot: RobotSpec, path: ArmPath, finger_position: float, name: str) -> Trajectory:
+    held: HeldObject | None = path.held
+    phase = Phase(name, 0.0, held.name if held is not None else "", held)
+    return time_parametrise(path.drive_vectors, robot, finger_position, phase, held is not None)
+
+
+def _steps(count: int) -> Array:
+    """The first control times [s]."""
+    return np.asarray(CONTROL_STEP * np.arange(count), dtype=float)
+
+
+def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> Trajectory:
+    """Stand for a while, in whole control steps."""
+    count = 1 + int(np.ceil(duration / CONTROL_STEP - 1e-9))
+    rows = np.tile(x, (count, 1))
+    times = np.asarray(CONTROL_STEP * np.arange(count), np.float64)
+    return Trajectory(times, rows[:, :3], rows[:, 3:], np.full(count, finger_position), (phase,))
+
+
+def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase, settle: float) -> Trajectory:
+    """Move the fingers at their own speed while the robot stands, then let them settle [s]."""
+    per_step = HEADROOM * robot.max_finger_velocity * CONTROL_STEP
+    moves = int(np.ceil(abs(end - start) / per_step - 1e-9))
+    rests = int(np.ceil(settle / CONTROL_STEP - 1e-9))
+    fingers = np.concatenate([np.linspace(start, end, moves + 1), np.full(rests, end)])
+    rows = np.tile(x, (len(fingers), 1))
+    times = np.asarray(CONTROL_STEP * np.arange(len(fingers)), np.float64)
+    return Trajectory(times, rows[:, :3], rows[:, 3:], fingers, (phase,))
+
+
+def _without_repeats(path: Array) -> Array:
+    """Waypoints that differ from the one before; the first always."""
+    moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > 1e-9
+    return path[np.concatenate([[True], moved])]
+
+
+def _times_at_full_speed(moves: Array, velocity: Array) -> Array:
+    """[s] per move (k, 11): the base's x and y count together."""
+    joints = np.abs(moves[:, 2:]) / velocity[2:]
+    return np.maximum(np.hypot(moves[:, 0], moves[:, 1]) / velocity[:2].min(), joints.max(axis=1))
+
+
+def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
+    """Path lengths (m,), in seconds at full speed, and the points (m, 11) there; corners are on the grid."""
+    durations = _times_at_full_speed(np.diff(path, axis=0), velocity)
+    fewest = 2 if len(durations) == 1 else 1
+    parts = np.maximum(np.ceil(durations / _GRID).astype(int), fewest)
+    at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(parts))])
+    length = np.interp(at, np.arange(len(path)), np.concatenate([[0.0], np.cumsum(durations)]))
+    points = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+    return length, points
+
+
+def _in_units_of(acceleration: Array, vectors: Array) -> Array:
+    """The largest share (k,) of its joint's acceleration that each row (k, 11) takes; base x and y count together."""
+    planar = np.hypot(vectors[:, 0], vectors[:, 1]) / acceleration[:2].min()
+    return np.asarray(np.maximum(planar, (np.abs(vectors[:, 2:]) / acceleration[2:]).max(axis=1)))
+
+
+def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
+    """Speed along the path (m,), in seconds at full speed per second: at most 1, and 0 at the ends.
+
+    Corners, and the turning of the frame in which a turning base drives, take a part of the acceleration; what they do
+    not take at full speed is left for speeding up and slowing down.
+    """
+    steps = np.diff(length)
+    direction = np.diff(points, axis=0) / steps[:, None]
+    turn = np.maximum(_in_units_of(acceleration, np.diff(direction, axis=0)), _TINY)
+    mean_step = 0.5 * (steps[:-1] + steps[1:])
+    at_corners = np.zeros(len(length))
+    at_corners[1:-1] = np.maximum(turn / CONTROL_STEP, turn / mean_step)
+    swing = np.hypot(direction[:, 0], direction[:, 1]) * np.abs(direction[:, 2]) / acceleration[:2].min()
+    squared = np.ones(len(length))
+    squared[1:-1] = np.minimum((_CORNER_SHARE * CONTROL_STEP / turn) ** 2, _CORNER_SHARE * mean_step / turn)
+    slow = _CORNER_SHARE / np.maximum(swing, _TINY)
+    squared = np.minimum(squared, np.minimum(np.append(slow, 1.0), np.append(1.0, slow)))
+    squared = np.minimum(squared, 1.0)
+    squared[0] = squared[-1] = 0.0
+    taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
+    thrust = (1.0 - np.minimum(taken, _CORNER_SHARE)) / _in_units_of(acceleration, direction)
+    for i in range(len(steps)):
+        squared[i + 1] = min(squared[i + 1], squared[i] + 2 * thrust[i] * steps[i])
+    for i in range(len(steps) - 1, -1, -1):
+        squared[i] = min(squared[i], squared[i + 1] + 2 * thrust[i] * steps[i])
+    return np.sqrt(squared)
+
+
+def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:
+    """Points (n, 11) at control steps until the path's end is reached: uniform acceleration between grid points."""
+    times = CONTROL_STEP * np.arange(int(np.ceil(clock[-1] / CONTROL_STEP - 1e-9)) + 1)
+    piece = np.clip(np.searchsorted(clock, times, side="right") - 1, 0, len(clock) - 2)
+    since = np.minimum(times, clock[-1]) - clock[piece]
+    span = clock[piece + 1] - clock[piece]
+    travelled = speed[piece] * since + 0.5 * (speed[piece + 1] - speed[piece]) / span * since**2
+    at = np.clip(length[piece] + travelled, length[piece], length[piece + 1])
+    return np.column_stack([np.interp(at, length, column) for column in points.T])
+
+
+def _excess(samples: Array, velocity: Array, acceleration: Array) -> float:
+    """How many times the limits are exceeded: by velocities (counted squared) or by accelerations."""
+    rates = np.diff(samples, axis=0) / CONTROL_STEP
+    c, s = np.cos(samples[:-1, 2]), np.sin(samples[:-1, 2])
+    rates[:, 0], rates[:, 1] = c * rates[:, 0] + s * rates[:, 1], c * rates[:, 1] - s * rates[:, 0]
+    padded = np.vstack([np.zeros(samples.shape[1]), rates, np.zeros(samples.shape[1])])
+    changes = np.diff(padded, axis=0) / CONTROL_STEP
+    too_fast = (np.abs(rates) / velocity).max(initial=0.0) ** 2
+    return float(max(too_fast, (np.abs(changes) / acceleration).max(initial=0.0)))

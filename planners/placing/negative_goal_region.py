@@ -1,0 +1,282 @@
+"""Where a cleared object may be put: the Negative Goal Region and the order in which locations are tried.
+
+Lee & Kim 2019, section 3.3, eq. 1-3 and Figs. 8-10. A region is a boolean mask over square cells of the support plane,
+so that it can be drawn as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.placing.rasterise import cells_of_marks, free_discs, mark_boxes, mark_discs, mark_spheres
+from planners.scene import Body, FurnitureBox
+
+__all__ = [
+    "CELL_SIZE",
+    "NegativeGoalRegion",
+    "SupportGrid",
+    "SweptVolume",
+    "clearance_candidates",
+    "clearance_order",
+    "dilated",
+    "footprint_mask",
+    "is_free",
+    "join_volumes",
+    "negative_goal_region",
+    "swept_mask",
+]
+
+Array: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+
+CELL_SIZE = 0.005
+"""[m] side of a cell; a table of 1.0 × 0.7 m has 28,000."""
+
+
+@dataclass(frozen=True)
+class SupportGrid:
+    """Square cells over the support plane.
+
+    Attributes:
+        x0: [m] smallest x of cell (0, 0).
+        y0: [m] smallest y of cell (0, 0).
+        resolution: [m] side of a cell.
+        shape: cells along x and y: the shape of every mask.
+        height: [m] of the plane.
+    """
+
+    x0: float
+    y0: float
+    resolution: float
+    shape: tuple[int, int]
+    height: float
+
+    @classmethod
+    def over(cls, support: FurnitureBox, resolution: float = CELL_SIZE) -> SupportGrid:
+        """The grid that just covers the top face of a piece of furniture."""
+        cells = np.ceil((support.upper - support.lower)[:2] / resolution - 1e-9).astype(int)
+        return cls(
+            float(support.lower[0]), float(support.lower[1]), resolution, (int(cells[0]), int(cells[1])), support.top
+        )
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """(x low, x high, y low, y high) [m], as drawing routines want it."""
+        size = np.array(self.shape) * self.resolution
+        return self.x0, self.x0 + float(size[0]), self.y0, self.y0 + float(size[1])
+
+    def centres(self) -> Array:
+        """Centres of all cells, shape (*shape, 2) [m]."""
+        x = self.x0 + (np.arange(self.shape[0]) + 0.5) * self.resolution
+        y = self.y0 + (np.arange(self.shape[1]) + 0.5) * self.resolution
+        return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+
+    def empty(self) -> Mask:
+        """A mask with no cell set."""
+        return np.zeros(self.shape, dtype=np.bool_)
+
+
+def _rows(*shape: int) -> Array:
+    return np.zeros((0, *shape))
+
+
+@dataclass(frozen=True, eq=False)
+class SweptVolume:
+    """What a motion passes through: shapes that together cover the robot, and what it holds, along a path.
+
+    Attributes:
+        spheres: (k, 4) x, y, z, radius [m] in the world.
+        box_centres: (m, 3) [m].
+        box_axes: (m, 3, 3), a box's axes as columns.
+        box_half_extents: (m, 3) [m].
+    """
+
+    spheres: Array = field(default_factory=lambda: _rows(4))
+    box_centres: Array = field(default_factory=lambda: _rows(3))
+    box_axes: Array = field(default_factory=lambda: _rows(3, 3))
+    box_half_extents: Array = field(default_factory=lambda: _rows(3))
+
+    def __post_init__(self) -> None:
+        shapes = {"spheres": (4,), "box_centres": (3,), "box_axes": (3, 3), "box_half_extents": (3,)}
+        for name, shape in shapes.items():
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.shape[1:] != shape or (name.startswith("box") and len(array) != len(self.box_centres)):
+                raise ValueError(f"{name} of a swept volume must have shape (n, {str(shape)[1:]}, not {array.shape}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+
+def join_volumes(volumes: Iterable[SweptVolume]) -> SweptVolume:
+    """One volume that covers them all."""
+    parts = [SweptVolume(), *volumes]
+    return SweptVolume(
+        np.concatenate([part.spheres for part in parts]),
+        np.concatenate([part.box_centres for part in parts]),
+        np.concatenate([part.box_axes for part in parts]),
+        np.concatenate([part.box_half_extents for part in parts]),
+    )
+
+
+def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
+    """Cells above which the volume comes lower than `height` [m] over the plane: none may hold an object that tall.
+
+    Conservative: every cell that is touched at all is set.
+    """
+    marks = _new_marks(grid)
+    z_low, z_high = grid.height, grid.height + height
+    place = (grid.x0, grid.y0, grid.resolution)
+    mark_spheres(marks, volume.spheres, z_low, z_high, *place)
+    mark_boxes(marks, volume.box_centres, volume.box_axes, volume.box_half_extents, z_low, z_high, *place)
+    cells: Mask = cells_of_marks(marks)
+    return cells
+
+
+def footprint_mask(grid: SupportGrid, bodies: Iterable[Body], clearance: float = 0.0) -> Mask:
+    """Cells under objects, grown by `clearance` [m]: discs for upright cylinders, oriented rectangles for the rest."""
+    marks = _new_marks(grid)
+    discs, boxes = [], []
+    for body in bodies:
+        if body.shape == "cylinder" and body.is_upright:
+            discs.append((body.position[0], body.position[1], body.radius + clearance))
+        else:
+            boxes.append(body)
+    place = (grid.x0, grid.y0, grid.resolution)
+    if discs:
+        mark_discs(marks, np.array(discs), *place)
+    if boxes:
+        centres = np.array([body.position for body in boxes])
+        axes = np.array([body.rotation for body in boxes])
+        half_extents = np.array([body.half_extents for body in boxes]) + clearance
+        mark_boxes(marks, centres, axes, half_extents, -np.inf, np.inf, *place)
+    cells: Mask = cells_of_marks(marks)
+    return cells
+
+
+@dataclass(frozen=True, eq=False)
+class NegativeGoalRegion:
+    """Where a cleared object must not be put.
+
+    Attributes:
+        ngr1: what taking the target needs (eq. 1); Dogar & Srinivasa use this alone.
+        ngr2: what taking the obstacles still to be cleared needs (eq. 2).
+    """
+
+    ngr1: Mask
+    ngr2: Mask
+
+    @property
+    def mask(self) -> Mask:
+        """NGR1 + NGR2 (eq. 3)."""
+        return self.ngr1 | self.ngr2
+
+
+def negative_goal_region(
+    grid: SupportGrid,
+    height: float,
+    target: Body | None,
+    target_motion: SweptVolume,
+    obstacles: Sequence[Body] = (),
+    obstacle_motions: Sequence[SweptVolume] = (),
+) -> NegativeGoalRegion:
+    """Equations 1-3: the volumes of robot and objects that later steps need free, projected onto the plane.
+
+    Args:
+        grid: cells of the support plane.
+        height: [m] of the object to be put down; what passes above it does not count.
+        target: the object to take in the end; None if it is not on the table.
+        target_motion: Volume(robot, τ_tar).
+        obstacles: the objects still to be cleared, other than the one to be put down.
+        obstacle_motions: Volume(robot, τ_obs) of each.
+    """
+    ngr1 = swept_mask(grid, target_motion, height)
+    if target is not None:
+        ngr1 |= footprint_mask(grid, [target])
+    ngr2 = swept_mask(grid, join_volumes(obstacle_motions), height) | footprint_mask(grid, obstacles)
+    for mask in (ngr1, ngr2):
+        mask.setflags(write=False)
+    return NegativeGoalRegion(ngr1, ngr2)
+
+
+def dilated(grid: SupportGrid, mask: Mask, radius: float) -> Mask:
+    """Centres at which a disc of that radius [m] would touch the mask, to draw; `is_free` is what decides.
+
+    A cell is set if a disc centred anywhere in it could touch.
+    """
+    edge = mask & ~_eroded(mask)
+    marks = _new_marks(grid)
+    half_diagonal = grid.resolution * 0.5**0.5
+    centres = grid.centres()[edge]
+    discs = np.column_stack((centres, np.full(len(centres), radius + half_diagonal)))
+    mark_discs(marks, discs, grid.x0, grid.y0, grid.resolution)
+    grown: Mask = cells_of_marks(marks)
+    return grown | mask
+
+
+def is_free(grid: SupportGrid, mask: Mask, locations: Array, radius: float) -> Mask:
+    """Which discs of that radius [m] at `locations` (n, 2) lie on the plane and touch no cell of the mask: (n,)."""
+    free: Mask = free_discs(mask, np.ascontiguousarray(locations), radius, grid.x0, grid.y0, grid.resolution)
+    return free
+
+
+def clearance_candidates(
+    grid: SupportGrid,
+    ngr: Mask,
+    occupied: Mask,
+    radius: float,
+    candidates: Array,
+    in_work: Mask,
+    reference_point: Array,
+) -> Array:
+    """Clearance locations, best first (section 3.3, Fig. 10).
+
+    First those of R_work ∩ R_plane, farthest from the reference point first, so that nearer ones remain for objects
+    grasped later; then those of R_plane - R_work, for which the base must drive, nearest first.
+
+    Args:
+        grid: cells of the support plane.
+        ngr: the Negative Goal Region; an empty mask places anywhere (Srivastava et al.).
+        occupied: cells that standing objects leave no room at: `footprint_mask` with a clearance for open fingers.
+        radius: [m] of a circle that contains the object to be put down, and its margin.
+        candidates: (n, 2) placement locations [m].
+        in_work: (n,) whether the arm can put the object there without driving: R_work.
+        reference_point: (2,) [m] from where distances are measured: the base, or the object grasped.
+
+    Returns:
+        (m, 2) [m], m ≤ n.
+    """
+    order = clearance_order(grid, ngr, occupied, radius, candidates, in_work, reference_point)
+    return np.asarray(candidates)[order]
+
+
+def clearance_order(
+    grid: SupportGrid,
+    ngr: Mask,
+    occupied: Mask,
+    radius: float,
+    candidates: Array,
+    in_work: Mask,
+    reference_point: Array,
+) -> NDArray[np.intp]:
+    """As `clearance_candidates`, but the indices of the candidates (m,)."""
+    candidates = np.asarray(candidates, dtype=np.float64)
+    allowed = np.flatnonzero(is_free(grid, ngr | occupied, candidates, radius))
+    distance = np.linalg.norm(candidates[allowed] - np.asarray(reference_point, dtype=np.float64), axis=1)
+    near = np.asarray(in_work, dtype=np.bool_)[allowed]
+    order = np.lexsort((np.where(near, -distance, distance), ~near))
+    return allowed[order]
+
+
+def _new_marks(grid: SupportGrid) -> NDArray[np.int32]:
+    return np.zeros((grid.shape[0], grid.shape[1] + 1), dtype=np.int32)
+
+
+def _eroded(mask: Mask) -> Mask:
+    """Cells whose four neighbours are all set."""
+    padded = np.pad(mask, 1)
+    inner: Mask = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    return inner

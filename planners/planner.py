@@ -1,0 +1,184 @@
+"""Planning for a whole task: the entry point of the package."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+
+import numpy as np
+
+from assets.robots import RobotSpec
+from irm.arm.kinematics import ArmChain
+from irm.maps.cache import cached_map
+from irm.queries.inverse import InverseReachabilityMap
+from planners.cause import Cause
+from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
+from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
+from planners.collision.validation import validate
+from planners.grasping.base_placement import MapPlacer, free_floor
+from planners.grasping.candidates import GraspCandidates, SamplingConfig
+from planners.motion.tcp_following import TcpFollower
+from planners.placing.placements import PlacementSearch
+from planners.scene import Scene
+from planners.strategies import strategy as find_strategy
+from planners.symbolic.engines import task_planner
+from planners.symbolic.problem import TaskPlanner
+from planners.tamp.algorithm1 import task_and_motion_plan
+from planners.tamp.motion_layer import MotionLayer
+from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.state import Search
+
+__all__ = ["Planner", "clearance_floor", "map_placer", "solve"]
+
+_BASES, _BASES_NEAR_HOME = 3, 8
+"""Base poses tried for each hand pose; more where only one configuration counts at each."""
+_ATTEMPTS = 3
+"""Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
+
+
+def solve(
+    scene: Scene,
+    target: str,
+    strategy: str = "lookahead",
+    rng: np.random.Generator | None = None,
+    time_limit: float | None = None,
+) -> Solution | Infeasible:
+    """Plan to take `target` out of the clutter.
+
+    Args:
+        scene: the world, the robot in its home configuration; an object may be in hand.
+        target: name of the object wanted.
+        strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar" or "srivastava".
+        rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
+        time_limit: [s] of wall time, None for none.
+
+    Returns:
+        The plan with all its motions, or the cause why there is none.
+
+    Raises:
+        UnknownObject: no object of that name.
+        UnknownStrategy: no strategy of that name.
+        SceneError: objects overlap, or the robot is inside furniture.
+    """
+    return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
+
+
+def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
+    """The exact minimum number of objects any plan must clear before it can take `target`.
+
+    Exact for the grasps, base poses and arm configurations that all strategies choose from, and for every path to them:
+    only what the final grasp configuration hits is counted.
+
+    Raises:
+        UnknownObject: no object of that name.
+    """
+    return Planner(scene.robot).clearance_floor(scene, target, limits)
+
+
+def map_placer(scene: Scene, per_gripper_pose: int = _BASES) -> MapPlacer:
+    """Base poses for hand poses in this scene, from the robot's cached reachability map."""
+    return MapPlacer(_inverse_map(scene.robot), free_floor(scene), per_gripper_pose)
+
+
+@dataclass(frozen=True)
+class Planner:
+    """A robot's maps and a task planner, kept between solves.
+
+    Attributes:
+        robot: which one.
+        engine: name of the task planner, see `planners.symbolic.engines`; None for the default.
+        follower: model of how the joints follow, for a robot that is told TCP poses; None for one told joint targets.
+    """
+
+    robot: RobotSpec
+    engine: str | None = None
+    follower: TcpFollower | None = None
+
+    @cached_property
+    def _task_planner(self) -> TaskPlanner:
+        return task_planner(self.engine)
+
+    def solve(
+        self,
+        scene: Scene,
+        target: str,
+        strategy: str = "lookahead",
+        rng: np.random.Generator | None = None,
+        time_limit: float | None = None,
+    ) -> Solution | Infeasible:
+        """As the function `solve`."""
+        scene.index(target)
+        validate(scene)
+        way = find_strategy(strategy)
+        rng = rng or np.random.default_rng(0)
+        started = time.process_time()
+        deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
+        outcomes: list[Solution | Infeasible] = []
+        for motion_layer in self._motion_layers(scene, rng, _ATTEMPTS if way.plans_ahead else 1):
+            motion_layer.is_timed_out = lambda: time.perf_counter() > deadline
+            search = Search(target, way, self._task_planner, motion_layer)
+            outcomes.append(task_and_motion_plan(search, scene))
+            if _is_final(outcomes[-1], motion_layer) or motion_layer.is_timed_out():
+                break
+        best = min(outcomes, key=_shortcoming)
+        return replace(best, stats=replace(best.stats, total_s=time.process_time() - started))
+
+    def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
+        """As the function `clearance_floor`."""
+        return floor_of_options(scene, target, _Blockers(self._candidates(scene), scene), limits)
+
+    def _motion_layers(self, scene: Scene, rng: np.random.Generator, attempts: int) -> Iterator[MotionLayer]:
+        """A motion layer for each attempt; for a robot told TCP poses the first one keeps to configurations near
+        home."""
+        for attempt in range(attempts + (self.follower is not None)):
+            near_home = self.follower is not None and attempt == 0
+            placer = map_placer(scene, _BASES_NEAR_HOME if near_home else _BASES)
+            candidates = GraspCandidates(placer, self.chain, SamplingConfig(near_home=near_home))
+            search = PlacementSearch(placer, self.chain, near_home=near_home)
+            yield MotionLayer(candidates, search, rng, follower=self.follower)
+
+    def _candidates(self, scene: Scene) -> GraspCandidates:
+        return GraspCandidates(map_placer(scene), self.chain)
+
+    @cached_property
+    def chain(self) -> ArmChain:
+        """The robot's torso and arm."""
+        return ArmChain.from_robot(self.robot)
+
+
+def _is_final(outcome: Solution | Infeasible, motion_layer: MotionLayer) -> bool:
+    """Whether another attempt could do no better.
+
+    A plan that clears something twice can be bettered; a refusal cannot if the grasps, none of them banned, say so.
+    """
+    if isinstance(outcome, Solution):
+        return not outcome.duplicated
+    by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
+    is_proved = by_grasps and not outcome.clearances and not motion_layer.has_banned and motion_layer.follower is None
+    return is_proved or outcome.cause is Cause.TIME_LIMIT
+
+
+def _shortcoming(outcome: Solution | Infeasible) -> tuple[bool, int, int]:
+    """Plans before refusals, then few objects cleared twice, then few clearances."""
+    if isinstance(outcome, Infeasible):
+        return True, 0, 0
+    return False, len(outcome.duplicated), len(outcome.clearances)
+
+
+@dataclass(frozen=True)
+class _Blockers:
+    """The blocker masks of a catalogue's grasps in one scene."""
+
+    candidates: GraspCandidates
+    scene: Scene
+
+    def blockers(self, name: str) -> Sequence[int]:
+        return [option.blockers for option in self.candidates.options(self.scene, name)]
+
+
+@cache
+def _inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
+    return InverseReachabilityMap(cached_map(robot))

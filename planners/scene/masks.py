@@ -1,0 +1,30 @@
+"""Object masks: sets of objects as 64-bit words, object i of a scene as bit i."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+
+__all__ = ["FURNITURE_BIT", "MAX_OBJECTS", "SELF_BIT", "Mask", "bit_count"]
+
+FURNITURE_BIT = 63
+"""Bit of a hit mask that stands for furniture and floor."""
+SELF_BIT = 62
+"""Bit of a hit mask that stands for the robot's own body."""
+MAX_OBJECTS = 60
+"""Objects in one scene at most: one bit each in a 64-bit word, with room for the bits above."""
+
+Mask: TypeAlias = int | np.int64
+"""A set of objects; a Python int outside compiled code."""
+
+
+@njit(cache=True)
+def bit_count(mask: Mask) -> int:
+    """Number of set bits of a non-negative int64."""
+    count = 0
+    while mask:
+        mask &= mask - 1
+        count += 1
+    return count

@@ -1,0 +1,1 @@
+"""Skills: clear one object from one direction, or take the target."""

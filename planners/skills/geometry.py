@@ -1,0 +1,154 @@
+"""Skills: clear one object from one direction, or take the target; their geometry, without planning any motion.
+
+A skill is a choice among the grasps and placements that the strategies choose from. `simulate_kinematically` returns
+the scene that a skill leaves
+behind if every motion to a free configuration exists and succeeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from irm.arm.kinematics import ArmChain
+from planners.clearing.lookahead import grasped
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.candidates import OFF_TABLE, BasePlacer, GraspCandidate, SamplingConfig, level_gripper_poses
+from planners.grasping.grasp_poses import GraspConfig, generate_grasps
+from planners.placing.placements import Placement, PlacementSearch
+from planners.planner import map_placer
+from planners.scene import Scene
+from planners.strategies import strategy
+
+__all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geometry"]
+
+DIRECTIONS = 6
+"""Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
+_CLEARANCE_REGION = strategy("dogar")
+"""Where a cleared object may go: out of the target's grasp (eq. 1), farthest first."""
+_EDGE = 1e-6
+"""[rad] Yaws on the border of two directions belong to both."""
+
+
+@dataclass(frozen=True)
+class Skill:
+    """Clear `object` by grasping it from `direction` (0 to `DIRECTIONS` - 1), or, with None, take it as the target."""
+
+    object: str
+    direction: int | None = None
+
+
+@dataclass(frozen=True)
+class SkillFailure:
+    """Why a skill could not be done: "blocked", "unreachable", "no place", "motion" or what surprised its execution."""
+
+    reason: str
+
+
+@dataclass
+class SkillGeometry:
+    """Grasps and placements of skills.
+
+    Attributes:
+        placer: base poses for hand poses.
+        chain: the arm.
+        sampling: how finely grasps are sampled.
+    """
+
+    placer: BasePlacer
+    chain: ArmChain
+    sampling: SamplingConfig = field(default_factory=SamplingConfig)
+
+    @property
+    def search(self) -> PlacementSearch:
+        """Finds where to put things."""
+        return PlacementSearch(self.placer, self.chain)
+
+    def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
+        """Free grasps for the skill, best first."""
+        found = self.options(scene, skill)
+        free = [option for option in found if option.blockers == 0]
+        if not free:
+            return SkillFailure("blocked" if found else "unreachable")
+        return tuple(sorted(free, key=lambda option: -option.quality))
+
+    def options(self, scene: Scene, skill: Skill) -> list[GraspCandidate]:
+        """Grasps for the skill with what is in the way of each."""
+        body = scene.body(skill.object)
+        if body.bottom < scene.support.top - OFF_TABLE:
+            return []
+        grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.sampling.directions))
+        chosen = [grasp for grasp in grasps if _is_from(grasp.yaw, skill.direction)]
+        if not chosen:
+            return []
+        world = CollisionWorld.from_scene(scene)
+        gripper_poses = level_gripper_poses(chosen)
+        opening = max(grasp.opening for grasp in chosen)
+        bases, index = self.placer.bases(gripper_poses)
+        ignore = scene.mask({body.name})
+        found = scan_configurations(
+            world, self.chain, GripperPoses(bases, gripper_poses[index]), self._grid, opening, ignore=ignore
+        )
+        return [
+            GraspCandidate(
+                body.name, bases[pair], q, float(gripper_poses[index[pair], 3]), opening, int(hits), float(quality)
+            )
+            for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
+        ]
+
+    def placements(
+        self, scene: Scene, target: str, rng: np.random.Generator, planned: Placement | None = None
+    ) -> Iterator[Placement]:
+        """Places for the object in hand, out of the way of the target's least obstructed grasp, best first."""
+        assert scene.held is not None
+        if planned is not None:
+            yield planned
+        yield from self.search.find(scene, self._wanted_grasp(scene, target), _CLEARANCE_REGION, rng)
+
+    def simulate_kinematically(
+        self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
+    ) -> Scene | SkillFailure:
+        """The scene that the skill leaves if every motion succeeds; taking the target leaves it in hand."""
+        grasps = self.grasps(scene, skill)
+        if isinstance(grasps, SkillFailure):
+            return grasps
+        in_hand = grasped(scene, grasps[0])
+        if skill.direction is None:
+            return in_hand
+        place = next(self.placements(in_hand, target, rng), None)
+        if place is None:
+            return SkillFailure("no place")
+        state = replace(in_hand.state, base=place.base)
+        return in_hand.with_held(None).with_body(place.body).with_state(state)
+
+    def _wanted_grasp(self, scene: Scene, target: str) -> list[GraspCandidate]:
+        assert scene.held is not None
+        if scene.held.name == target:
+            return []
+        held = scene.mask({scene.held.name})
+        options = self.options(scene, Skill(target))
+        ranked = sorted(options, key=lambda o: ((o.blockers & ~held).bit_count(), -o.quality))
+        return ranked[:1]
+
+    @property
+    def _grid(self) -> ConfigurationGrid:
+        torsos = np.linspace(self.chain.lower[0], self.chain.upper[0], self.sampling.torsos + 2)[1:-1]
+        rolls = -np.pi + (np.arange(self.sampling.rolls) + 0.5) * (2 * np.pi / self.sampling.rolls)
+        return ConfigurationGrid(np.asarray(torsos), np.asarray(rolls))
+
+
+def skill_geometry(scene: Scene) -> SkillGeometry:
+    """Skills of the scene's robot between the scene's furniture; serves every arrangement of objects."""
+    return SkillGeometry(map_placer(scene), ArmChain.from_robot(scene.robot))
+
+
+def _is_from(yaw: float, direction: int | None) -> bool:
+    """Whether an approach yaw [rad] belongs to a direction; every yaw belongs to None."""
+    if direction is None:
+        return True
+    step = 2 * np.pi / DIRECTIONS
+    away = (yaw - direction * step + np.pi) % (2 * np.pi) - np.pi
+    return bool(abs(away) <= step / 2 + _EDGE)

@@ -1,0 +1,104 @@
+"""Skills as motions: the trajectories behind clearing one object, or taking the target."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.motion.arm import BlockedBy, NoPath
+from planners.scene import Scene
+from planners.skills.geometry import Skill, SkillFailure, SkillGeometry
+from planners.tamp.motion_layer import BoundMotion, MotionLayer
+from planners.tamp.solution import BoundAction
+
+__all__ = ["SkillPlanner"]
+
+_GRASPS = 3
+"""Grasps tried before a skill counts as failed."""
+_PLACEMENTS = 8
+"""Placements tried for each of them."""
+
+
+@dataclass
+class SkillPlanner:
+    """Binds skills to motions.
+
+    Attributes:
+        geometry: where grasps and placements come from.
+        rng: for sampling.
+    """
+
+    geometry: SkillGeometry
+    rng: np.random.Generator
+
+    def plan(self, scene: Scene, target: str, skill: Skill) -> tuple[BoundAction, ...] | SkillFailure:
+        """The motions of a skill, as actions of the domain without symbols; what is in hand is put down first.
+
+        Args:
+            scene: where to start.
+            target: what must stay accessible.
+            skill: what to do.
+
+        Raises:
+            UnknownObject: no object of that name.
+        """
+        motion_layer = MotionLayer(
+            GraspCandidates(self.geometry.placer, self.geometry.chain), self.geometry.search, self.rng
+        )
+        done: tuple[BoundAction, ...] = ()
+        if scene.held is not None:
+            emptied = self._put_down(motion_layer, scene, target)
+            if isinstance(emptied, SkillFailure):
+                return emptied
+            done, scene = emptied
+        grasps = self.geometry.grasps(scene, skill)
+        if isinstance(grasps, SkillFailure):
+            return grasps
+        failure = SkillFailure("motion")
+        for grasp in grasps[:_GRASPS]:
+            taken = _take(motion_layer, scene, grasp)
+            if taken is None:
+                continue
+            actions, in_hand = taken
+            if skill.direction is None:
+                return (*done, *actions)
+            placed = self._put_down(motion_layer, in_hand, target)
+            if not isinstance(placed, SkillFailure):
+                return (*done, *actions, *placed[0])
+            failure = placed
+        return failure
+
+    def _put_down(
+        self, motion_layer: MotionLayer, scene: Scene, target: str
+    ) -> tuple[tuple[BoundAction, ...], Scene] | SkillFailure:
+        """Put the object in hand where it is out of the target's way."""
+        assert scene.held is not None
+        name = scene.held.name
+        for placement in itertools.islice(self.geometry.placements(scene, target, self.rng), _PLACEMENTS):
+            driven = motion_layer.drive(scene, placement.base)
+            if isinstance(driven, NoPath):
+                continue
+            placed = motion_layer.put_down(driven.scene, placement)
+            if isinstance(placed, BoundMotion):
+                return (_action("MoveBase", name, driven), _action("PutDownGeneral", name, placed)), placed.scene
+        return SkillFailure("no place")
+
+
+def _take(
+    motion_layer: MotionLayer, scene: Scene, grasp: GraspCandidate
+) -> tuple[tuple[BoundAction, ...], Scene] | None:
+    """Drive there and pick the object up; None where no motion is found."""
+    driven = motion_layer.drive(scene, grasp.base)
+    if isinstance(driven, NoPath):
+        return None
+    picked = motion_layer.pick_up(driven.scene, grasp)
+    if isinstance(picked, BlockedBy | NoPath):
+        return None
+    return (_action("MoveBase", grasp.object, driven), _action("PickUp", grasp.object, picked)), picked.scene
+
+
+def _action(name: str, target: str, motion: BoundMotion) -> BoundAction:
+    return BoundAction(name, (target,), motion.trajectory, target)

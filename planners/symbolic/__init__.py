@@ -1,0 +1,1 @@
+"""The task-planning problem: facts with references, transitions, and the task planners."""

@@ -1,0 +1,144 @@
+"""A task planner of our own: A* over the symbolic state. It needs no package, and its plans are shortest."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from heapq import heappop, heappush
+from itertools import count
+
+from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskProblem
+from planners.symbolic.transitions import apply_action, arm_actions
+
+__all__ = ["LowerBound", "SearchTimeoutError", "shortest_plan"]
+
+
+class SearchTimeoutError(TimeoutError):
+    """The time limit was reached before a plan or a proof was found."""
+
+
+def shortest_plan(problem: TaskProblem, time_limit: float = math.inf) -> tuple[GroundAction, ...] | None:
+    """A shortest plan, or None if it is proved that there is none.
+
+    Each step of the search is an arm action with the drive to where it is possible: a drive to anywhere else is wasted.
+
+    Raises:
+        SearchTimeoutError: neither within `time_limit` [s].
+    """
+    deadline = time.perf_counter() + time_limit
+    to_go = LowerBound(problem)
+    order = count()
+    queue: list[tuple[float, float, int, SymbolicState]] = [(0, 0, next(order), problem.state)]
+    cost: dict[frozenset[Atom], int] = {problem.state.facts: 0}
+    came_from: dict[frozenset[Atom], tuple[frozenset[Atom], tuple[GroundAction, ...]]] = {}
+    closed: set[frozenset[Atom]] = set()
+    while queue:
+        if time.perf_counter() > deadline:
+            raise SearchTimeoutError(f"no plan and no proof within {time_limit} s")
+        state = heappop(queue)[-1]
+        if problem.goal in state.facts:
+            return _actions_to(state.facts, came_from)
+        if state.facts in closed:
+            continue
+        closed.add(state.facts)
+        for actions, successor in _successors(state):
+            length = cost[state.facts] + len(actions)
+            if length < cost.get(successor.facts, math.inf):
+                remaining = to_go(successor)
+                if remaining < math.inf:
+                    cost[successor.facts] = length
+                    came_from[successor.facts] = state.facts, actions
+                    closed.discard(successor.facts)
+                    heappush(queue, (length + remaining, remaining, next(order), successor))
+    return None
+
+
+class LowerBound:
+    """A lower bound on the number of actions from a state to the goal; infinite if the goal is out of reach.
+
+    Counts every pick-up and put-down that no plan can do without, and a drive for each set of base poses that these
+    do not share with others.
+    """
+
+    def __init__(self, problem: TaskProblem) -> None:
+        """Look up once what actions never change: which base poses and trajectories reach which grasp."""
+        self._problem = problem
+        bases: dict[str, set[str]] = defaultdict(set)
+        trajectories: dict[str, set[str]] = defaultdict(set)
+        for _, trajectory, base, arm_pose in problem.state.find("isMotion", None, None, None):
+            bases[arm_pose].add(base)
+            trajectories[arm_pose].add(trajectory)
+        self._bases: dict[tuple[str, str], frozenset[str]] = defaultdict(frozenset)
+        self._trajectories: dict[tuple[str, str], frozenset[str]] = defaultdict(frozenset)
+        for _, arm_pose, name, location in problem.state.find("isGrasp", None, None, None):
+            self._bases[name, location] |= bases[arm_pose]
+            self._trajectories[name, location] |= trajectories[arm_pose]
+        self._put_down: dict[str, frozenset[str]] = defaultdict(frozenset)
+        offers = [fact[1:3] for fact in problem.state.find("isClearanceLocation", None, None, None)]
+        offers += [fact[1:3] for fact in problem.state.find("isPlacementLocation", None, None)]
+        for location, name in offers:
+            self._put_down[name] |= self._bases[name, location]
+
+    def __call__(self, state: SymbolicState) -> float:
+        """The bound at this state of the problem."""
+        if self._problem.goal in state.facts:
+            return 0
+        held = state.held
+        stands_at = {name: location for _, name, location in state.find("objectAt", None, None)}
+        necessary = self._necessary(state, stands_at)
+        steps = [self._bases[name, stands_at[name]] for name in necessary if name != held]
+        steps += [self._put_down[name] for name in necessary if name != self._problem.target]
+        if held is not None and held not in necessary:
+            steps.append(self._put_down[held])
+        if not all(steps):
+            return math.inf
+        is_standing_right = any(state.robot_at in poses for poses in steps)
+        return len(steps) + _number_of_groups(steps) - is_standing_right
+
+    def _necessary(self, state: SymbolicState, stands_at: dict[str, str]) -> set[str]:
+        """The target and every object that obstructs all grasps of a necessary object."""
+        necessary: set[str] = set()
+        blockers = state.blockers()
+        frontier = [self._problem.target]
+        while frontier:
+            name = frontier.pop()
+            if name in necessary:
+                continue
+            necessary.add(name)
+            trajectories = self._trajectories[name, stands_at[name]] if name in stands_at else ()
+            in_the_way = [blockers.get(name, {}).get(trajectory, set()) for trajectory in trajectories]
+            frontier.extend(set.intersection(*in_the_way) if in_the_way else ())
+        return necessary
+
+
+def _successors(state: SymbolicState) -> Iterator[tuple[tuple[GroundAction, ...], SymbolicState]]:
+    here = state.robot_at
+    drives = {pose: trajectory for _, trajectory, pose in state.find("isBaseMotion", None, None)}
+    for action, base in arm_actions(state):
+        if base == here:
+            yield (action,), apply_action(state, action)
+        elif base in drives:
+            drive = GroundAction("MoveBase", (here, base, drives[base]))
+            yield (drive, action), apply_action(apply_action(state, drive), action)
+
+
+def _number_of_groups(sets: Iterable[frozenset[str]]) -> int:
+    """How many sets are left when those with a common element are merged."""
+    merged: list[frozenset[str]] = []
+    for item in sets:
+        touching = [other for other in merged if other & item]
+        merged = [other for other in merged if not other & item]
+        merged.append(item.union(*touching))
+    return len(merged)
+
+
+def _actions_to(
+    facts: frozenset[Atom], came_from: dict[frozenset[Atom], tuple[frozenset[Atom], tuple[GroundAction, ...]]]
+) -> tuple[GroundAction, ...]:
+    reversed_actions: list[GroundAction] = []
+    while facts in came_from:
+        facts, actions = came_from[facts]
+        reversed_actions.extend(reversed(actions))
+    return tuple(reversed(reversed_actions))

@@ -1,0 +1,78 @@
+"""Why a task problem has no plan: a circle of objects, one that cannot be grasped, or one that has nowhere to go."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from planners.symbolic.problem import Reason, SymbolicState, TaskProblem
+
+__all__ = ["why_unsolvable"]
+
+
+def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | None:
+    """Why no plan can exist, with the names of the objects concerned; None if none of the usual causes holds.
+
+    Takes away in thought whatever can be taken, first as if there were always somewhere to put it. If the target is
+    left over, it waits for a circle of objects or for one that cannot be grasped at all.
+    """
+    state = problem.state
+    held = state.held
+    if held not in (None, problem.target) and not _has_free_location(state, held):
+        return "no location", (held,)
+    relevant = problem.relevant_objects()
+    gone = _removable(state, relevant)
+    if problem.target not in gone:
+        ungraspable = {name for name in relevant if name != held and not _grasp_trajectories(state, name)}
+        if problem.target in _removable(state, relevant, free=ungraspable):
+            return "no grasp", tuple(sorted(ungraspable))
+        return "cyclic", _circle(state, relevant - gone)
+    homeless = {name for name in relevant if name != problem.target and not _locations(state, name)}
+    if problem.target not in _removable(state, relevant - homeless):
+        return "no location", tuple(sorted(homeless))
+    return None
+
+
+def _removable(state: SymbolicState, objects: Collection[str], free: Collection[str] = ()) -> set[str]:
+    """`free`, the held object, and what of `objects` can be taken one by one after them."""
+    blockers = state.blockers()
+    gone = {*free, *([state.held] if state.held else [])}
+    while True:
+        takeable = {
+            name
+            for name in set(objects) - gone
+            if any(blockers.get(name, {}).get(path, set()) <= gone for path in _grasp_trajectories(state, name))
+        }
+        if not takeable:
+            return gone
+        gone |= takeable
+
+
+def _circle(state: SymbolicState, stuck: Collection[str]) -> tuple[str, ...]:
+    """Those of the stuck objects that some other stuck object waits for, directly or not, and that wait themselves."""
+    circle = set(stuck)
+    while True:
+        waited_for = {fact[1] for fact in state.find("obstructs", None, None, None) if fact[3] in circle}
+        if circle <= waited_for:
+            return tuple(sorted(circle))
+        circle &= waited_for
+
+
+def _grasp_trajectories(state: SymbolicState, name: str) -> set[str]:
+    """Arm trajectories that end at a grasp of the object where it stands."""
+    grasps = [g for at in state.find("objectAt", name, None) for g in state.find("isGrasp", None, name, at[2])]
+    return {motion[1] for grasp in grasps for motion in state.find("isMotion", None, None, grasp[1])}
+
+
+def _locations(state: SymbolicState, name: str) -> set[str]:
+    """Locations offered for the object."""
+    clearance = {fact[1] for fact in state.find("isClearanceLocation", None, name, None)}
+    return clearance | {fact[1] for fact in state.find("isPlacementLocation", None, name)}
+
+
+def _has_free_location(state: SymbolicState, held: str | None) -> bool:
+    """Whether the held object can be put down now: nothing can be moved out of the way first."""
+    if held is None:
+        return True
+    blockers = state.blockers().get(held, {})
+    grasps = [g for g in state.find("isGrasp", None, held, None) if g[3] in _locations(state, held)]
+    return any(not blockers.get(motion[1]) for g in grasps for motion in state.find("isMotion", None, None, g[1]))

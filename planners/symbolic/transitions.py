@@ -1,0 +1,288 @@
+"""How the symbolic state changes: by an action of the plan, and by what motion planning found out.
+
+`update_from_action` and `update_from_error` are the two updates of Algorithm 1 (Lee & Kim 2019). Besides the effects
+that PDDL knows they rebind references: a fact about a path is dropped once that path's symbol means another path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from planners.symbolic.problem import GRIPPER, ROBOT_INIT_LOC, Atom, GroundAction, SymbolicState, TaskProblem
+from planners.symbolic.references import (
+    grasp_references,
+    initial_state,
+    motion_facts,
+    next_location,
+    placement_references,
+)
+
+__all__ = [
+    "GraspObstructed",
+    "GraspRefuted",
+    "InapplicableActionError",
+    "LocationRefuted",
+    "MotionError",
+    "PlacementObstructed",
+    "applicable_actions",
+    "apply_action",
+    "arm_actions",
+    "obstruction_problem",
+    "unmet_preconditions",
+    "update_from_action",
+    "update_from_error",
+]
+
+
+class InapplicableActionError(ValueError):
+    """An action whose preconditions do not hold, or whose name or number of arguments is wrong."""
+
+
+@dataclass(frozen=True)
+class GraspObstructed:
+    """The grasp now bound to the object's references is obstructed by these objects, and by no others."""
+
+    object: str
+    blockers: frozenset[str]
+
+
+@dataclass(frozen=True)
+class PlacementObstructed:
+    """The put-down of the held object at `location` is obstructed by these objects, and by no others."""
+
+    object: str
+    location: str
+    blockers: frozenset[str]
+
+
+@dataclass(frozen=True)
+class LocationRefuted:
+    """No motion puts the object down at `location`; `replace` offers another location under a new symbol."""
+
+    object: str
+    location: str
+    replace: bool = True
+
+
+@dataclass(frozen=True)
+class GraspRefuted:
+    """The object cannot be grasped where it stands, whatever else is moved."""
+
+    object: str
+
+
+MotionError: TypeAlias = GraspObstructed | PlacementObstructed | LocationRefuted | GraspRefuted
+
+
+def obstruction_problem(
+    target: str,
+    blockers: Mapping[str, Collection[str]],
+    *,
+    objects: Collection[str] = (),
+    held: str | None = None,
+    held_obstructs: str = "",
+    robot_at: str = ROBOT_INIT_LOC,
+    standing_at: Mapping[str, str] | None = None,
+) -> TaskProblem:
+    """The problem in which each object's chosen grasp is obstructed by its `blockers`.
+
+    Args:
+        target: the object to hold in the end.
+        blockers: objects in the way of each object's chosen grasp, by name.
+        objects: further objects of the scene.
+        held: the object in the gripper, if any.
+        held_obstructs: the object that the held one was taken away for; "" puts it down as no obstacle.
+        robot_at: symbol of the base pose.
+        standing_at: location symbols of objects that were moved before.
+    """
+    mentioned = {target, *objects, *blockers, *(name for names in blockers.values() for name in names)}
+    if held is not None:
+        mentioned.add(held)
+    state = initial_state(sorted(mentioned), held=held, robot_at=robot_at, standing_at=standing_at)
+    if held is not None and held_obstructs:
+        state = _offer_clearance(state, held, held_obstructs)
+    for name in sorted(blockers):
+        if name != held:
+            state = update_from_error(state, GraspObstructed(name, frozenset(blockers[name]) - {held or ""}))
+    return TaskProblem(state, target)
+
+
+def unmet_preconditions(state: SymbolicState, action: GroundAction) -> tuple[Atom, ...]:
+    """The facts that keep an action from being applied: missing ones, and ones that must not hold ("not", …).
+
+    Raises:
+        InapplicableActionError: no action of the domain, or the wrong number of arguments.
+    """
+    required, forbidden = _preconditions(state, action)
+    return (
+        *sorted(required - state.facts),
+        *sorted(("not", *fact) for fact in forbidden & state.facts),
+    )
+
+
+def apply_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
+    """The state after an action, by the effects of the PDDL domain alone.
+
+    Raises:
+        InapplicableActionError: a precondition does not hold; the message lists them.
+    """
+    unmet = unmet_preconditions(state, action)
+    if unmet:
+        raise InapplicableActionError(f"{action} is not applicable: {', '.join(map(str, unmet))}")
+    add, remove = _effects(state, action)
+    return state.changed(add, remove)
+
+
+def update_from_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
+    """The state after a verified action (Algorithm 1, updateInitialStateFromAction).
+
+    An object that was put down keeps its grasp references: they now mean grasps at its new place.
+
+    Raises:
+        InapplicableActionError: a precondition does not hold.
+    """
+    state = apply_action(state, action)
+    if action.name not in ("PutDownGeneral", "PutDownForClearance"):
+        return state
+    name, location = action.args[0], action.args[-1]
+    state = _without_obstructions(state, grasp_references(name).arm_trajectory)
+    stale = {
+        *state.find("isGrasp", None, name, None),
+        *state.find("isClearanceLocation", None, name, None),
+        *state.find("isPlacementLocation", None, name),
+    }
+    state = state.changed(add=motion_facts(grasp_references(name), name, location), remove=stale)
+    return replace(state, retired=state.retired | {location})
+
+
+def update_from_error(state: SymbolicState, error: MotionError) -> SymbolicState:
+    """The state with what a failed motion taught (Algorithm 1, updateInitialStateFromError; section 3.4).
+
+    Obstructed motions add obstacle, obstructs and isClearanceLocation facts, in place of what was known about an
+    earlier binding of the same references. Refuted motions take away what they refute.
+    """
+    match error:
+        case GraspObstructed(name, blockers):
+            return _obstruct(state, name, grasp_references(name).arm_trajectory, blockers)
+        case PlacementObstructed(name, location, blockers):
+            return _obstruct(state, name, placement_references(location).arm_trajectory, blockers)
+        case LocationRefuted(name, location, wanted):
+            return _refute_location(state, name, location, wanted)
+        case GraspRefuted(name):
+            return state.changed(remove=state.find("isGrasp", grasp_references(name).arm_pose, name, None))
+
+
+def applicable_actions(state: SymbolicState) -> Iterator[GroundAction]:
+    """Every action whose preconditions hold, in a fixed order."""
+    here = state.robot_at
+    for _, trajectory, pose in state.find("isBaseMotion", None, None):
+        if pose != here:
+            yield GroundAction("MoveBase", (here, pose, trajectory))
+    yield from (action for action, base in arm_actions(state) if base == here)
+
+
+def arm_actions(state: SymbolicState) -> Iterator[tuple[GroundAction, str]]:
+    """Every pick-up and put-down that is possible now, or would be after a drive, with the base pose it needs."""
+    for _, trajectory, base, arm_pose in state.find("isMotion", None, None, None):
+        for _, _, name, location in state.find("isGrasp", arm_pose, None, None):
+            motion = (base, arm_pose, trajectory, location)
+            targets = [fact[3] for fact in state.find("isClearanceLocation", location, name, None)]
+            candidates = (
+                GroundAction("PickUp", (name, GRIPPER, *motion)),
+                GroundAction("PutDownGeneral", (name, GRIPPER, *motion)),
+                *(GroundAction("PutDownForClearance", (name, target, GRIPPER, *motion)) for target in targets),
+            )
+            for action in candidates:
+                if set(unmet_preconditions(state, action)) <= {("robotAt", base)}:
+                    yield action, base
+
+
+def _preconditions(state: SymbolicState, action: GroundAction) -> tuple[frozenset[Atom], frozenset[Atom]]:
+    """Facts that must hold and facts that must not."""
+    match action:
+        case GroundAction("MoveBase", (pose1, pose2, traj)):
+            return frozenset({("robotAt", pose1), ("isBaseMotion", traj, pose2)}), frozenset()
+        case GroundAction("PickUp", (name, gripper, pose1, pose2, traj, location)):
+            specific: set[Atom] = {("empty", gripper), ("objectAt", name, location)}
+            forbidden: set[Atom] = set()
+        case GroundAction("PutDownGeneral", (name, gripper, pose1, pose2, traj, location)):
+            specific = {("graspedBy", name, gripper), ("isPlacementLocation", location, name)}
+            forbidden = {("obstacle", name), ("occupied", location)}
+        case GroundAction("PutDownForClearance", (name, tar, gripper, pose1, pose2, traj, location)):
+            specific = {("graspedBy", name, gripper), ("isClearanceLocation", location, name, tar), ("obstacle", name)}
+            forbidden = {("occupied", location)}
+        case _:
+            raise InapplicableActionError(
+                f"no action of the domain: {action}; see GroundAction for names and arguments"
+            )
+    motion = {("robotAt", pose1), ("isGrasp", pose2, name, location), ("isMotion", traj, pose1, pose2)}
+    return frozenset(specific | motion), frozenset({*forbidden, *state.find("obstructs", None, traj, name)})
+
+
+def _effects(state: SymbolicState, action: GroundAction) -> tuple[set[Atom], set[Atom]]:
+    """Facts added and facts removed."""
+    if action.name == "MoveBase":
+        pose1, pose2, _ = action.args
+        return {("robotAt", pose2)}, {("robotAt", pose1)}
+    name, location = action.args[0], action.args[-1]
+    in_hand: set[Atom] = {("graspedBy", name, GRIPPER)}
+    on_table: set[Atom] = {("empty", GRIPPER), ("objectAt", name, location), ("occupied", location)}
+    if action.name == "PickUp":
+        return in_hand, on_table | set(state.find("obstructs", name, None, None))
+    if action.name == "PutDownForClearance":
+        return on_table, in_hand | {("obstacle", name), ("isClearanceLocation", location, name, action.args[1])}
+    return on_table, in_hand
+
+
+def _obstruct(state: SymbolicState, name: str, trajectory: str, blockers: frozenset[str]) -> SymbolicState:
+    state = _without_obstructions(state, trajectory)
+    for blocker in sorted(blockers):
+        state = _offer_clearance(state, blocker, name)
+        state = state.changed(add={("obstructs", blocker, trajectory, name)})
+    return state
+
+
+def _without_obstructions(state: SymbolicState, trajectory: str) -> SymbolicState:
+    """Forget what stood in the way of a path, and which of it was an obstacle for nothing else."""
+    stale = state.find("obstructs", None, trajectory, None)
+    state = state.changed(remove=stale)
+    for _, blocker, _, name in stale:
+        if not state.find("obstructs", blocker, None, name):
+            state = state.changed(remove=state.find("isClearanceLocation", None, blocker, name))
+        if not state.find("obstructs", blocker, None, None):
+            state = state.changed(remove={("obstacle", blocker)})
+    return state
+
+
+def _offer_clearance(state: SymbolicState, obstacle: str, target: str) -> SymbolicState:
+    """Say that `obstacle` is one, and that there is a place for it where it does not obstruct `target`."""
+    offered = state.find("isClearanceLocation", None, obstacle, None)
+    location = offered[0][1] if offered else next_location(state, obstacle)
+    facts = motion_facts(placement_references(location), obstacle, location)
+    return state.changed(add={("obstacle", obstacle), ("isClearanceLocation", location, obstacle, target), *facts})
+
+
+def _refute_location(state: SymbolicState, name: str, location: str, wanted: bool) -> SymbolicState:
+    targets = [fact[3] for fact in state.find("isClearanceLocation", location, name, None)]
+    was_placement = bool(state.find("isPlacementLocation", location, name))
+    references = placement_references(location)
+    state = _without_obstructions(state, references.arm_trajectory)
+    state = state.changed(
+        remove={
+            *motion_facts(references, name, location),
+            *state.find("isClearanceLocation", location, name, None),
+            ("isPlacementLocation", location, name),
+        }
+    )
+    state = replace(state, retired=state.retired | {location})
+    if not wanted:
+        return state
+    for target in targets:
+        state = _offer_clearance(state, name, target)
+    if was_placement:
+        fresh = next_location(state, name)
+        facts = motion_facts(placement_references(fresh), name, fresh)
+        state = state.changed(add={("isPlacementLocation", fresh, name), *facts})
+    return state

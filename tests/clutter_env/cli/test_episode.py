@@ -1,0 +1,125 @@
+"""Running the expert: what is printed, what a plan's picture says, and one whole demonstration."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from clutter_env.experiments.clearance_table.trials import Attempt
+from clutter_env.experiments.episodes.many import Episode, counts_text
+from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
+from clutter_env.rendering.film import Film
+from planners.cause import Cause
+from planners.drawing.region import ClearancePicture, draw_clearance
+from planners.execution.expert import EpisodeReport
+from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
+from planners.scene import Body
+from planners.tamp.solution import Infeasible, ReplanRecord
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_replanning_marks_what_held_and_what_was_refuted() -> None:
+    plan = ("MoveBase(a, b, t)", "PickUp(object_01, g)", "MoveBase(b, c, u)")
+    text = replanning_text([ReplanRecord(plan, 1, plan[1], ("(obstacle object_02)",))])
+    lines = text.splitlines()
+    assert lines[1] == "  + MoveBase(a, b, t)"
+    assert lines[2] == "  x PickUp(object_01, g)"
+    assert lines[3] == "    MoveBase(b, c, u)"
+    assert "    (obstacle object_02)" in lines
+
+
+def test_a_missing_plan_names_its_cause() -> None:
+    assert "no clearance location: nowhere for object_02" in plan_text(
+        Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02"), "object_01"
+    )
+
+
+def test_the_report_believes_the_environment() -> None:
+    report = EpisodeReport(planned=True, executed=True, scored=True, clearances=("object_02",), floor=1)
+    assert "yes, says the environment" in report_text(report, is_success=True)
+    assert "no: the target was not held up" in report_text(report, is_success=False)
+
+
+def test_counts_keep_crashes_apart_from_failures() -> None:
+    solved = Attempt(15, 1, "lookahead", solved=True, clearances=("object_02",), deviations=("object_03: toppled",))
+    failed = Attempt(15, 2, "lookahead", cause="no clearance location")
+    crashed = Attempt(15, 3, "lookahead", cause="crash", detail="Traceback")
+    text = counts_text([Episode(1, solved), Episode(2, failed), Episode(None, crashed)])
+    assert "1 of 2: 0.50" in text
+    assert "1 CRASHED" in text
+    assert "1 x no clearance location" in text
+    assert "1 x toppled" in text
+
+
+def test_a_clearance_picture_draws_every_object_and_rank() -> None:
+    grid = SupportGrid(-0.35, -0.5, 0.005, (140, 200), 0.75)
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    bodies = [
+        Body(f"object_{i:02d}", "cylinder", np.array([0.03, 0.03, 0.08]), np.array([0.0, 0.1 * i, 0.83]), upright)
+        for i in range(3)
+    ]
+    region = NegativeGoalRegion(grid.empty(), grid.empty())
+    spots = np.array([[0.2, 0.2], [0.1, -0.2]])
+    picture = ClearancePicture(
+        grid, region, bodies, "object_00", candidates=spots, ordered=spots[:1], chosen=spots[0], moved="object_01"
+    )
+    axes = Figure().subplots()
+    draw_clearance(axes, picture, "title")
+    assert {text.get_text() for text in axes.texts} == {"00", "01", "02", "1"}
+    assert [picture.kind(body) for body in bodies] == ["target", "moved", "object"]
+
+
+def test_a_film_without_ffmpeg_becomes_a_gif(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    film = object.__new__(Film)
+    film.frames = [np.full((64, 96, 3), 60 * k, np.uint8) for k in range(4)]
+    film.moments = [(f"moment {k}", frame) for k, frame in enumerate(film.frames)]
+    assert film.save_film(tmp_path / "film") == tmp_path / "film.gif"
+    film.save_strip(tmp_path / "strip.png")
+    assert (tmp_path / "strip.png").stat().st_size > 500
+
+
+@pytest.mark.parametrize("wrong", [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"]])
+def test_wrong_arguments_are_named(wrong: list[str]) -> None:
+    command = [sys.executable, "scripts/run_episode.py", *wrong]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert result.returncode != 0
+    assert "Traceback" not in result.stderr
+    assert wrong[1] in result.stderr
+
+
+@pytest.mark.slow
+def test_the_demonstration_takes_the_target_out_of_fifteen_objects(tmp_path: Path) -> None:
+    command = [sys.executable, "scripts/run_episode.py", "--objects", "15", "--output", str(tmp_path)]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
+    assert result.returncode == 0, result.stderr
+    assert "PUTDOWNFORCLEARANCE_FETCH" in result.stdout
+    figures = json.loads((tmp_path / "report.json").read_text())
+    assert figures["is_success"]
+    assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+@pytest.mark.slow
+def test_many_episodes_are_counted(tmp_path: Path) -> None:
+    command = [sys.executable, "scripts/run_episode.py", "--objects", "5", "--episodes", "2", "--jobs", "1"]
+    command += ["--no-obstructed", "--output", str(tmp_path)]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
+    assert result.returncode == 0, result.stderr
+    assert len((tmp_path / "episodes.jsonl").read_text().splitlines()) == 2
+    assert "success" in result.stdout
+
+
+@pytest.mark.slow
+def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    code = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "planners.md").read_text(), re.DOTALL)
+    assert code is not None
+    exec(code[1], {})
+    assert "scored=True" in capsys.readouterr().out

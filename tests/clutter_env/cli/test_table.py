@@ -1,0 +1,142 @@
+"""The clearance table: its statistics on small cases, its file of trials, its processes, and one small run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutter_env.experiments.clearance_table.records import OtherSettings, Records
+from clutter_env.experiments.clearance_table.statistics import CRASH, bootstrap, make_row, summarise_scenes
+from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
+from clutter_env.parallel.processes import Crash, Killed, run_jobs
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def attempt(seed: int, cleared: int | None, strategy: str = "ngr", cause: str = "motion") -> Attempt:
+    """An attempt that cleared so many objects, or failed."""
+    if cleared is None:
+        return Attempt(15, seed, strategy, cause=cause)
+    return Attempt(15, seed, strategy, solved=True, clearances=tuple(f"object_{i:02d}" for i in range(cleared)))
+
+
+def table(*attempts: Attempt) -> dict[int, Attempt]:
+    return {entry.seed: entry for entry in attempts}
+
+
+def test_a_bootstrap_interval_encloses_the_mean_and_shrinks_with_more_scenes() -> None:
+    rng = np.random.default_rng(0)
+    few, many = (bootstrap(rng.normal(5.0, 1.0, size), rng) for size in (20, 2000))
+    assert few.low < few.mean < few.high
+    assert many.high - many.low < 0.3 * (few.high - few.low)
+    assert bootstrap([3, 3, 3], rng) == (3, 3, 3)
+    assert np.isnan(bootstrap([], rng).mean)
+
+
+def test_rows_pair_by_scene_and_count_unsolved_scenes_at_the_cap() -> None:
+    reference = table(attempt(1, 1), attempt(2, 2), attempt(3, None))
+    own = table(attempt(1, 4), attempt(2, None), attempt(3, 5))
+    row = make_row(own, reference, {1: 2, 3: 5}, cap=10, seed=0)
+    assert (row.scenes, row.solved, row.both) == (3, 2, 1)
+    assert (row.both_clearances, row.both_reference, row.difference.mean) == (4, 1, 3)
+    assert row.censored.mean == pytest.approx((4 + 10 + 5) / 3)
+    assert row.ratio.mean == pytest.approx((4 / 2 + 5 / 5) / 2)
+    assert row.at_floor == 0.5
+    assert row.causes == {"motion": 1}
+    assert row.p_success == 1.0
+
+
+def test_mcnemar_sees_a_strategy_that_fails_where_the_other_does_not() -> None:
+    reference = table(*(attempt(seed, 1) for seed in range(10)))
+    own = table(*(attempt(seed, None) for seed in range(10)))
+    assert make_row(own, reference, {}, cap=10, seed=0).p_success == pytest.approx(2 / 2**10)
+
+
+def test_a_crash_is_not_a_failure_to_solve() -> None:
+    own = table(attempt(1, 1), attempt(2, None, cause=CRASH))
+    row = make_row(own, own, {}, cap=10, seed=0)
+    assert (row.scenes, row.crashed, row.success.mean) == (1, 1, 1.0)
+    assert not row.causes
+
+
+def test_scenes_are_told_apart_by_what_the_floor_says() -> None:
+    found = [
+        Assessment(15, 1, floor=0, proved=True),
+        Assessment(15, 2, floor=3, proved=True),
+        Assessment(15, 3, floor=5, proved=False),
+        Assessment(15, 4, proved=True, cause="no self-clearable set"),
+        Assessment(15, 5, proved=True, cause="unreachable"),
+        Assessment(15, 6, cause=CRASH),
+    ]
+    row = summarise_scenes(15, found, seed=0)
+    assert (row.seeds, row.free, row.obstructed, row.without_set, row.unreachable) == (6, 1, 2, 1, 1)
+    assert (row.crashed, row.unproved, row.floor.mean) == (1, 1, 3)
+
+
+def test_records_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
+    path, settings = tmp_path / "trials.jsonl", {"layout": "paper"}
+    records = Records(path, settings)
+    records.add(attempt(1, 2))
+    records.add(Assessment(15, 1, "object_03", floor=2, proved=True))
+    with path.open("a") as file:
+        file.write('{"objects": 15, "see')
+    again = Records(path, settings)
+    assert again.get(15, 1, "ngr") == attempt(1, 2)
+    assert again.assessments(15)[1].target == "object_03"
+    again.add(attempt(2, None))
+    assert Records(path, settings).get(15, 2, "ngr") == attempt(2, None)
+    with pytest.raises(OtherSettings, match="layout: 'paper' there, 'dense' now"):
+        Records(path, {"layout": "dense"})
+
+
+def behave(how: str) -> str:
+    """A job that does what it is told."""
+    if how == "raise":
+        raise RuntimeError("as told")
+    if how == "die":
+        os._exit(3)
+    if how == "hang":
+        time.sleep(60)
+    return how
+
+
+def test_jobs_that_crash_or_hang_do_not_stop_the_others() -> None:
+    jobs = ["one", "raise", "die", "hang", "two"]
+    results = dict(run_jobs(behave, jobs, count=2, limit_s=20.0))
+    assert (results["one"], results["two"]) == ("one", "two")
+    assert isinstance(results["raise"], Crash)
+    assert "RuntimeError: as told" in results["raise"].detail
+    assert results["die"] == Crash("the process ended with exit code 3")
+    assert results["hang"] == Killed(20.0)
+
+
+@pytest.mark.slow
+def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) -> None:
+    command = [sys.executable, "scripts/clearance_table.py", "--objects", "15", "--strategies", "lookahead", "ngr"]
+    command += ["--scenes", "2", "--jobs", "1", "--output", str(tmp_path)]
+    command += ["--markdown", str(tmp_path / "docs" / "t.md")]
+    for _ in range(2):
+        result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=600)
+        assert result.returncode == 0, result.stderr
+    figures = json.loads((tmp_path / "table.json").read_text())
+    assert [row["strategy"] for row in figures["rows"]] == ["lookahead", "ngr"]
+    assert figures["rows"][0]["solved"] == 2
+    lines = (tmp_path / "trials.jsonl").read_text().splitlines()
+    assert len(lines) == 1 + sum('"strategy": "floor"' in line for line in lines) + 2 * 2
+    assert (tmp_path / "docs" / "images" / "t.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("wrong", [["--objects", "16"], ["--strategies", "best"], ["--scenes", "0"]])
+def test_wrong_arguments_are_named(wrong: list[str], tmp_path: Path) -> None:
+    command = [sys.executable, "scripts/clearance_table.py", *wrong, "--output", str(tmp_path)]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert result.returncode != 0
+    assert "Traceback" not in result.stderr
+    assert wrong[0] in result.stderr or wrong[1] in result.stderr

@@ -1,0 +1,190 @@
+"""Every keyword and option given wrongly: a ValueError that names what is valid, and nothing has changed."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401 - registers the environments
+from clutter_env.errors import ClutterEnvError
+from clutter_env.scene.layout import LAYOUTS
+
+WRONG_KEYWORDS = [
+    ("layout", "round", "paper"),
+    ("layout", 3, "paper"),
+    ("layout", None, "paper"),
+    ("layout", ["paper"], "paper"),
+    ("control_mode", "torque", "ee"),
+    ("control_mode", None, "joint"),
+    ("reward_mode", "shaped", "dense"),
+    ("reward_mode", 0, "sparse"),
+    ("obs_mode", "pixels", "rgbd"),
+    ("obs_mode", b"state", "state"),
+    ("robot", "pr2", "fetch"),
+    ("robot", 7, "fetch"),
+    ("robot", None, "fetch"),
+    ("shapes", "sphere", "cylinder"),
+    ("shapes", 1.0, "mixed"),
+    ("camera", "front", "top"),
+    ("num_objects", 0, "1"),
+    ("num_objects", -3, "1"),
+    ("num_objects", 61, "at most 60"),
+    ("num_objects", 10**9, "at most"),
+    ("num_objects", 5.0, "integer"),
+    ("num_objects", "5", "integer"),
+    ("num_objects", True, "integer"),
+    ("num_objects", None, "integer"),
+    ("num_objects", float("nan"), "integer"),
+    ("width", 0, "16"),
+    ("height", 1e6, "2048"),
+    ("image_size", "big", "16"),
+    ("colour", "red", "known ones"),
+    ("n_objects", 5, "num_objects"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "hint"), WRONG_KEYWORDS)
+def test_wrong_keywords_name_the_valid_ones(name: str, value: object, hint: str) -> None:
+    with pytest.raises(ValueError, match=hint) as caught:
+        gym.make("clutter_env/Retrieve-o5-v0", **{name: value})
+    assert name in str(caught.value) or repr(value) in str(caught.value)
+
+
+def test_wrong_render_mode_is_refused() -> None:
+    from clutter_env.envs.retrieve import RetrieveEnv
+
+    with pytest.raises(ClutterEnvError, match="depth_array"):
+        RetrieveEnv(render_mode="ascii")
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("shapes", ["cylinder", "box", "mixed"])
+def test_too_many_objects_say_how_many_fit(layout: str, shapes: str) -> None:
+    with pytest.raises(ClutterEnvError, match=r"at most \d+ fit"):
+        gym.make("clutter_env/Retrieve-o5-v0", num_objects=61, layout=layout, shapes=shapes)
+
+
+CYLINDER = {"shape": "cylinder", "radius": 0.03, "height": 0.15, "position": (0.0, 0.0)}
+BOX = {"shape": "box", "depth": 0.05, "width": 0.05, "height": 0.15, "position": (0.0, 0.0)}
+WRONG_OPTIONS = [
+    ("seed", "dictionary"),
+    (5, "dictionary"),
+    ({"goal": 1}, "target, objects, state"),
+    ({3: 1}, "target, objects, state"),
+    ({"target": "object_99"}, "object_04"),
+    ({"target": 3}, "object_00"),
+    ({"target": "red"}, "object_00"),
+    ({"state": "abc"}, "save_state"),
+    ({"state": b"abc"}, "no saved state"),
+    ({"state": b"abc", "target": "object_00"}, "alone"),
+    ({"objects": 4}, "list"),
+    ({"objects": "cylinder"}, "list"),
+    ({"objects": []}, "1 to 5"),
+    ({"objects": [CYLINDER] * 6}, "1 to 5"),
+    ({"objects": [3]}, "dictionaries"),
+    ({"objects": [{**CYLINDER, "shape": "cone"}]}, "cylinder, box"),
+    ({"objects": [{**CYLINDER, "shape": None}]}, "cylinder, box"),
+    ({"objects": [{**CYLINDER, "color": "red"}]}, "radius"),
+    ({"objects": [{**CYLINDER, "depth": 0.1}]}, "radius"),
+    ({"objects": [{"shape": "box", "radius": 0.1}]}, "depth"),
+    ({"objects": [{"position": (0, 0)}]}, "missing"),
+    ({"objects": [{**CYLINDER, "radius": 0.5}]}, "0.01 to 0.1"),
+    ({"objects": [{**CYLINDER, "radius": "3"}]}, "number"),
+    ({"objects": [{**CYLINDER, "radius": float("nan")}]}, "number"),
+    ({"objects": [{**CYLINDER, "height": 0.0}]}, "0.04"),
+    ({"objects": [{**CYLINDER, "mass": -1}]}, "0.01 to 5"),
+    ({"objects": [{**CYLINDER, "yaw": float("inf")}]}, "number"),
+    ({"objects": [{**CYLINDER, "position": 0.1}]}, "(x, y)"),
+    ({"objects": [{**CYLINDER, "position": (0.1, 0.1, 0.8)}]}, "(x, y)"),
+    ({"objects": [{**CYLINDER, "position": ("a", 0.1)}]}, "number"),
+    ({"objects": [{**CYLINDER, "position": (0.34, 0.0)}]}, "edge"),
+    ({"objects": [{**BOX, "position": (0.322, 0.0), "yaw": 0.7}]}, "edge"),
+    ({"objects": [CYLINDER, CYLINDER]}, "overlap"),
+    ({"objects": [CYLINDER, {**BOX, "position": (0.05, 0.0)}]}, "overlap"),
+    ({"objects": [BOX, {**BOX, "position": (0.055, 0.0), "yaw": 0.78}]}, "overlap"),
+    ({"objects": [CYLINDER], "target": "object_01"}, "object_00"),
+]
+
+
+@pytest.mark.parametrize(("options", "hint"), WRONG_OPTIONS)
+def test_wrong_options_name_the_valid_ones(options: object, hint: str) -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    env.reset(seed=0)
+    before = env.data.qpos.copy()
+    with pytest.raises(ValueError, match=hint.replace("(", r"\(").replace(")", r"\)")):
+        env.reset(options=options)
+    assert np.array_equal(env.data.qpos, before)
+    env.step(env.action_space.sample())
+
+
+def test_touching_boxes_are_no_overlap() -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    env.reset(options={"objects": [BOX, {**BOX, "position": (0.05, 0.0)}, {**CYLINDER, "position": (0.0, 0.055)}]})
+    assert env.world.shapes == ("box", "box", "cylinder")
+
+
+WRONG_ACTIONS = [
+    np.full(12, np.nan),
+    np.full(12, np.inf),
+    np.zeros(11),
+    np.zeros((1, 12)),
+    np.zeros(0),
+    0.0,
+    None,
+    "forward",
+    ["a"] * 12,
+    {"x": 1},
+    [[1, 2], [3]],
+]
+
+
+@pytest.mark.parametrize("action", WRONG_ACTIONS, ids=range(len(WRONG_ACTIONS)))
+def test_wrong_actions_leave_the_environment_unchanged(action: object) -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    env.reset(seed=0)
+    before = env.save_state()
+    with pytest.raises(ValueError, match="12"):
+        env.step(action)
+    assert env.save_state() == before
+
+
+def test_actions_outside_the_box_are_clipped() -> None:
+    first, second = (gym.make("clutter_env/Retrieve-o5-v0").unwrapped for _ in range(2))
+    first.reset(seed=0)
+    second.reset(seed=0)
+    action = np.linspace(-3, 3, 12)
+    for _ in range(3):
+        mine, theirs = first.step(action), second.step(np.clip(action, -1, 1))
+        assert all(np.array_equal(mine[0][name], theirs[0][name]) for name in mine[0])
+
+
+def test_calls_before_the_first_reset_are_refused() -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    ee = gym.make("clutter_env/Retrieve-o5-v0", control_mode="ee").unwrapped
+    for call in (
+        lambda: env.step(np.zeros(12)),
+        lambda: env.joint_action(np.zeros(11), 0.1),
+        lambda: ee.ee_action(np.zeros(3), np.eye(4), 0.1),
+        env.save_state,
+    ):
+        with pytest.raises(ClutterEnvError, match="reset"):
+            call()
+
+
+def test_action_helpers_check_their_input() -> None:
+    joint = gym.make("clutter_env/Retrieve-o1-v0").unwrapped
+    ee = gym.make("clutter_env/Retrieve-o1-v0", control_mode="ee").unwrapped
+    joint.reset(seed=0)
+    ee.reset(seed=0)
+    for wrong in (np.zeros(10), np.full(11, np.nan), "home", None):
+        with pytest.raises(ClutterEnvError, match="11"):
+            joint.joint_action(wrong, 0.1)
+    with pytest.raises(ClutterEnvError, match="gripper_width"):
+        joint.joint_action(np.zeros(11), float("nan"))
+    with pytest.raises(ClutterEnvError, match="ee_action"):
+        ee.joint_action(np.zeros(11), 0.1)
+    with pytest.raises(ClutterEnvError, match="joint_action"):
+        joint.ee_action(np.zeros(3), np.eye(4), 0.1)
+    with pytest.raises(ClutterEnvError, match=r"\(4, 4\)"):
+        ee.ee_action(np.zeros(3), np.eye(3), 0.1)

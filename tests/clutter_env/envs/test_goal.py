@@ -1,0 +1,75 @@
+"""Goal environments: rewards agree bit for bit, goals can be reached, relabelling is possible."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401 - registers the environments
+from clutter_env.envs.goal import GOAL_TOLERANCE
+
+IDS = ["clutter_env/Reach-v0", "clutter_env/Pick-v0"]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("mode", ["sparse", "dense"])
+def test_rewards_of_batches_are_those_of_the_steps(env_id: str, mode: str) -> None:
+    env = gym.make(env_id, reward_mode=mode)
+    achieved, desired, rewards = [], [], []
+    for seed in range(3):
+        env.reset(seed=seed)
+        env.action_space.seed(seed)
+        for _ in range(30):
+            observation, reward, *_, info = env.step(env.action_space.sample())
+            achieved.append(observation["achieved_goal"])
+            desired.append(observation["desired_goal"])
+            rewards.append(reward)
+            assert type(reward) is float
+            assert reward == env.unwrapped.compute_reward(achieved[-1], desired[-1], info)
+    batch = env.unwrapped.compute_reward(np.array(achieved), np.array(desired), {})
+    assert batch.shape == (90,)
+    assert np.array_equal(batch, rewards)
+    square = env.unwrapped.compute_reward(np.array(achieved).reshape(9, 10, 3), np.array(desired).reshape(9, 10, 3), {})
+    assert np.array_equal(square.ravel(), rewards)
+
+
+def test_reach_goals_are_reached_by_driving_at_them() -> None:
+    env = gym.make("clutter_env/Reach-v0").unwrapped
+    solved = 0
+    for seed in range(20):
+        observation, info = env.reset(seed=seed)
+        for _ in range(100):
+            base = env.world.controller.state.target[:3].copy()
+            pose = np.eye(4)
+            pose[:3, :3] = env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
+            pose[:3, 3] = observation["desired_goal"]
+            observation, _, _, _, info = env.step(env.ee_action(base, pose, 0.1))
+            if info["is_success"]:
+                break
+        solved += info["is_success"]
+    assert solved >= 19
+
+
+def test_pick_starts_within_reach_and_has_both_kinds_of_goals() -> None:
+    env = gym.make("clutter_env/Pick-v0").unwrapped
+    lifts, distances = [], []
+    for seed in range(60):
+        observation, info = env.reset(seed=seed)
+        assert env.data.ncon == 0
+        assert info["target"] == "object_00"
+        lifts.append(observation["desired_goal"][2] - observation["achieved_goal"][2])
+        distances.append(np.linalg.norm(observation["achieved_goal"][:2] - env.data.qpos[:2]))
+    assert 15 < sum(lift > 0 for lift in lifts) < 45
+    assert min(lifts) == 0
+    assert max(distances) < 1.0
+    assert GOAL_TOLERANCE == 0.05
+
+
+def test_goal_environments_take_options() -> None:
+    pick = gym.make("clutter_env/Pick-v0", num_objects=3)
+    _, info = pick.reset(seed=0, options={"target": "object_02"})
+    assert info["target"] == "object_02"
+    reach = gym.make("clutter_env/Reach-v0")
+    with pytest.raises(ValueError, match="no object"):
+        reach.reset(options={"target": "object_00"})

@@ -1,0 +1,120 @@
+"""Skills: the kinematic agrees with physics, masks say what they promise, episodes end where they should."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env
+from clutter_env.envs.skill import BODY_FIELDS, SKILL_COST, SkillEnv, default_budget
+from clutter_env.errors import ActionError, ConfigError
+from planners.skills.geometry import DIRECTIONS
+
+BLOCKED_SEED = 2
+"""Of ten objects, the target's grasps are all blocked."""
+
+
+@pytest.fixture(scope="module")
+def kinematic() -> SkillEnv:
+    return SkillEnv(simulation="kinematic", num_objects=10)
+
+
+@pytest.fixture(scope="module")
+def physics() -> SkillEnv:
+    return SkillEnv(simulation="physics", num_objects=10)
+
+
+def free_clearance(env: SkillEnv) -> int:
+    """The first clearance with a free grasp."""
+    return int(np.flatnonzero(env.action_masks(geometric=True)[:-1])[0])
+
+
+def test_every_id_is_registered_and_follows_the_interface() -> None:
+    for count in clutter_env.SKILL_OBJECT_COUNTS:
+        env = gym.make(f"clutter_env/Skill-o{count}-v0", simulation="kinematic")
+        observation, info = env.reset(seed=0)
+        assert env.observation_space.contains(observation)
+        assert env.action_space.n == count * DIRECTIONS + 1
+        assert set(info) >= {"is_success", "target", "held", "num_fallen", "failure", "moved"}
+
+
+def test_the_twin_leaves_what_physics_leaves(kinematic: SkillEnv, physics: SkillEnv) -> None:
+    for env in (kinematic, physics):
+        env.reset(seed=0)
+    action = free_clearance(physics)
+    for chosen in (action, 10 * DIRECTIONS):
+        one, other = kinematic.step(chosen), physics.step(chosen)
+        assert np.abs(one[0] - other[0]).max() < 0.02
+        assert one[1:4] == other[1:4]
+        assert {**one[4], "num_fallen": 0} == {**other[4], "num_fallen": 0}
+    assert other[4]["is_success"]
+    assert other[4]["held"] == other[4]["target"]
+
+
+def test_the_same_seed_and_skills_give_the_same_episode(kinematic: SkillEnv) -> None:
+    runs = []
+    for _ in range(2):
+        kinematic.reset(seed=5)
+        runs.append([kinematic.step(action)[0] for action in (3, 17, 30)])
+    assert all(np.array_equal(one, other) for one, other in zip(*runs, strict=True))
+
+
+def test_failed_attempts_are_flagged_and_masked_until_something_is_cleared(kinematic: SkillEnv) -> None:
+    kinematic.reset(seed=BLOCKED_SEED)
+    take = 10 * DIRECTIONS
+    observation, reward, is_over, _, info = kinematic.step(take)
+    assert info["failure"] == "blocked"
+    assert observation[-1] == 1
+    assert not kinematic.action_masks()[take]
+    assert reward == -SKILL_COST
+    assert not is_over
+    observation, *_, info = kinematic.step(free_clearance(kinematic))
+    assert info["failure"] == ""
+    assert len(info["moved"]) == 1
+    assert observation[-1] == 0
+    assert kinematic.action_masks()[take]
+
+
+def test_the_target_is_never_to_be_cleared_and_geometry_only_removes(kinematic: SkillEnv) -> None:
+    _, info = kinematic.reset(seed=7)
+    target = int(info["target"][-2:])
+    plain, geometric = kinematic.action_masks(), kinematic.action_masks(geometric=True)
+    assert not plain[target * DIRECTIONS : (target + 1) * DIRECTIONS].any()
+    assert not (geometric & ~plain).any()
+    assert plain.sum() == 9 * DIRECTIONS + 1
+
+
+def test_the_budget_ends_the_episode() -> None:
+    env = SkillEnv(simulation="kinematic", num_objects=5, budget=2)
+    observation, info = env.reset(seed=0)
+    assert observation[-2] == 1.0
+    clear_the_target = int(info["target"][-2:]) * DIRECTIONS + 3
+    assert not env.step(clear_the_target)[2]
+    observation, _, is_over, _, info = env.step(clear_the_target)
+    assert is_over
+    assert not info["is_success"]
+    assert observation[-2] == 0.0
+    assert default_budget(15) == 7
+
+
+def test_rows_describe_the_scene(kinematic: SkillEnv) -> None:
+    observation, info = kinematic.reset(seed=3)
+    rows = observation[:-2].reshape(10, len(BODY_FIELDS) + DIRECTIONS)
+    assert rows[:, 0].all()
+    assert list(np.flatnonzero(rows[:, 1])) == [int(info["target"][-2:])]
+    assert np.allclose(rows[4, 2:4], kinematic.scene.objects[4].position[:2], atol=1e-6)
+
+
+@pytest.mark.parametrize("action", [-1, 61, 1.5, "take", None])
+def test_invalid_actions_are_refused(kinematic: SkillEnv, action: object) -> None:
+    kinematic.reset(seed=0)
+    with pytest.raises(ActionError, match="0 to 60"):
+        kinematic.step(action)
+
+
+def test_invalid_keywords_are_refused() -> None:
+    with pytest.raises(ConfigError, match="kinematic"):
+        SkillEnv(simulation="dream")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="budget"):
+        SkillEnv(budget=0)

@@ -1,0 +1,135 @@
+"""Laws of the random scenes: on the table, apart, at rest, as many as promised."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.scene.layout import (
+    EDGE_MARGIN,
+    LAYOUTS,
+    MAX_OBJECTS,
+    OBJECT_GAP,
+    SHAPE_SETS,
+    TABLE_HEIGHT,
+    capacity,
+    furniture,
+    sample_scene,
+)
+
+BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
+FRONT_NAMES = {"counter_left", "counter_right", "wall"}
+SHELF_NAMES = {"shelf_left", "shelf_right", "shelf_board"}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("shapes", SHAPE_SETS)
+def test_full_tables_keep_objects_apart_and_on_the_table(name: str, shapes: str) -> None:
+    layout = LAYOUTS[name]
+    count = capacity(layout, shapes)
+    for seed in range(5):
+        scene = sample_scene(np.random.default_rng(seed), layout, count, shapes)
+        radii = np.where(scene.is_box, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
+        apart = np.linalg.norm(scene.positions[:, None] - scene.positions, axis=-1) - radii[:, None] - radii
+        assert apart[~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
+        assert (np.abs(scene.positions) <= np.array([layout.depth, layout.width]) / 2 - EDGE_MARGIN).all()
+        assert 0 <= scene.target < count
+
+
+def test_every_promised_count_fits_the_default_table() -> None:
+    assert capacity(LAYOUTS["paper"], "cylinder") == MAX_OBJECTS
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_furniture_has_the_names_others_rely_on(name: str) -> None:
+    layout = LAYOUTS[name]
+    boxes = {box.name: box for box in furniture(layout)}
+    expected = BOX_NAMES | (FRONT_NAMES if layout.is_front_only else set())
+    expected |= SHELF_NAMES if layout.board_height else set()
+    assert set(boxes) == expected
+    top = boxes["table_top"]
+    assert top.position[2] + top.half_extents[2] == pytest.approx(TABLE_HEIGHT)
+    if layout.is_front_only:
+        counter = boxes["counter_left"]
+        assert counter.position[2] + counter.half_extents[2] == pytest.approx(TABLE_HEIGHT)
+        assert counter.half_extents[0] == top.half_extents[0]
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("shapes", SHAPE_SETS)
+def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> None:
+    env = RetrieveEnv(num_objects=20, layout=name, shapes=shapes)
+    rest = np.zeros(env.action_space.shape)
+    rest[-1] = 1.0
+    for seed in range(12):
+        env.reset(seed=seed)
+        assert env.data.ncon == 0, "robot and objects touch nothing at the start"
+        assert (env.data.tree_asleep[1:] >= 0).all()
+        for _ in range(3):
+            env.step(rest)
+        assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
+        assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + env.world.scene.half_extents[:, 2])
+
+
+def test_objects_would_stand_by_themselves() -> None:
+    env = RetrieveEnv(num_objects=30, shapes="mixed")
+    env.reset(seed=2)
+    env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    mujoco.mj_step(env.model, env.data, nstep=500)
+    seen = env.world.measure()
+    assert np.abs(seen.poses[:, :2] - env.world.scene.positions).max() < 1e-4
+    assert not seen.is_fallen.any()
+
+
+def test_refitted_bodies_are_those_of_a_compiled_model() -> None:
+    """The numbers written at a reset against a model compiled with the same sizes from scratch."""
+    env = RetrieveEnv(num_objects=8, shapes="mixed")
+    env.reset(seed=6)
+    scene, index = env.world.scene, env.world.index
+    spec = mujoco.MjSpec()
+    for slot in range(8):
+        x, y, z = scene.half_extents[slot]
+        body = spec.worldbody.add_body(name=str(slot), pos=[0, 0, float(slot)])
+        body.add_freejoint()
+        kind = mujoco.mjtGeom.mjGEOM_BOX if scene.is_box[slot] else mujoco.mjtGeom.mjGEOM_CYLINDER
+        size = [x, y, z] if scene.is_box[slot] else [x, z, 0]
+        body.add_geom(type=kind, size=size, mass=scene.masses[slot])
+    compiled = spec.compile()
+    bodies = index.object_bodies
+    principal = np.sort(env.model.body_inertia[bodies], axis=1)
+    assert np.allclose(principal, np.sort(compiled.body_inertia[1:], axis=1), rtol=1e-9)
+    assert np.allclose(env.model.body_mass[bodies], compiled.body_mass[1:])
+    assert np.allclose(env.model.body_invweight0[bodies], compiled.body_invweight0[1:], rtol=1e-9)
+    assert np.allclose(env.model.dof_invweight0[index.object_dof], compiled.dof_invweight0, rtol=1e-9)
+    assert np.allclose(env.model.geom_rbound[index.object_geoms], compiled.geom_rbound)
+    assert np.allclose(env.model.geom_aabb[index.object_geoms], compiled.geom_aabb)
+    assert np.allclose(env.model.dof_length[index.object_dof], compiled.dof_length)
+    assert (env.model.body_ipos[bodies] == 0).all()
+
+
+def test_start_poses_stay_in_front() -> None:
+    env = RetrieveEnv(num_objects=1)
+    bases = []
+    for seed in range(50):
+        env.reset(seed=seed)
+        bases.append(env.data.qpos[:3].copy())
+    x, y, yaw = np.array(bases).T
+    assert (x < -0.35 - 0.6 + 1e-9).all()
+    assert x.std() > 0.05
+    assert y.std() > 0.1
+    assert yaw.std() > 0.1
+    assert np.allclose(env.data.qpos[env.world.index.drive_qpos[3:]], FETCH.home)
+
+
+def test_colours_are_distinct_and_only_the_target_is_red() -> None:
+    env = RetrieveEnv(num_objects=60)
+    env.reset(seed=0)
+    colours = env.model.geom_rgba[env.world.index.object_geoms, :3]
+    assert len({tuple(colour) for colour in colours}) == 60
+    redness = colours[:, 0] - colours[:, 1:].max(axis=1)
+    assert int(redness.argmax()) == env.target_slot
+    others = np.delete(redness, env.target_slot)
+    assert redness.max() - others.max() > 0.15

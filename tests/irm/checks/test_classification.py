@@ -1,0 +1,88 @@
+"""YES and NO are never wrong; the plain map is right nearly always."""
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.arm.closed_form import ik_pan
+from irm.arm.kinematics import ArmChain
+from irm.checks.classification import classify, predict
+from irm.errors import QueryError
+from irm.maps.orientation_index import rotation
+from irm.maps.reachability import ReachabilityMap
+from irm.queries.status import Status
+
+CHAIN = ArmChain.from_robot(FETCH)
+
+
+def random_poses(rm, count, rng):
+    """Hands anywhere in the map's box, pointing anywhere."""
+    grid = rm.grid
+    edge = grid.half * grid.voxel
+    low, high = [grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom], [grid.centre[0] + edge, edge, grid.top]
+    approach = rng.normal(size=(count, 3))
+    approach /= np.linalg.norm(approach, axis=1, keepdims=True)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, 3] = rng.uniform(low, high, size=(count, 3))
+    for k, a in enumerate(approach):
+        T[k, :3, :3] = rotation(np.arctan2(a[1], a[0]), -np.arcsin(a[2]), rng.uniform(-np.pi, np.pi))
+    return T
+
+
+def is_reachable(T):
+    rows = np.empty((2, 5))
+    approach = T[:3, 0].copy()
+    for torso in np.linspace(CHAIN.lower[0], CHAIN.upper[0], 12):
+        wrist = T[:3, 3] - CHAIN.links[6] * approach - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
+        if np.linalg.norm(wrist - [0, 0, CHAIN.links[3]]) > CHAIN.links[2:6].sum():
+            continue
+        for pan in np.linspace(CHAIN.lower[1], CHAIN.upper[1], 181):
+            if ik_pan(CHAIN.links, approach, wrist, np.cos(pan), np.sin(pan), CHAIN.lower, CHAIN.upper, rows):
+                return True
+    return False
+
+
+def test_answers_against_exact_inverse_kinematics():
+    rm = ReachabilityMap.build(FETCH)
+    T = random_poses(rm, 800, np.random.default_rng(0))
+    truth = np.array([is_reachable(pose) for pose in T])
+    answer = classify(rm, T)
+    assert not np.any((answer == Status.YES.value) & ~truth)
+    assert not np.any((answer == Status.NO.value) & truth)
+    assert np.mean(answer == Status.UNKNOWN.value) < 0.3
+    assert np.mean(predict(rm, T) == truth) > 0.965
+
+
+def test_the_inner_map_lies_in_the_plain_one_and_that_in_the_outer_one(coarse_map):
+    T = random_poses(coarse_map, 4000, np.random.default_rng(1))
+    plain = predict(coarse_map, T)
+    tight, loose = classify(coarse_map, T, margin=0), classify(coarse_map, T, margin=1)
+    for answer in (tight, loose):
+        assert np.all(plain[answer == Status.YES.value])
+        assert not np.any(plain[answer == Status.NO.value])
+    assert np.all(loose[tight == Status.UNKNOWN.value] == Status.UNKNOWN.value)
+
+
+def test_centres_of_cells_are_predicted_as_they_are(coarse_map):
+    some = np.random.default_rng(2).choice(len(coarse_map), 300, replace=False)
+    T = np.tile(np.eye(4), (300, 1, 1))
+    T[:, :3, 3] = coarse_map.positions[some]
+    T[:, :3, :3] = [rotation(*angles) for angles in coarse_map.yaw_pitch_roll[some]]
+    assert predict(coarse_map, T).all()
+    assert np.all(classify(coarse_map, T) != Status.NO.value)
+
+
+def test_rolls_count_where_the_wrist_is_limited(lift_arm_map):
+    T = random_poses(lift_arm_map, 300, np.random.default_rng(3))
+    plain, answer = predict(lift_arm_map, T), classify(lift_arm_map, T)
+    assert np.all(plain[answer == Status.YES.value])
+    assert not np.any(plain[answer == Status.NO.value])
+
+
+def test_misuse_is_refused(coarse_map, level_map):
+    with pytest.raises(QueryError, match=r"\(n, 4, 4\)"):
+        classify(coarse_map, np.eye(4))
+    with pytest.raises(QueryError, match="finite"):
+        predict(coarse_map, np.full((1, 4, 4), np.nan))
+    with pytest.raises(QueryError, match="all pitches and heights"):
+        classify(level_map, np.eye(4)[None])

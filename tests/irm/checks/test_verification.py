@@ -1,0 +1,70 @@
+"""Exact verification of proposed bases."""
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.arm.kinematics import ArmChain, forward
+from irm.checks.verification import ConfigurationSearch, NotVerified, Verified, configurations, hand_poses, verify
+from irm.errors import QueryError
+from irm.queries.placement import BasePlacement
+from irm.queries.status import Status
+
+CHAIN = ArmChain.from_robot(FETCH)
+PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])
+
+
+def path_of(placement, cup):
+    def hands(rank):
+        yaw = placement.approach_yaw[rank]
+        c, s = np.cos(yaw), np.sin(yaw)
+        return hand_poses(cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), yaw)
+
+    return hands
+
+
+def test_verified_postures_reach_their_hand_poses_without_leaping(level_inverse, table_floor, cups):
+    for cup in cups[:6]:
+        placement = level_inverse.query_path(PATH, target=cup, free_space=table_floor, k=5)
+        hands = path_of(placement, cup)
+        result = verify(CHAIN, placement, hands)
+        assert isinstance(result, Verified)
+        base = result.base
+        c, s = np.cos(base[2]), np.sin(base[2])
+        T_world_base = np.eye(4)
+        T_world_base[:2, :2], T_world_base[:2, 3] = [[c, -s], [s, c]], base[:2]
+        for q, T in zip(result.configurations, hands(result.rank), strict=True):
+            np.testing.assert_allclose(T_world_base @ forward(CHAIN, q), T, atol=1e-6)
+        steps = np.abs(np.diff(result.configurations, axis=0))
+        steps[:, [3, 5, 7]] = np.minimum(steps[:, [3, 5, 7]], 2 * np.pi - steps[:, [3, 5, 7]])
+        assert steps.max() <= ConfigurationSearch().largest_step
+
+
+def test_the_callers_check_decides(level_inverse, table_floor, cups):
+    placement = level_inverse.query(cups[0], free_space=table_floor, k=4)
+    hands = lambda rank: hand_poses(cups[0], placement.approach_yaw[rank])  # noqa: E731
+    assert verify(CHAIN, placement, hands, lambda *_: False) == NotVerified((0, 0, 0, 0))
+    refused = placement.poses[0]
+    result = verify(CHAIN, placement, hands, lambda base, _: not np.array_equal(base, refused))
+    assert isinstance(result, Verified)
+    assert result.rank == 1
+
+
+def test_nothing_proposed_is_nothing_verified():
+    nothing = BasePlacement.nothing(Status.NO)
+    assert verify(CHAIN, nothing, lambda _: hand_poses([0, 0, 1], 0.0)) == NotVerified(())
+
+
+def test_hand_poses_that_are_none_are_refused(level_inverse, cups):
+    placement = level_inverse.query(cups[0])
+    with pytest.raises(QueryError, match=r"\(m, 4, 4\)"):
+        verify(CHAIN, placement, lambda _: np.eye(4))
+
+
+def test_arms_without_a_closed_form_are_verified_too(lift_arm):
+    chain = ArmChain.from_robot(lift_arm)
+    q = np.array([0.1, 0.3, -0.6, 1.5, -0.9, 0.2, 0.4])
+    found = configurations(chain, forward(chain, q))
+    assert len(found)
+    for row in found:
+        np.testing.assert_allclose(forward(chain, row), forward(chain, q), atol=5e-5)

@@ -1,0 +1,135 @@
+"""The expert in physics: episodes that end in success, and faults that it recovers from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+
+import clutter_env
+from planners import EpisodeReport, TampExpert
+from planners.strategies import UnknownStrategy
+
+assert clutter_env
+
+MAX_STEPS = 9000
+Fault = Callable[[gymnasium.Env, TampExpert], bool]
+"""Tampers with the simulation if the moment has come; whether it did."""
+
+
+def run(seed: int, objects: int, mode: str = "joint", fault: Fault | None = None) -> tuple[EpisodeReport, bool, bool]:
+    """One episode: the report, whether the environment says success, and whether the fault happened."""
+    env = gymnasium.make(f"clutter_env/Retrieve-o{objects}-v0", control_mode=mode, max_episode_steps=MAX_STEPS)
+    _, info = env.reset(seed=seed)
+    expert = TampExpert(env)
+    expert.reset(info["target"])
+    happened = ended = False
+    while not expert.done and not ended:
+        _, _, terminated, truncated, info = env.step(expert.act())
+        ended = terminated or truncated
+        if fault is not None and not happened:
+            happened = fault(env, expert)
+    report = expert.report
+    env.close()
+    return report, bool(info["is_success"]), happened
+
+
+@pytest.mark.parametrize("mode", ["joint", "ee"])
+def test_an_episode_ends_in_success(mode: str) -> None:
+    report, success, _ = run(seed=11, objects=5, mode=mode)
+    assert success
+    assert report.planned
+    assert report.executed
+    assert report.scored
+    assert report.failure == ""
+    assert report.sim_s > 1.0
+    assert report.planning_s > 0.0
+    assert report.floor is not None
+    assert len(report.clearances) >= report.floor
+
+
+def move(env: gymnasium.Env, name: str, shift: tuple[float, float, float], tilt: float = 0.0) -> None:
+    """Teleport an object by a shift [m] and lean it by `tilt` [rad]; it keeps no speed."""
+    data = env.unwrapped.data
+    joint = data.joint(f"{name}_joint")
+    joint.qpos[:3] += shift
+    if tilt:
+        joint.qpos[3:] = [np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0]
+    joint.qvel[:] = 0.0
+    mujoco.mj_forward(env.unwrapped.model, data)
+
+
+def free_spot(env: gymnasium.Env, name: str) -> tuple[float, float]:
+    """A shift of 5 cm along the table to where nothing else stands."""
+    positions = {other: env.unwrapped.data.body(other).xpos for other in env.unwrapped.world.names}
+    here = positions[name]
+    for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False):
+        there = here[:2] + 0.05 * np.array([np.cos(angle), np.sin(angle)])
+        others = [p for other, p in positions.items() if other != name]
+        on_table = abs(there[0]) < 0.29 and abs(there[1]) < 0.44
+        if on_table and all(np.linalg.norm(there - p[:2]) > 0.09 for p in others):
+            return float(there[0] - here[0]), float(there[1] - here[1])
+    raise AssertionError("no free spot beside the object")
+
+
+def push_the_target(env: gymnasium.Env, expert: TampExpert) -> bool:
+    if "transit" not in expert.phase:
+        return False
+    target = expert.target
+    move(env, target, (*free_spot(env, target), 0.0))
+    return True
+
+
+def knock_out_of_the_hand(env: gymnasium.Env, expert: TampExpert) -> bool:
+    """From the lift on; set down on its feet where it came from."""
+    if "lift" not in expert.phase:
+        return False
+    data = env.unwrapped.data
+    joint = data.joint(f"{expert.target}_joint")
+    half = float(env.unwrapped.model.geom(expert.target).size[1])
+    joint.qpos[:3] = (-0.25, 0.40, 0.75 + half + 0.002)
+    joint.qpos[3:] = (1.0, 0.0, 0.0, 0.0)
+    joint.qvel[:] = 0.0
+    mujoco.mj_forward(env.unwrapped.model, data)
+    return True
+
+
+def topple_another(env: gymnasium.Env, expert: TampExpert) -> bool:
+    if "transit" not in expert.phase:
+        return False
+    other = next(name for name in env.unwrapped.world.names if name != expert.target)
+    radius = float(env.unwrapped.model.geom(other).size[0])
+    half = float(env.unwrapped.model.geom(other).size[1])
+    move(env, other, (0.0, 0.0, radius - half + 0.002), tilt=np.pi / 2)
+    return True
+
+
+FAULTS = {"push": push_the_target, "knock": knock_out_of_the_hand, "topple": topple_another}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_noticed_and_recovered_from(fault: str) -> None:
+    report, success, happened = run(seed=11, objects=5, fault=FAULTS[fault])
+    assert happened
+    assert success
+    assert report.replans >= 1
+    assert report.deviations
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("objects", [5, 15])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_eight_of_ten_faults_are_recovered_from(fault: str, objects: int) -> None:
+    outcomes = [run(seed, objects, fault=FAULTS[fault]) for seed in range(30, 40)]
+    assert all(happened for _, _, happened in outcomes)
+    assert sum(success for _, success, _ in outcomes) >= 8
+
+
+def test_an_unknown_strategy_is_refused() -> None:
+    env = gymnasium.make("clutter_env/Retrieve-o1-v0")
+    with pytest.raises(UnknownStrategy, match="lookahead"):
+        TampExpert(env, strategy="magic")
+    env.close()

@@ -1,0 +1,121 @@
+"""Grasp options, commitments and placements: laws on random scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.arm.kinematics import ArmChain
+from planners.cause import Cause
+from planners.clearing.commitments import Commitments, NoCommitment, greedy_commitments, smallest_commitments
+from planners.clearing.lookahead import grasped, keep_clear
+from planners.collision.world import CollisionWorld
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.motion.arm import tcp_pose
+from planners.placing.placements import PlacementSearch
+from planners.planner import map_placer
+from planners.scene import FURNITURE_BIT, SELF_BIT, RobotState, Scene
+from planners.strategies import STRATEGIES, UnknownStrategy, strategy
+from tests.planners.scenes import cylinder, random_scene, table_scene
+
+SOLID = 1 << FURNITURE_BIT | 1 << SELF_BIT
+CHAIN = ArmChain.from_robot(FETCH)
+
+
+def candidates(scene: Scene) -> GraspCandidates:
+    return GraspCandidates(map_placer(scene), CHAIN)
+
+
+@pytest.fixture(scope="module", params=[0, 1, 2])
+def scene(request: pytest.FixtureRequest) -> Scene:
+    return random_scene(25, request.param)
+
+
+def some_options(scene: Scene) -> list[GraspCandidate]:
+    options = candidates(scene)
+    return [option for name in scene.names[:6] for option in options.options(scene, name)]
+
+
+def test_options_put_the_hand_around_the_object(scene: Scene) -> None:
+    for option in some_options(scene):
+        T = tcp_pose(FETCH, RobotState(option.base, option.q, 0.0))
+        body = scene.body(option.object)
+        assert np.allclose(T[:2, 3], body.position[:2], atol=1e-6)
+        assert T[2, 3] - body.bottom == pytest.approx(FETCH.grasp_height, abs=1e-6)
+        assert T[2, 2] == pytest.approx(1.0)
+        assert np.allclose(T[:2, 0], [np.cos(option.yaw), np.sin(option.yaw)], atol=1e-6)
+
+
+def test_blockers_are_what_the_collision_check_says(scene: Scene) -> None:
+    world = CollisionWorld.from_scene(scene)
+    for option in some_options(scene):
+        own = scene.mask([option.object])
+        hits = world.hits(option.base, option.q, option.opening, ignore=own)
+        assert hits & SOLID == 0
+        assert hits == option.blockers
+
+
+def test_no_option_is_bettered_by_another(scene: Scene) -> None:
+    options = candidates(scene)
+    for name in scene.names[:6]:
+        masks = {option.blockers for option in options.options(scene, name)}
+        assert not any(one != other and one & ~other == 0 for one in masks for other in masks)
+
+
+def test_commitments_can_be_carried_out_in_their_order(scene: Scene) -> None:
+    source = candidates(scene)
+    for target in scene.names[:6]:
+        smallest, greedy = next(smallest_commitments(source, scene, target)), greedy_commitments(source, scene, target)
+        if isinstance(smallest, NoCommitment) or isinstance(greedy, NoCommitment):
+            assert isinstance(smallest, NoCommitment)
+            continue
+        assert len(smallest.order) <= len(greedy.order)
+        for commitments in (smallest, greedy):
+            assert_can_be_carried_out(scene, commitments)
+
+
+def assert_can_be_carried_out(scene: Scene, commitments: Commitments) -> None:
+    removed = 0
+    for name in (*commitments.order, commitments.target):
+        assert commitments.grasps[name].blockers & ~removed == 0
+        removed |= scene.mask([name])
+    assert set(commitments.grasps) == {*commitments.order, commitments.target}
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
+    source, search = candidates(scene), PlacementSearch(map_placer(scene), CHAIN)
+    target = next(
+        name
+        for name in scene.names
+        if isinstance(c := next(smallest_commitments(source, scene, name)), Commitments) and c.order
+    )
+    commitments = next(smallest_commitments(source, scene, target))
+    assert isinstance(commitments, Commitments)
+    first = commitments.order[0]
+    in_hand = grasped(scene, commitments.grasps[first])
+    guarded = keep_clear(strategy(name), commitments, first)
+    placement = next(search.find(in_hand, guarded, strategy(name), np.random.default_rng(0)))
+    assert np.all(np.abs(placement.location - scene.support.position[:2]) < scene.support.half_extents[:2])
+    world = CollisionWorld.from_scene(in_hand)
+    assert world.hits(placement.base, placement.q, placement.opening, held=in_hand.held) == 0
+    after = CollisionWorld.from_scene(scene.with_body(placement.body))
+    bit = scene.mask([first])
+    for grasp in guarded:
+        assert not after.hits(grasp.base, grasp.q, grasp.opening) & bit
+
+
+def test_an_object_off_the_table_has_no_grasps() -> None:
+    scene = table_scene(cylinder("object_00", 0.0, 0.0), cylinder("object_01", -2.0, 0.0))
+    fallen = scene.body("object_01").at((-2.0, 0.0, 0.08))
+    scene = scene.with_body(fallen)
+    assert candidates(scene).options(scene, "object_01") == ()
+    found = next(smallest_commitments(candidates(scene), scene, "object_01"))
+    assert isinstance(found, NoCommitment)
+    assert found.cause is Cause.UNREACHABLE
+
+
+def test_unknown_strategy_lists_the_known_ones() -> None:
+    with pytest.raises(UnknownStrategy, match="lookahead, ngr, dogar, srivastava"):
+        strategy("magic")

@@ -1,0 +1,124 @@
+"""The referee: what it sees, what it overlooks on purpose, and that it is reusable."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners.collision.world import CollisionWorld
+from planners.motion.arm import ArmPath, tcp_pose
+from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.timing import pick_trajectory
+from planners.motion.trajectory import Phase, Trajectory
+from planners.scene import HeldObject, RobotState, Scene, SceneError
+from tests.planners.motion_scenes import grasp_configurations, mixed_scene
+from tests.planners.scenes import cylinder, table_scene
+
+HOME = np.array(FETCH.home)
+BASE = np.array([-1.1, 0.0, 0.0])
+
+
+def hand_at_home(base: np.ndarray) -> np.ndarray:
+    """T_world_tcp (4, 4)."""
+    return tcp_pose(FETCH, RobotState(base, HOME, 0.0))
+
+
+def scene_with_a_post(depth: float) -> Scene:
+    """A post whose near side is `depth` [m] behind the front of the right finger at home, and an object aside."""
+    tip = hand_at_home(BASE)[:3, 3] + [0.0385 - 0.015, 0.0, 0.0]
+    radius, height = 0.03, 0.4
+    post = cylinder("object_00", tip[0] + radius - depth, tip[1] - 0.008, radius, height)
+    return table_scene(post, cylinder("object_01", 0.2, 0.3))
+
+
+@pytest.mark.parametrize("depth", [-0.002, 0.002, 0.006])
+def test_depth_is_measured_and_the_pair_is_named(depth: float) -> None:
+    checker = MujocoCollisionChecker(scene_with_a_post(depth))
+    path = ArmPath(BASE, HOME[None], 0.0)
+    report = checker.deepest_penetration(path)
+    if depth < 0:
+        assert report.penetration == 0.0
+        assert checker.accepts(path)
+    else:
+        assert report.penetration == pytest.approx(depth, abs=1e-3)
+        assert "object_00" in report.pair
+        assert not checker.accepts(path)
+        assert checker.accepts(ArmPath(BASE, HOME[None], 0.0, ignore=1))
+
+
+def test_a_collision_between_waypoints_is_seen() -> None:
+    checker = MujocoCollisionChecker(mixed_scene(10, 0))
+    away, through = HOME.copy(), HOME.copy()
+    away[1], through[1] = 1.5, -1.5
+    lowered = np.stack([away, through]) + np.array([0, 0, 1.0, 0, 0, 0, 0, 0])
+    base = np.array([-0.75, 0.0, 0.0])
+    ends = [checker.deepest_penetration(ArmPath(base, q[None], 0.05)).penetration for q in lowered]
+    assert checker.deepest_penetration(ArmPath(base, lowered, 0.05)).penetration > max(ends)
+
+
+def test_the_robot_meets_itself_but_neighbours_may_touch() -> None:
+    checker = MujocoCollisionChecker(table_scene())
+    folded = np.array([0.1, 0.0, -1.2, 0.0, 2.25, 0.0, 1.9, 0.0])
+    into_head = ArmPath(np.array([-1.5, 0, 0]), folded[None], 0.05)
+    into_torso = ArmPath(np.array([-1.5, 0, 0]), np.array([[0.05, 1.6, 1.5, 0.0, 2.2, 0.0, 2.0, 0.0]]), 0.05)
+    assert (
+        max(checker.deepest_penetration(into_head).penetration, checker.deepest_penetration(into_torso).penetration)
+        > 0.01
+    )
+    assert checker.deepest_penetration(ArmPath(BASE, HOME[None], 0.1)).penetration == 0.0
+
+
+def test_an_object_in_hand_meets_others_but_not_the_hand() -> None:
+    tcp = hand_at_home(BASE)[:3, 3]
+    far, near = (cylinder("object_00", tcp[0] + gap, tcp[1], 0.03, 0.4) for gap in (0.08, 0.05))
+    held = HeldObject("object_01", np.eye(4))
+    path = ArmPath(BASE, HOME[None], 0.0, held)
+    other = cylinder("object_01", 0.2, 0.3)
+    assert MujocoCollisionChecker(table_scene(far, other)).accepts(path)
+    report = MujocoCollisionChecker(table_scene(near, other)).deepest_penetration(path)
+    assert set(report.pair) == {"object_00", "object_01"}
+    assert report.penetration == pytest.approx(0.01, abs=1e-3)
+
+
+def test_judging_leaves_no_trace() -> None:
+    scene = mixed_scene(10, 1)
+    checker = MujocoCollisionChecker(scene)
+    empty = ArmPath(np.array([-0.8, 0.0, 0.0]), np.stack([HOME, HOME + 0.3]), 0.05)
+    loaded = ArmPath(empty.base, empty.waypoints, 0.05, HeldObject("object_02", np.eye(4)))
+    first = checker.deepest_penetration(empty)
+    checker.deepest_penetration(loaded)
+    assert checker.deepest_penetration(empty).penetration == first.penetration
+
+
+def test_moving_to_another_scene_equals_building_anew() -> None:
+    scene = mixed_scene(12, 2)
+    moved = scene.with_body(scene.body("object_00").at([-0.3, 0.0, 1.05]))
+    path = ArmPath(np.array([-1.1, 0.0, 0.0]), HOME[None], 0.05)
+    checker = MujocoCollisionChecker(scene)
+    before = checker.deepest_penetration(path).penetration
+    checker.move_to(moved)
+    assert (
+        checker.deepest_penetration(path).penetration
+        == MujocoCollisionChecker(moved).deepest_penetration(path).penetration
+        != before
+    )
+    with pytest.raises(SceneError, match="same robot"):
+        checker.move_to(mixed_scene(11, 2))
+
+
+def test_a_trajectory_is_judged_with_what_is_in_hand_at_the_time() -> None:
+    scene = table_scene(cylinder("object_00", -0.15, 0.0), cylinder("object_01", 0.1, 0.3))
+    world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
+    base, q = grasp_configurations(world, "object_00", rng)[0]
+    motion = plan_pick(world, base, HOME, q, "object_00", rng=rng)
+    assert isinstance(motion, PickMotion)
+    state = RobotState(base, HOME, FETCH.max_finger_position)
+    trajectory = pick_trajectory(FETCH, motion, state)
+    checker = MujocoCollisionChecker(scene)
+    assert checker.accepts(trajectory, step=0.002)
+    unaware = Trajectory(
+        trajectory.times, trajectory.base, trajectory.q, trajectory.finger_position, (Phase("empty", 0.0),)
+    )
+    assert not checker.accepts(unaware)

@@ -1,0 +1,88 @@
+"""What joints hit that follow a hand: all that their samples hit, and nothing for fingers that were wide before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from assets.robots import FETCH
+from clutter_env.simulation.ee_control import TcpFollower
+from planners.collision.world import CollisionWorld
+from planners.grasping.candidates import GraspCandidate, GraspCandidates, SamplingConfig
+from planners.motion.arm import BlockedBy, tcp_pose
+from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.tcp_following import Followed, follow
+from planners.motion.timing import pick_trajectory
+from planners.motion.trajectory import Trajectory
+from planners.placing.placements import PlacementSearch
+from planners.planner import map_placer
+from planners.scene import RobotState, Scene
+from planners.tamp.motion_layer import BoundMotion, MotionLayer
+from tests.planners.motion_scenes import CHAIN
+from tests.planners.scenes import cylinder, table_scene
+
+ALONE = table_scene(cylinder("wanted", 0.0, 0.0), cylinder("other", 0.25, 0.4))
+
+
+def motion_layer(scene: Scene) -> MotionLayer:
+    placer = map_placer(scene)
+    candidates = GraspCandidates(placer, CHAIN, SamplingConfig(near_home=True))
+    return MotionLayer(
+        candidates, PlacementSearch(placer, CHAIN), np.random.default_rng(0), follower=TcpFollower(FETCH)
+    )
+
+
+def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
+    """The first pick of the catalogue that the controller can follow, from where the base then stands."""
+    layer = motion_layer(ALONE)
+    for grasp in layer.candidates.options(ALONE, "wanted"):
+        scene = ALONE.with_state(replace(ALONE.state, base=grasp.base))
+        world = CollisionWorld.from_scene(scene)
+        motion = plan_pick(world, grasp.base, scene.state.q, grasp.q, "wanted", rng=np.random.default_rng(0))
+        if isinstance(motion, PickMotion):
+            trajectory = pick_trajectory(FETCH, motion, scene.state)
+            if isinstance(layer._followed(scene, BoundMotion(trajectory, scene), ("wanted",)), BoundMotion):
+                return scene, grasp, trajectory
+    raise AssertionError("no pick of a single object can be followed")
+
+
+SCENE, GRASP, TRAJECTORY = followed_pick()
+HAND = tcp_pose(FETCH, RobotState(GRASP.base, GRASP.q, 0.0))
+
+
+def test_hits_of_a_way_are_those_of_its_samples() -> None:
+    objects = [cylinder(f"near_{i}", *(HAND[:2, 3] + 0.09 * np.array([np.cos(i), np.sin(i)]))) for i in range(6)]
+    scene = replace(SCENE, objects=(SCENE.body("wanted"), *objects))
+    way = follow(TcpFollower(FETCH), FETCH, np.array(scene.state.q), TRAJECTORY)
+    assert way is not None
+    world, ignore = CollisionWorld.from_scene(scene, padding=0.0), scene.mask(["wanted"])
+    sampled = 0
+    for drive, finger, held in zip(way.drive, way.finger_position, way.held, strict=True):
+        sampled |= world.hits(drive[:3], drive[3:], FETCH.finger_gap_closed + 2 * finger, held, ignore)
+    assert sampled
+    assert sampled & ~way.hits(world, ignore) == 0
+
+
+def test_fingers_are_only_as_wide_as_they_are_when_they_pass() -> None:
+    sides = [cylinder(f"side_{i}", *(HAND[:2, 3] + i * 0.092 * HAND[:2, 1])) for i in (-1, 1)]
+    world = CollisionWorld.from_scene(replace(SCENE, objects=(SCENE.body("wanted"), *sides)), padding=0.0)
+    hover = np.array([GRASP.q[0] + 0.2, *GRASP.q[1:]])
+    away, there = (np.concatenate((GRASP.base, q)) for q in (hover, GRASP.q))
+    wide, narrow = FETCH.max_finger_position, FETCH.finger_position(GRASP.opening)
+
+    def hits(fingers: list[float]) -> int:
+        return Followed(np.array([away, away, there]), np.array(fingers), (None,) * 3).hits(world, 0)
+
+    assert hits([wide, wide, wide])
+    assert not hits([narrow, narrow, narrow])
+    assert not hits([wide, narrow, narrow])
+    assert hits([narrow, narrow, wide])
+
+
+def test_objects_touched_while_following_are_in_the_way_and_named() -> None:
+    between = (GRASP.base[:2] + HAND[:2, 3]) / 2
+    blocked = SCENE.with_body(SCENE.body("other").at([*between, 0.95]))
+    found = motion_layer(blocked)._followed(blocked, BoundMotion(TRAJECTORY, blocked), ("wanted",))
+    assert isinstance(found, BlockedBy)
+    assert found.blockers == {"other"}

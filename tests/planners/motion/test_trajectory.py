@@ -1,0 +1,145 @@
+"""Timed motions: limits in every sample, rest at the ends, on the path, phases in order."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners.collision.world import CollisionWorld
+from planners.motion.base import BasePath
+from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
+from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
+from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
+from planners.scene import HeldObject, RobotState
+from tests.planners.motion_scenes import grasp_configurations
+from tests.planners.scenes import cylinder, table_scene
+
+HOME = np.array(FETCH.home)
+VELOCITY, ACCELERATION = np.array(FETCH.max_velocity), np.array(FETCH.max_acceleration)
+STATE = RobotState(np.array([-1.1, 0.0, 0.0]), HOME, FETCH.max_finger_position)
+
+
+def rates(trajectory: Trajectory) -> np.ndarray:
+    """(n - 1, 11) velocities between samples, the base's in its own frame."""
+    X = np.hstack([trajectory.base, trajectory.q])
+    velocity = np.diff(X, axis=0) / CONTROL_STEP
+    c, s = np.cos(X[:-1, 2]), np.sin(X[:-1, 2])
+    velocity[:, :2] = np.column_stack(
+        [c * velocity[:, 0] + s * velocity[:, 1], c * velocity[:, 1] - s * velocity[:, 0]]
+    )
+    return velocity
+
+
+def assert_within_limits(trajectory: Trajectory) -> None:
+    velocity = rates(trajectory)
+    padded = np.vstack([np.zeros(11), velocity, np.zeros(11)])
+    assert (np.abs(velocity) <= VELOCITY).all()
+    assert (np.abs(np.diff(padded, axis=0)) / CONTROL_STEP <= ACCELERATION).all()
+    assert (np.abs(np.diff(trajectory.finger_position)) <= FETCH.max_finger_velocity * CONTROL_STEP + 1e-12).all()
+    assert np.allclose(np.diff(trajectory.times), CONTROL_STEP)
+
+
+def random_polygon(rng: np.random.Generator) -> np.ndarray:
+    """Some corners anywhere, then a finely cut curve."""
+    lower = np.array([-1.5, -0.5, -0.7, *(link.lower for link in FETCH.chain)])
+    upper = np.array([-0.7, 0.5, 0.7, *(link.upper for link in FETCH.chain)])
+    corners = rng.uniform(lower, upper, (rng.integers(2, 6), 11))
+    t = np.linspace(0, 1, 25)[1:, None]
+    return np.vstack([corners, corners[-1] + t * rng.normal(0, 0.1, 11) + 0.1 * np.sin(3 * t)])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_limits_hold_in_every_sample_and_the_path_is_kept(seed: int) -> None:
+    X = random_polygon(np.random.default_rng(seed))
+    trajectory = time_parametrise(X, FETCH, 0.02, Phase("drive", 0.0))
+    assert_within_limits(trajectory)
+    samples = np.hstack([trajectory.base, trajectory.q])
+    assert np.allclose(samples[0], X[0])
+    assert np.allclose(samples[-1], X[-1])
+    for x in samples:
+        away = [
+            np.abs(x - (a + np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) * (b - a))).max()
+            for a, b in itertools.pairwise(X)
+        ]
+        assert min(away) < 1e-6
+
+
+def test_a_single_move_takes_about_the_least_time() -> None:
+    """A trapezoid of speed for the slowest joint, up to rounding to control steps and the headroom kept."""
+    for joint, distance in ((0, 1.5), (2, 1.0), (3, 0.2), (4, 2.0), (10, 0.1)):
+        X = np.zeros((2, 11))
+        X[1, joint] = distance
+        v, a = VELOCITY[joint], ACCELERATION[joint]
+        least = distance / v + v / a if distance > v * v / a else 2 * np.sqrt(distance / a)
+        duration = time_parametrise(X, FETCH, 0.0, Phase("drive", 0.0)).duration
+        assert least <= duration + 1e-9
+        assert duration <= 1.45 * least + 3 * CONTROL_STEP
+
+
+def test_a_loaded_base_turns_slowly() -> None:
+    X = np.zeros((2, 11))
+    X[1, 2] = 2.0
+    path = BasePath(X[:, :3], HOME, HeldObject("object_00", np.eye(4)))
+    trajectory = drive_trajectory(FETCH, path, STATE)
+    assert np.abs(rates(trajectory)[:, 2]).max() <= FETCH.max_loaded_yaw_rate
+    assert trajectory.held == "object_00"
+    assert drive_trajectory(FETCH, BasePath(X[:, :3], HOME), STATE).duration < trajectory.duration
+
+
+def test_standing_still_is_a_trajectory() -> None:
+    trajectory = time_parametrise(np.zeros((3, 11)), FETCH, 0.01, Phase("wait", 0.0))
+    assert trajectory.duration <= CONTROL_STEP
+    assert np.array_equal(trajectory.sample(7.0).q, np.zeros(8))
+
+
+def test_samples_interpolate_and_are_clipped() -> None:
+    X = random_polygon(np.random.default_rng(1))
+    trajectory = time_parametrise(X, FETCH, 0.02, Phase("drive", 0.0))
+    k = len(trajectory.times) // 2
+    middle = trajectory.sample((trajectory.times[k] + trajectory.times[k + 1]) / 2)
+    assert np.allclose(middle.q, (trajectory.q[k] + trajectory.q[k + 1]) / 2)
+    assert np.array_equal(trajectory.sample(-1.0).base, trajectory.base[0])
+    assert np.array_equal(trajectory.sample(1e9).base, trajectory.base[-1])
+
+
+def test_joined_trajectories_keep_their_order_and_times() -> None:
+    pieces = [
+        time_parametrise(np.array([np.full(11, a), np.full(11, a + 0.2)]), FETCH, 0.0, Phase(str(a), 0.0))
+        for a in (0.0, 0.2)
+    ]
+    whole = join(pieces)
+    assert whole.duration == pytest.approx(pieces[0].duration + pieces[1].duration)
+    assert [phase.name for phase in whole.phases] == ["0.0", "0.2"]
+    assert whole.phase(pieces[0].duration - 0.01).name == "0.0"
+    assert whole.phase(pieces[0].duration + 0.01).name == "0.2"
+    assert_within_limits(whole)
+
+
+def test_ragged_trajectories_are_refused() -> None:
+    with pytest.raises(ValueError, match="samples"):
+        Trajectory(np.zeros(2), np.zeros((3, 3)), np.zeros((2, 8)), np.zeros(2), (Phase("a", 0.0),))
+    with pytest.raises(ValueError, match="phases"):
+        Trajectory(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 8)), np.zeros(1), ())
+
+
+def test_picking_and_placing_in_time() -> None:
+    scene = table_scene(cylinder("object_00", -0.15, 0.0), cylinder("object_01", 0.1, 0.3))
+    world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
+    base, q = grasp_configurations(world, "object_00", rng)[0]
+    pick = plan_pick(world, base, HOME, q, "object_00", rng=rng)
+    assert isinstance(pick, PickMotion)
+    place = plan_place(world, base, pick.retreat.end, q, pick.held, rng=rng)
+    assert isinstance(place, PlaceMotion)
+    taking = pick_trajectory(FETCH, pick, RobotState(base, HOME, FETCH.max_finger_position))
+    putting = place_trajectory(FETCH, place, RobotState(base, pick.retreat.end, float(taking.finger_position[-1])))
+    for trajectory in (taking, putting):
+        assert_within_limits(trajectory)
+    assert (taking.held, putting.held) == ("object_00", "")
+    assert [p.name for p in taking.phases] == ["ready", "transit", "approach", "close", "lift", "retreat"]
+    assert [p.name for p in putting.phases] == ["transit", "lower", "open", "rise", "retreat"]
+    closing = (taking.times >= taking.phases[3].start) & (taking.times <= taking.phases[4].start)
+    assert np.ptp(taking.q[closing], axis=0).max() == 0.0
+    assert np.allclose(putting.q[0], taking.q[-1])

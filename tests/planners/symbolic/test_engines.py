@@ -1,0 +1,204 @@
+"""Every engine's plans are judged by an independent validator, and the engines agree."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from planners.symbolic import engines
+from planners.symbolic.astar import LowerBound, SearchTimeoutError, shortest_plan
+from planners.symbolic.diagnosis import why_unsolvable
+from planners.symbolic.engines import MissingEngineError, UnknownEngineError, default_engine, task_planner
+from planners.symbolic.problem import NoPlan, TaskPlan, TaskProblem, domain_text
+from planners.symbolic.references import grasp_references, placement_references
+from planners.symbolic.transitions import (
+    GraspRefuted,
+    LocationRefuted,
+    PlacementObstructed,
+    apply_action,
+    obstruction_problem,
+    update_from_error,
+)
+from tests.planners.symbolic.plan_validator import fault
+
+TIME_LIMIT = 20.0  # [s], far above what any of these problems needs
+
+NEEDS = {
+    "astar": "planners",
+    "kairos": "kairos",
+    "fast-downward": "up_fast_downward",
+    "up:fast-downward": "up_fast_downward",
+}
+INSTALLED = [name for name, module in NEEDS.items() if find_spec(module) is not None]
+FAST = [name for name in INSTALLED if name in ("astar", "kairos")]
+
+
+def names(count: int) -> list[str]:
+    return [f"object_{i:02d}" for i in range(count)]
+
+
+def random_problem(rng: np.random.Generator, largest: int = 8) -> TaskProblem:
+    objects = names(int(rng.integers(1, largest)))
+    density = rng.choice([0.1, 0.2, 0.35])
+    blockers = {a: {b for b in objects if a != b and rng.random() < density} for a in objects}
+    held = objects[-1] if len(objects) > 1 and rng.random() < 0.25 else None
+    blockers.pop(held, None)
+    obstructs = objects[0] if held and rng.random() < 0.5 else ""
+    return obstruction_problem(objects[0], blockers, objects=names(12), held=held, held_obstructs=obstructs)
+
+
+def verdict(name: str, problem: TaskProblem) -> int | tuple[str, tuple[str, ...]]:
+    """Length of the validated plan, or reason and evidence."""
+    result = task_planner(name).plan(problem, TIME_LIMIT)
+    assert result.engine == name
+    if isinstance(result, NoPlan):
+        return result.reason, result.evidence
+    assert fault(domain_text(), problem.text(), result.actions) == ""
+    return len(result.actions)
+
+
+def test_fast_engines_agree_on_random_obstruction_graphs() -> None:
+    rng = np.random.default_rng(0)
+    solved = 0
+    for _ in range(80):
+        problem = random_problem(rng)
+        verdicts = {verdict(name, problem) for name in FAST}
+        assert len(verdicts) == 1, verdicts
+        solved += isinstance(verdicts.pop(), int)
+    assert 20 < solved < 75
+
+
+@pytest.mark.parametrize("name", [name for name in INSTALLED if name not in FAST])
+def test_processes_agree_with_our_own_search(name: str) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        problem = random_problem(rng)
+        assert verdict(name, problem) == verdict("astar", problem)
+    cycle = obstruction_problem("object_00", {"object_00": {"object_01"}, "object_01": {"object_02", "object_00"}})
+    assert verdict(name, cycle) == verdict("astar", cycle)
+
+
+@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize("count", [0, 1, 3, 6, 10])
+def test_k_obstacles_take_4k_plus_2_actions(name: str, count: int) -> None:
+    target, *others = names(count + 1)
+    star = obstruction_problem(target, {target: set(others)}, objects=names(40))
+    assert verdict(name, star) == 4 * count + 2
+    chain = obstruction_problem(target, {a: {b} for a, b in zip([target, *others], others, strict=False)})
+    assert verdict(name, chain) == 4 * count + 2
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_objects_that_obstruct_each_other_are_proved_cyclic(name: str) -> None:
+    blockers = {"a": {"b"}, "b": {"c", "e"}, "c": {"d"}, "d": {"c"}}
+    assert verdict(name, obstruction_problem("a", blockers)) == ("cyclic", ("c", "d"))
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_other_grasps_resolve_a_cycle(name: str) -> None:
+    problem = obstruction_problem("a", {"a": {"b"}, "b": {"a"}})
+    assert verdict(name, problem) == ("cyclic", ("a", "b"))
+    base, arm, path = "robot_gp_b_2", "arm_gp_b_2", "arm_mp_b_2"
+    other = {("isGrasp", arm, "b", "b_init_loc"), ("isMotion", path, base, arm), ("isBaseMotion", "robot_mp_b_2", base)}
+    assert verdict(name, TaskProblem(problem.state.changed(add=other), "a")) == 6
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_causes_other_than_cycles(name: str) -> None:
+    problem = obstruction_problem("a", {"a": {"b"}})
+    homeless = update_from_error(problem.state, LocationRefuted("b", "table_loc_b", replace=False))
+    assert verdict(name, TaskProblem(homeless, "a")) == ("no location", ("b",))
+    out_of_reach = update_from_error(problem.state, GraspRefuted("b"))
+    assert verdict(name, TaskProblem(out_of_reach, "a")) == ("no grasp", ("b",))
+    holding = obstruction_problem("a", {}, objects=["c"], held="b", held_obstructs="a")
+    blocked = update_from_error(holding.state, PlacementObstructed("b", "table_loc_b", frozenset({"c"})))
+    assert verdict(name, TaskProblem(blocked, "a")) == ("no location", ("b",))
+    elsewhere = update_from_error(blocked, LocationRefuted("b", "table_loc_b"))
+    assert verdict(name, TaskProblem(elsewhere, "a")) == 4
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_a_base_pose_that_serves_two_steps_saves_a_drive(name: str) -> None:
+    problem = obstruction_problem("a", {"a": {"b"}})
+    shared = ("isMotion", placement_references("table_loc_b").arm_trajectory, "robot_gp_b", "arm_pdp_table_loc_b")
+    also = ("isMotion", grasp_references("a").arm_trajectory, "robot_gp_b", "arm_gp_a")
+    assert verdict(name, problem) == 6
+    assert verdict(name, TaskProblem(problem.state.changed(add={shared, also}), "a")) == 4
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_nothing_to_do_when_the_target_is_held(name: str) -> None:
+    assert verdict(name, obstruction_problem("a", {}, held="a")) == 0
+
+
+def test_lower_bound_never_exceeds_what_is_left_of_a_shortest_plan() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        problem = random_problem(rng)
+        plan = shortest_plan(problem)
+        bound = LowerBound(problem)
+        if plan is None:
+            continue
+        state = problem.state
+        for done, action in enumerate(plan):
+            assert bound(state) <= len(plan) - done
+            state = apply_action(state, action)
+        assert bound(state) == 0
+
+
+def test_unsolvable_problems_have_a_cause() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        problem = random_problem(rng)
+        assert (shortest_plan(problem) is None) == (why_unsolvable(problem) is not None)
+
+
+def test_running_out_of_time_is_no_proof() -> None:
+    problem = obstruction_problem("object_00", {"object_00": set(names(9)[1:])})
+    with pytest.raises(SearchTimeoutError):
+        shortest_plan(problem, time_limit=0.0)
+    result = task_planner("astar").plan(problem, 0.0)
+    assert isinstance(result, NoPlan)
+    assert result.reason == "gave up"
+
+
+def test_engines_are_chosen_by_name() -> None:
+    with pytest.raises(UnknownEngineError, match=r"kairos.*astar.*fast-downward"):
+        task_planner("metric-ff")
+    assert task_planner().name == default_engine()
+
+
+@pytest.mark.parametrize("name", ["kairos", "fast-downward", "up:tamer"])
+def test_a_missing_engine_says_how_to_install_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "find_spec", lambda _: None)
+    with pytest.raises(MissingEngineError, match="pip install"):
+        task_planner(name)
+    assert default_engine() == "astar"
+
+
+@pytest.mark.skipif(find_spec("unified_planning") is None, reason="needs unified-planning")
+def test_an_engine_unknown_to_unified_planning_is_named() -> None:
+    with pytest.raises(MissingEngineError, match="no engine 'nobody'"):
+        task_planner("up:nobody")
+
+
+@pytest.mark.skipif(find_spec("kairos") is None, reason="needs kairos")
+def test_kairos_itself_accepts_our_plans() -> None:
+    import kairos  # an optional package
+
+    problem = obstruction_problem("a", {"a": {"b", "c"}, "b": {"c"}})
+    plan = task_planner("astar").plan(problem, TIME_LIMIT)
+    assert isinstance(plan, TaskPlan)
+    text = "\n".join(f"({action.name} {' '.join(action.args)})" for action in plan.actions)
+    parsed = kairos.parse_problem(problem.text(), kairos.parse_domain(domain_text()))
+    assert kairos.validate(parsed, kairos.parse_plan(text)).valid
+
+
+def test_validator_rejects_a_plan_with_a_step_missing() -> None:
+    problem = obstruction_problem("a", {"a": {"b"}})
+    plan = shortest_plan(problem)
+    assert plan is not None
+    for left_out in range(len(plan)):
+        assert fault(domain_text(), problem.text(), plan[:left_out] + plan[left_out + 1 :]) != ""

@@ -1,0 +1,165 @@
+"""Whole solves on scenes without simulation: plans that can be carried out, and honest refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solve
+from planners.cause import Cause
+from planners.clearing.lookahead import grasped
+from planners.grasping.candidates import GraspCandidates
+from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.planner import map_placer
+from planners.scene import RobotState, SceneError, UnknownObject
+from planners.strategies import STRATEGIES, UnknownStrategy
+from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
+
+PLANNER = Planner(FETCH)
+
+
+def obstructed(count: int, seed: int) -> tuple[Scene, str]:
+    """A random scene and an object in it that cannot be taken without clearing another one."""
+    scene = random_scene(count, seed)
+    for name in scene.names:
+        if PLANNER.clearance_floor(scene, name).count:
+            return scene, name
+    raise AssertionError("no obstructed object in this scene")
+
+
+@pytest.fixture(scope="module", params=[3, 4])
+def problem(request: pytest.FixtureRequest) -> tuple[Scene, str]:
+    return obstructed(25, request.param)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_plan_takes_and_puts_in_turn_and_ends_with_the_target(strategy: str, problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    found = PLANNER.solve(scene, target, strategy, np.random.default_rng(0))
+    assert isinstance(found, Solution), found
+    gripper_poses = [action for action in found.actions if action.name != "MoveBase"]
+    assert gripper_poses[-1].name == "PickUp"
+    assert gripper_poses[-1].target == target
+    for taken, put in zip(gripper_poses[:-1:2], gripper_poses[1:-1:2], strict=True):
+        assert taken.name == "PickUp"
+        assert put.name == "PutDownForClearance"
+        assert taken.target == put.target
+    assert found.clearances == tuple(put.target for put in gripper_poses[1:-1:2])
+
+
+def test_trajectories_join(problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    found = PLANNER.solve(scene, target, rng=np.random.default_rng(0))
+    assert isinstance(found, Solution)
+    for before, after in zip(found.actions, found.actions[1:], strict=False):
+        one, other = before.trajectory, after.trajectory
+        assert np.allclose(one.base[-1], other.base[0], atol=1e-6)
+        assert np.allclose(one.q[-1], other.q[0], atol=1e-6)
+        assert one.finger_position[-1] == pytest.approx(other.finger_position[0])
+
+
+def test_lookahead_meets_the_floor_and_clears_nothing_twice(problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    floor = clearance_floor(scene, target)
+    found = PLANNER.solve(scene, target, rng=np.random.default_rng(0))
+    assert isinstance(found, Solution)
+    assert floor.proved
+    assert floor.count is not None
+    assert floor.count <= len(found.clearances) <= floor.count + 1
+    assert found.duplicated == ()
+
+
+def test_mujoco_finds_no_deep_penetration_at_a_finer_step(problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    found = PLANNER.solve(scene, target, rng=np.random.default_rng(0))
+    assert isinstance(found, Solution)
+    first = [action for action in found.actions if action.name in ("MoveBase", "PickUp")][:2]
+    checker = MujocoCollisionChecker(scene)
+    for action in first:
+        assert checker.deepest_penetration(action.trajectory, step=0.002).penetration <= 0.001
+
+
+def test_the_same_generator_gives_the_same_plan(problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    one, other = (PLANNER.solve(scene, target, rng=np.random.default_rng(7)) for _ in range(2))
+    assert isinstance(one, Solution)
+    assert isinstance(other, Solution)
+    assert [str(action) for action in one.actions] == [str(action) for action in other.actions]
+    for mine, yours in zip(one.actions, other.actions, strict=True):
+        assert np.array_equal(mine.trajectory.q, yours.trajectory.q)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_who_has_no_time_says_so(strategy: str, problem: tuple[Scene, str]) -> None:
+    scene, target = problem
+    found = PLANNER.solve(scene, target, strategy, np.random.default_rng(0), time_limit=0.0)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.TIME_LIMIT
+
+
+def test_an_object_in_hand_is_put_down_first() -> None:
+    scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
+    first = PLANNER.solve(scene, "object_00")
+    assert isinstance(first, Solution)
+    candidates = GraspCandidates(map_placer(scene), PLANNER.chain)
+    in_hand = grasped(scene, candidates.options(scene, "object_00")[0])
+    found = PLANNER.solve(in_hand, "object_01")
+    assert isinstance(found, Solution), found
+    assert [action.name for action in found.actions if action.name != "MoveBase"] == ["PutDownForClearance", "PickUp"]
+    nothing_to_do = PLANNER.solve(in_hand, "object_00")
+    assert isinstance(nothing_to_do, Solution)
+    assert nothing_to_do.actions == ()
+
+
+def test_unknown_object_and_strategy_are_named() -> None:
+    scene = table_scene(cylinder("object_00", 0.0, 0.0))
+    with pytest.raises(UnknownObject, match="object_00"):
+        solve(scene, "object_07")
+    with pytest.raises(UnknownStrategy, match="lookahead"):
+        solve(scene, "object_00", strategy="magic")
+    with pytest.raises(UnknownObject, match="object_00"):
+        clearance_floor(scene, "object_07")
+
+
+def test_overlapping_objects_are_named() -> None:
+    scene = table_scene(cylinder("object_00", 0.0, 0.0), cylinder("object_01", 0.02, 0.0))
+    with pytest.raises(SceneError, match="object_00 and object_01"):
+        solve(scene, "object_00")
+
+
+def test_a_robot_inside_the_table_is_refused() -> None:
+    scene = table_scene(cylinder("object_00", 0.0, 0.0))
+    inside = scene.with_state(RobotState(np.array([0.0, 0.8, 0.0]), scene.state.q, 0.0))
+    with pytest.raises(SceneError, match="inside the furniture"):
+        solve(inside, "object_00")
+
+
+def test_an_object_on_the_floor_behind_the_table_is_unreachable() -> None:
+    body = cylinder("object_00", 0.0, 0.0).at((0.2, 0.0, 0.08))
+    found = solve(table_scene(body), "object_00")
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.UNREACHABLE
+    assert "object_00" in found.detail
+
+
+def test_objects_that_block_each_other_from_everywhere_are_named_as_such() -> None:
+    """Cylinders half a millimetre apart: no finger fits between any two of them, so that none can be the first."""
+    places = [(x, y) for x in 0.0705 * np.arange(-2, 3) for y in 0.0705 * np.arange(-2, 3)]
+    objects = [cylinder(f"object_{i:02d}", x, y, radius=0.035, height=0.2) for i, (x, y) in enumerate(places)]
+    scene = table_scene(*objects)
+    found = solve(scene, "object_12", time_limit=20.0)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.NO_SELF_CLEARABLE_SET
+    assert clearance_floor(scene, "object_12").count is None
+
+
+def test_time_limit_is_a_cause() -> None:
+    scene, target = obstructed(25, 3)
+    found = solve(scene, target, time_limit=1e-6)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.TIME_LIMIT
+
+
+def test_scene_height_matches_the_objects() -> None:
+    assert table_scene(cylinder("object_00", 0.0, 0.0)).body("object_00").bottom == pytest.approx(HEIGHT)
