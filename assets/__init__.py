@@ -11,7 +11,7 @@ def path(relative: str) -> Path:
     """Path of a data file shipped with the package.
 
     Args:
-        relative: path below `assets/`, for example `"mjcf/fetch.xml"`.
+        relative: path below `assets/`, for example `"mjcf/fetch.xml"`; an absolute path is taken as it is.
 
     Raises:
         FileNotFoundError: no such file; the message lists the files that exist.

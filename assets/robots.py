@@ -1,127 +1,18 @@
-"""Robots as data: every name and constant that the rest of the project needs to know about one."""
+"""The robots that the project knows by name."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
-from assets import path
+from assets.robot_spec import ChainLink, InvalidRobot, LinkMesh, RobotSpec
 
-__all__ = ["FETCH", "ChainLink", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
+__all__ = ["FETCH", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
 
 
 class UnknownRobot(ValueError):
     """No robot of that name; the message lists the known ones."""
-
-
-class ChainLink(NamedTuple):
-    """One joint of the chain torso → arm.
-
-    `offset` [m] is the joint frame's origin in its parent's frame; `axis` is "x", "y" or "z";
-    `prismatic` joints move along it.
-    """
-
-    joint: str
-    offset: tuple[float, float, float]
-    axis: str
-    lower: float
-    upper: float
-    prismatic: bool = False
-
-
-class LinkMesh(NamedTuple):
-    """A visual mesh of one body, used only when the `[visuals]` extra is installed."""
-
-    body: str
-    file: str
-    rgba: tuple[float, float, float, float]
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class RobotSpec:
-    """A mobile manipulator: planar base (x, y, yaw), torso lift, arm, parallel gripper.
-
-    Vectors over joints are ordered base x, base y, base yaw, torso, arm; a *configuration* `q` is torso and arm
-    only, shape (1 + n,). Units are SI. The TCP frame has x along the approach, y along the finger motion.
-    """
-
-    name: str
-    mjcf: str
-    base_body: str
-    base_joints: tuple[str, str, str]
-    chain: tuple[ChainLink, ...]
-    tcp_offset: tuple[float, float, float]
-    tcp_site: str
-    gripper_body: str
-    finger_joints: tuple[str, str]
-    finger_geoms: tuple[str, str]
-    head_joints: tuple[str, ...]
-    head_configuration: tuple[float, ...]
-    cameras: tuple[str, ...]
-    home: tuple[float, ...]
-    """Posture to start, drive and carry in, shape (1 + n,): torso [m], arm [rad]; gripper level, above the clutter."""
-    max_velocity: tuple[float, ...]
-    """Shape (4 + n,): base [m/s, m/s, rad/s], torso [m/s], arm [rad/s]."""
-    max_acceleration: tuple[float, ...]
-    """Shape (4 + n,): like `max_velocity`, per second."""
-    max_loaded_yaw_rate: float
-    """[rad/s] while something is held; faster turns make it creep out of the fingers."""
-    max_tcp_velocity: tuple[float, float]
-    """Linear [m/s] and angular [rad/s] TCP speed of a full "ee" action."""
-    max_finger_velocity: float
-    """[m/s] of one finger."""
-    max_finger_position: float
-    """[m] of one finger joint; 0 is closed."""
-    finger_gap_closed: float
-    """[m] between the pads at finger position 0."""
-    finger_thickness: float
-    """[m] of one finger along its motion."""
-    grasp_height: float
-    """δ [m]: TCP above the object's lowest point in a side grasp."""
-    grasp_axis_offset: float
-    """ε [m]: TCP from the object's main axis."""
-    base_radius: float
-    """[m] of the circle that contains the base footprint."""
-    base_height: float
-    """[m]."""
-    meshes: tuple[LinkMesh, ...] = field(default=(), repr=False)
-    mesh_package: str = ""
-    mesh_folder: str = ""
-    closed_form_ik: str = ""
-    """Name of a closed-form solver of `irm.arm.kinematics`, "" for the generic route."""
-
-    @property
-    def mjcf_path(self) -> Path:
-        """The robot's MJCF file."""
-        return path(self.mjcf)
-
-    @property
-    def torso_joint(self) -> str:
-        """Name of the torso lift joint."""
-        return self.chain[0].joint
-
-    @property
-    def arm_joints(self) -> tuple[str, ...]:
-        """Names of the arm joints, shoulder first."""
-        return tuple(link.joint for link in self.chain[1:])
-
-    @property
-    def drive_joints(self) -> tuple[str, ...]:
-        """Base, torso and arm joints in the order of every (4 + n,) vector."""
-        return (*self.base_joints, *(link.joint for link in self.chain))
-
-    @property
-    def max_opening(self) -> float:
-        """[m] between the pads of the fully open gripper."""
-        return self.finger_gap_closed + 2 * self.max_finger_position
-
-    def finger_position(self, opening: float) -> float:
-        """Finger joint position [m] at which the pads are `opening` [m] apart, clipped to the joint's range."""
-        return min(max((opening - self.finger_gap_closed) / 2, 0.0), self.max_finger_position)
 
 
 _GREY = (0.356, 0.361, 0.376, 1.0)
@@ -187,14 +78,18 @@ FETCH = RobotSpec(
 _ROBOTS = {FETCH.name: FETCH}
 
 
-def robot(name: str) -> RobotSpec:
-    """The robot of that name.
+def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
+    """The robot of that name; a `RobotSpec` is returned as it is, its fields as a dictionary make one.
 
     Raises:
-        UnknownRobot: no such robot; the message lists the known ones.
+        UnknownRobot: no robot of that name; the message lists the known ones.
+        InvalidRobot: the dictionary does not hold the fields of a `RobotSpec`.
     """
-    try:
-        return _ROBOTS[name]
-    except (KeyError, TypeError):
+    if isinstance(robot, RobotSpec):
+        return robot
+    if isinstance(robot, Mapping):
+        return RobotSpec.from_fields(robot)
+    if not isinstance(robot, str) or robot not in _ROBOTS:
         known = ", ".join(sorted(_ROBOTS))
-        raise UnknownRobot(f"no robot {name!r}; known robots: {known}") from None
+        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.robots.RobotSpec")
+    return _ROBOTS[robot]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Integral
-from typing import Any
+from typing import Any, TypeGuard
 
+from assets.robots import InvalidRobot, RobotSpec, UnknownRobot
 from assets.robots import robot as find_robot
 from clutter_env.errors import ConfigError
-from clutter_env.scene.layout import LAYOUTS, SHAPE_SETS, capacity
+from clutter_env.scene.layout import Layout, find_layout
+from clutter_env.scene.random_scene import SHAPE_SETS, capacity
 
 __all__ = ["CONTROL_HZ", "PHYSICS_STEPS", "RENDER_MODES", "TIMESTEP", "EnvConfig"]
 
@@ -23,7 +25,8 @@ RENDER_MODES = ("human", "rgb_array", "depth_array")
 CONTROL_MODES = ("joint", "ee")
 REWARD_MODES = ("sparse", "dense")
 OBS_MODES = ("state", "rgbd")
-CAMERAS = ("scene", "top", "head", "gripper")
+SCENE_CAMERAS = ("scene", "top")
+"""Cameras of every scene; the robot brings its own."""
 IMAGE_SIZE_RANGE = (16, 2048)
 """Pixels."""
 
@@ -32,19 +35,23 @@ IMAGE_SIZE_RANGE = (16, 2048)
 class EnvConfig:
     """The keyword arguments of the environments; building one checks them.
 
+    A layout or a robot is a name, an object, or the object's fields as a dictionary (`dataclasses.asdict`): the last is
+    what `env.spec.to_json()` writes.
+
     Raises:
         ConfigError: a value of the wrong type or outside its range; the message lists the valid ones.
     """
 
     num_objects: int = 15
     """Objects on the table, the target among them."""
-    layout: str = "paper"
-    """Table and surroundings, one of `layout.LAYOUTS`."""
+    layout: str | Layout | Mapping[str, Any] = "paper"
+    """Table and surroundings: a name in `LAYOUTS`, or a `Layout`."""
     control_mode: str = "joint"
     """What the action's numbers mean: "joint" or "ee"."""
     reward_mode: str = "sparse"
     obs_mode: str = "state"
-    robot: str = "fetch"
+    robot: str | RobotSpec | Mapping[str, Any] = "fetch"
+    """A name known to `assets.robots.robot`, or a `RobotSpec`."""
     render_mode: str | None = None
     shapes: str = "cylinder"
     """What the objects are: "cylinder", "box" or "mixed"."""
@@ -58,23 +65,47 @@ class EnvConfig:
     """Pixels along each side of an "rgbd" observation's images."""
 
     def __post_init__(self) -> None:
-        find_robot(self.robot)
-        check_choice("layout", self.layout, LAYOUTS)
+        layout, robot = self.find_layout(), self.find_robot()
         check_choice("control_mode", self.control_mode, CONTROL_MODES)
         check_choice("reward_mode", self.reward_mode, REWARD_MODES)
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
         check_choice("render_mode", self.render_mode, (None, *RENDER_MODES))
         check_choice("shapes", self.shapes, SHAPE_SETS)
-        check_choice("camera", self.camera, CAMERAS)
+        check_choice("camera", self.camera, (*SCENE_CAMERAS, *robot.cameras))
+        if self.obs_mode == "rgbd" and not robot.cameras:
+            raise ConfigError(f"obs_mode='rgbd' needs a robot with cameras; robot {robot.name!r} has none")
         for name in ("width", "height", "image_size"):
             check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE)
         check_integer("num_objects", self.num_objects, 0)
-        fit = capacity(LAYOUTS[self.layout], self.shapes)
+        fit = capacity(layout, self.shapes)
         if self.num_objects > fit:
             raise ConfigError(
-                f"num_objects={self.num_objects} does not fit layout {self.layout!r} with shapes={self.shapes!r}: "
+                f"num_objects={self.num_objects} does not fit layout {layout.name!r} with shapes={self.shapes!r}: "
                 f"at most {fit} fit"
             )
+
+    def find_layout(self) -> Layout:
+        """The layout that `layout` names or describes.
+
+        Raises:
+            ConfigError: there is no such layout.
+        """
+        return find_layout(self.layout)
+
+    def find_robot(self) -> RobotSpec:
+        """The robot that `robot` names or describes.
+
+        Raises:
+            ConfigError: there is no such robot.
+        """
+        try:
+            return find_robot(self.robot)
+        except (UnknownRobot, InvalidRobot) as problem:
+            raise ConfigError(f"robot: {problem}") from None
+
+    def keywords(self) -> dict[str, Any]:
+        """The keyword arguments again, layout and robot as they were given."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     @classmethod
     def from_keywords(cls, keywords: dict[str, Any]) -> EnvConfig:
@@ -100,6 +131,9 @@ def check_choice(name: str, value: object, valid: Iterable[object]) -> None:
 def check_integer(name: str, value: object, lowest: int, highest: int | None = None) -> None:
     """Raise ConfigError unless `value` is an integer between `lowest` and `highest`, both included."""
     wanted = f"an integer of at least {lowest}" if highest is None else f"an integer from {lowest} to {highest}"
-    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
-    if not is_integer or int(value) < lowest or (highest is not None and int(value) > highest):  # type: ignore[call-overload]
+    if not _is_integer(value) or int(value) < lowest or (highest is not None and int(value) > highest):
         raise ConfigError(f"{name}={value!r} is not valid; it must be {wanted}")
+
+
+def _is_integer(value: object) -> TypeGuard[Integral]:
+    return isinstance(value, Integral) and not isinstance(value, bool)

@@ -14,7 +14,8 @@ from assets.robots import FETCH
 from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS
 from clutter_env.envs.reward import DENSE_SCALES
-from clutter_env.scene.layout import LAYOUTS, SHAPE_SETS, capacity
+from clutter_env.scene.layout import LAYOUTS
+from clutter_env.scene.random_scene import SHAPE_SETS, capacity
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RETRIEVE = (DOCS / "retrieve.md").read_text()

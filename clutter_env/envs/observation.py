@@ -18,7 +18,7 @@ from clutter_env.envs.observation_layout import (
     entry_slices,
     observation_layout,
 )
-from clutter_env.scene.layout import TableScene
+from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = [

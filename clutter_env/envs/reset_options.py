@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
 from clutter_env.errors import OptionError
-from clutter_env.scene.layout import Layout, TableScene, object_name, sample_base, sample_scene
+from clutter_env.scene.layout import Layout
+from clutter_env.scene.random_scene import sample_base, sample_scene
+from clutter_env.scene.table_scene import TableScene, object_name
 
 __all__ = ["ResetOptions", "draw_scene", "explicit_scene"]
 
@@ -23,7 +25,9 @@ _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("
 HALF_WIDTH_LIMITS = (0.01, 0.10)
 """[m] radius of a cylinder, half depth and half width of a box."""
 HEIGHT_LIMITS = (0.04, 0.39)
-"""[m]; the shelf's board hangs 0.40 m above the table."""
+"""[m]"""
+HEADROOM_MARGIN = 0.01
+"""[m] between an object's top and what hangs above the table, at least."""
 MASS_LIMITS = (0.01, 5.0)
 """[kg]"""
 DEFAULT_MASS = 0.2
@@ -63,7 +67,7 @@ class ResetOptions:
         return cls(given.get("target"), _descriptions(given.get("objects")), given.get("state"))
 
     def target_index(self, count: int) -> int | None:
-        """The slot of the wanted target, None where chance decides.
+        """The slot of the wanted target, None where it is drawn at random.
 
         Raises:
             OptionError: there is no object of that name.
@@ -110,7 +114,8 @@ def explicit_scene(
     "width", "height", "position"}, all in metres, with optional "yaw" [rad] and "mass" [kg].
 
     Raises:
-        OptionError: an invalid description, too many objects, an object over the table's edge, or an overlap.
+        OptionError: an invalid description, too many objects, an object over the table's edge or too high for the
+            layout, or an overlap.
     """
     if not 1 <= len(descriptions) <= max_objects:
         raise OptionError(f"option 'objects' holds {len(descriptions)} objects; it must be 1 to {max_objects}")
@@ -126,6 +131,7 @@ def explicit_scene(
     )
     footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
     _check_on_table(layout, footprints)
+    _check_headroom(layout, scene)
     _check_apart(footprints)
     return scene
 
@@ -166,10 +172,13 @@ def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
 
 
 def _number(place: str, key: str, value: object, lowest: float, highest: float) -> float:
-    is_number = isinstance(value, Real | np.number) and not isinstance(value, bool)
-    if not is_number or not lowest <= float(value) <= highest:  # type: ignore[arg-type]
+    if not _is_number(value) or not lowest <= float(value) <= highest:
         raise OptionError(f"{place}: {key}={value!r} must be a number from {lowest:.4g} to {highest:.4g}")
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
+
+
+def _is_number(value: object) -> TypeGuard[Real]:
+    return isinstance(value, Real | np.number) and not isinstance(value, bool)
 
 
 def _position(place: str, value: object) -> tuple[float, float]:
@@ -208,6 +217,15 @@ def _check_on_table(layout: Layout, footprints: Sequence[_Footprint]) -> None:
             raise OptionError(
                 f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
                 f"x must stay within ±{half[0]:.3g} m and y within ±{half[1]:.3g} m, the object's size included"
+            )
+
+
+def _check_headroom(layout: Layout, scene: TableScene) -> None:
+    for index, height in enumerate(2 * scene.half_extents[:, 2]):
+        if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
+            raise OptionError(
+                f"{object_name(index)} is {height:.3g} m high; layout {layout.name!r} has {layout.headroom:.3g} m "
+                f"above its table, of which {HEADROOM_MARGIN} m stay free"
             )
 
 

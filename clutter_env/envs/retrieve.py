@@ -8,7 +8,7 @@ from clutter_env.config import EnvConfig, check_integer
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.reward import HOLD_STEPS, LIFT_HEIGHT, Progress, reward
-from clutter_env.scene.layout import TableScene
+from clutter_env.scene.table_scene import TableScene
 
 __all__ = ["RetrieveEnv"]
 

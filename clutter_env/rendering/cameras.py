@@ -1,4 +1,4 @@
-"""Which pictures an environment draws, and when: nothing is opened before the first one."""
+"""The images of one environment: `render()` and camera observations; nothing is opened before the first image."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from clutter_env.config import EnvConfig
 from clutter_env.rendering.renderer import Renderer, open_window
 from clutter_env.simulation.world import World
 
-__all__ = ["MAX_DEPTH", "Pictures"]
+__all__ = ["MAX_DEPTH", "EnvRenderer"]
 
 MAX_DEPTH = 8.0
 """[m] Clip of the depth images in observations."""
-OBSERVATION_CAMERAS = ("head", "gripper")
 
 
-class Pictures:
-    """The renderers of one environment; they follow it when it changes its world."""
+class EnvRenderer:
+    """The renderers of one environment, one for each image size; they are made anew when its world changes."""
 
     def __init__(self, config: EnvConfig) -> None:
         self._config = config
-        self._makers: dict[tuple[int, int], Renderer] = {}
+        self._cameras = config.find_robot().cameras
+        self._renderers: dict[tuple[int, int], Renderer] = {}
         self._window: Any = None
         self._world: World | None = None
 
     @property
     def largest(self) -> tuple[int, int]:
-        """Width and height [pixels] that hold every picture."""
+        """Width and height [pixels] of the largest image."""
         size = self._config.image_size if self._config.obs_mode == "rgbd" else 0
         return max(self._config.width, size), max(self._config.height, size)
 
     def render(self, world: World) -> NDArray[Any] | None:
-        """What `render()` returns in this configuration's mode."""
+        """What `render()` returns in this configuration's mode; see `BaseEnv.render`."""
         mode, camera = self._config.render_mode, self._config.camera
         if mode is None:
             return None
         if mode == "human":
             self._show(world)
             return None
-        maker = self._maker(world, self._config.width, self._config.height)
-        return maker.colour(world.data, camera) if mode == "rgb_array" else maker.depth(world.data, camera)
+        renderer = self._renderer(world, self._config.width, self._config.height)
+        return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
     def observation(self, world: World) -> dict[str, NDArray[Any]]:
-        """Colour and depth images of the robot's cameras."""
+        """Colour (height, width, 3) uint8 and depth (height, width) float32 [m] images of the robot's cameras."""
         size = self._config.image_size
-        maker = self._maker(world, size, size)
+        renderer = self._renderer(world, size, size)
         images: dict[str, NDArray[Any]] = {}
-        for camera in OBSERVATION_CAMERAS:
-            colour, depth = maker.colour_and_depth(world.data, camera)
+        for camera in self._cameras:
+            colour, depth = renderer.colour_and_depth(world.data, camera)
             images[f"{camera}_rgb"] = colour
             images[f"{camera}_depth"] = np.minimum(depth, MAX_DEPTH)
         return images
@@ -60,33 +60,34 @@ class Pictures:
         """The spaces of `observation`."""
         size = self._config.image_size
         parts: dict[str, spaces.Space[Any]] = {}
-        for camera in OBSERVATION_CAMERAS:
+        for camera in self._cameras:
             parts[f"{camera}_rgb"] = spaces.Box(0, 255, (size, size, 3), np.uint8)
             parts[f"{camera}_depth"] = spaces.Box(0.0, MAX_DEPTH, (size, size), np.float32)
         return parts
 
     def close(self) -> None:
         """Free renderers and window."""
-        for maker in self._makers.values():
-            maker.close()
-        self._makers.clear()
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
         if self._window is not None:
             self._window.close()
             self._window = None
 
-    def _maker(self, world: World, width: int, height: int) -> Renderer:
-        self._follow(world)
-        if (width, height) not in self._makers:
-            self._makers[width, height] = Renderer(world.model, width, height)
-        return self._makers[width, height]
+    def _renderer(self, world: World, width: int, height: int) -> Renderer:
+        self._use(world)
+        if (width, height) not in self._renderers:
+            self._renderers[width, height] = Renderer(world.model, width, height)
+        return self._renderers[width, height]
 
     def _show(self, world: World) -> None:
-        self._follow(world)
+        self._use(world)
         if self._window is None:
             self._window = open_window(world.model, world.data)
         self._window.sync()
 
-    def _follow(self, world: World) -> None:
+    def _use(self, world: World) -> None:
+        """Close what was opened for another world."""
         if self._world is not world:
             self.close()
             self._world = world

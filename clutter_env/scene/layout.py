@@ -1,4 +1,4 @@
-"""Tables and what stands on them: random scenes as a function of the random generator alone.
+"""Tables and their surroundings, known by name or made by the user.
 
 World frame: origin on the floor under the table's centre, x from the robot towards the table, y left, z up.
 """
@@ -7,30 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
+from numbers import Real
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from clutter_env.errors import ConfigError
 
-from clutter_env.errors import OptionError
-
-__all__ = [
-    "LAYOUTS",
-    "MAX_OBJECTS",
-    "SHAPE_SETS",
-    "TABLE_HEIGHT",
-    "Box",
-    "Layout",
-    "TableScene",
-    "capacity",
-    "furniture",
-    "object_name",
-    "sample_base",
-    "sample_scene",
-    "slot_shapes",
-]
+__all__ = ["LAYOUTS", "TABLE_HEIGHT", "Box", "Layout", "find_layout", "furniture"]
 
 TABLE_HEIGHT = 0.75
 """[m] of every table's top face above the floor."""
@@ -43,37 +27,22 @@ _WALL_THICKNESS = 0.05
 _PANEL_THICKNESS = 0.02
 """All [m]."""
 
-RADIUS_RANGE = (0.025, 0.035)
-"""[m] of a cylinder."""
-HALF_WIDTH_RANGE = (0.020, 0.028)
-"""[m] of a box; its corners then stay within the footprint of the larger cylinders' clearance."""
-HEIGHT_RANGE = (0.12, 0.20)
-MASS_RANGE = (0.15, 0.25)
-"""[kg]"""
-OBJECT_GAP = 0.012
-"""[m] between the bounding circles of two objects at least."""
-EDGE_MARGIN = 0.045
-"""[m] from an object's axis to the table's edge at least."""
-
-MAX_OBJECTS = 60
-"""Objects in one scene at most, whatever the table: what the planners' bit masks hold."""
-
-_PACKING = 0.46
-"""Share of the area that random placement is trusted to fill; it jams at 0.547 (random sequential adsorption)."""
-_BATCH = 128
-_MAX_BATCHES = 200
-_MAX_RESTARTS = 50
-
+TABLE_SIZE_RANGE = (0.3, 3.0)
+"""[m] of a table's depth and width: some objects fit, and the base can drive all around it."""
+HEADROOM_RANGE = (0.25, 1.0)
+"""[m] from the table top to whatever hangs above it: random objects are up to 0.20 m high."""
+BOX_HALF_EXTENT_RANGE = (0.001, 5.0)
+"""[m]"""
+BOX_POSITION_BOUND = 10.0
+"""[m]"""
 START_DISTANCE = (0.6, 1.1)
 """[m] from the table's front edge to the base centre at the start."""
 SHELF_START_DISTANCE = (0.95, 1.3)
 """[m]; farther away, because the carried gripper is about as high as the shelf board."""
-START_YAW = 0.5
-"""[rad] either side of facing the table."""
 START_SIDE_MARGIN = 0.1
 """[m] from the table's side edges, inwards."""
-
-SHAPE_SETS = ("cylinder", "box", "mixed")
+START_CLEARANCE = 0.4
+"""[m] around the base centre's start that stays free: the base and 0.1 m."""
 
 
 class Box(NamedTuple):
@@ -86,7 +55,17 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """A table (depth along x, width along y [m]) and how it is enclosed."""
+    """A table (depth along x, width along y [m]) and how it is enclosed.
+
+    Example:
+        >>> bench = Layout("bench", depth=0.5, width=0.9, is_front_only=False)
+        >>> [box.name for box in furniture(bench)]
+        ['table_top', 'table_leg_0', 'table_leg_1', 'table_leg_2', 'table_leg_3']
+
+    Raises:
+        ConfigError: a size outside its range, or a box without a name of its own, over the table or where the robot
+            starts.
+    """
 
     name: str
     depth: float
@@ -95,68 +74,98 @@ class Layout:
     """Counters beside it and a wall behind it."""
     board_height: float | None = None
     """[m] from the table top to the shelf board above it, None without a shelf."""
-
-
-LAYOUTS: Mapping[str, Layout] = MappingProxyType(
-    {
-        "paper": Layout("paper", depth=0.7, width=1.0),
-        "wide": Layout("wide", depth=0.8, width=1.2),
-        "dense": Layout("dense", depth=0.6, width=0.8),
-        "shelf": Layout("shelf", depth=0.7, width=1.0, board_height=0.40),
-        "island": Layout("island", depth=0.8, width=1.2, is_front_only=False),
-    }
-)
-
-
-@dataclass(frozen=True, eq=False)
-class TableScene:
-    """What a reset puts into the world. Arrays are read-only.
-
-    `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
-    table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index.
-    """
-
-    half_extents: NDArray[np.float64]
-    is_box: NDArray[np.bool_]
-    positions: NDArray[np.float64]
-    yaws: NDArray[np.float64]
-    masses: NDArray[np.float64]
-    base: NDArray[np.float64]
-    target: int
+    boxes: tuple[Box, ...] = ()
+    """More furniture, in the world frame: obstacles for the robot and for the planner."""
 
     def __post_init__(self) -> None:
-        for array in (self.half_extents, self.is_box, self.positions, self.yaws, self.masses, self.base):
-            array.setflags(write=False)
+        if not isinstance(self.name, str) or not self.name:
+            raise ConfigError(f"a layout's name must be a non-empty string, not {self.name!r}")
+        place = f"layout {self.name!r}"
+        for name in ("depth", "width"):
+            _check_number(place, name, getattr(self, name), *TABLE_SIZE_RANGE)
+        if not isinstance(self.is_front_only, bool):
+            raise ConfigError(f"{place}: is_front_only={self.is_front_only!r} must be True or False")
+        if self.board_height is not None:
+            _check_number(place, "board_height", self.board_height, *HEADROOM_RANGE)
+        object.__setattr__(self, "boxes", _checked_boxes(place, self.boxes))
+        names = [box.name for box in furniture(self)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigError(f"{place}: two boxes are named {name!r}; the names: {', '.join(names)}")
+        for box in self.boxes:
+            self._check_room(box)
 
     @property
-    def num_objects(self) -> int:
-        """How many objects there are."""
-        return len(self.yaws)
+    def headroom(self) -> float:
+        """[m] from the table top to the lowest thing above it; infinite without one."""
+        above = [box for box in furniture(self) if _overlaps(box, *self._table_volume(math.inf))]
+        return min((box.position[2] - box.half_extents[2] - TABLE_HEIGHT for box in above), default=math.inf)
 
     @property
-    def shapes(self) -> tuple[str, ...]:
-        """The shape of each object, "box" or "cylinder"."""
-        return tuple("box" if is_box else "cylinder" for is_box in self.is_box)
+    def start_region(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Lowest and highest x, y [m] of the base centre at the start."""
+        near, far = START_DISTANCE if self.board_height is None else SHELF_START_DISTANCE
+        side = self.width / 2 - START_SIDE_MARGIN
+        return (-self.depth / 2 - far, -side), (-self.depth / 2 - near, side)
 
-    def with_target(self, index: int) -> TableScene:
-        """The same scene with another target."""
-        return replace(self, target=index)
+    def _table_volume(self, height: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Two opposite corners of what is above the table, up to a height [m] over it."""
+        x, y = self.depth / 2, self.width / 2
+        return (-x, -y, TABLE_HEIGHT), (x, y, TABLE_HEIGHT + height)
+
+    def _check_room(self, box: Box) -> None:
+        """The box leaves room for the objects on the table and for the robot before it."""
+        if _overlaps(box, *self._table_volume(HEADROOM_RANGE[0])):
+            raise ConfigError(
+                f"layout {self.name!r}: box {box.name!r} is less than {HEADROOM_RANGE[0]} m above the table, "
+                "where objects stand"
+            )
+        (x, y), (_, side) = self.start_region
+        low, high = (x - START_CLEARANCE, y - START_CLEARANCE, 0.0), (-self.depth / 2, side + START_CLEARANCE, math.inf)
+        if _overlaps(box, low, high):
+            raise ConfigError(
+                f"layout {self.name!r}: box {box.name!r} reaches into x from {low[0]:.3g} to {high[0]:.3g} m, "
+                f"y from {low[1]:.3g} to {high[1]:.3g} m, where the robot starts"
+            )
 
 
-def object_name(index: int) -> str:
-    """Name of the object in this slot, in MuJoCo and everywhere else."""
-    return f"object_{index:02d}"
+def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
+    """The boxes with their numbers checked; JSON makes lists of them."""
+    try:
+        made = tuple(Box(name, tuple(position), tuple(half)) for name, position, half in boxes)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{place}: boxes must be Boxes (name, position, half_extents), not {boxes!r}") from None
+    for box in made:
+        if not isinstance(box.name, str) or not box.name:
+            raise ConfigError(f"{place}: a box's name must be a non-empty string, not {box.name!r}")
+        if len(box.position) != 3 or len(box.half_extents) != 3:
+            raise ConfigError(f"{place}: box {box.name!r} must have three positions and three half extents")
+        for value in box.position:
+            _check_number(f"{place}: box {box.name!r}", "position", value, -BOX_POSITION_BOUND, BOX_POSITION_BOUND)
+        for value in box.half_extents:
+            _check_number(f"{place}: box {box.name!r}", "half_extents", value, *BOX_HALF_EXTENT_RANGE)
+    return made
 
 
-def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
-    """The shape of every slot of a random scene: a mixed set alternates."""
-    if shapes == "mixed":
-        return tuple("box" if index % 2 else "cylinder" for index in range(count))
-    return (shapes,) * count
+def _check_number(place: str, name: str, value: object, lowest: float, highest: float) -> None:
+    is_number = isinstance(value, Real) and not isinstance(value, bool) and lowest <= float(value) <= highest
+    if not is_number:
+        raise ConfigError(f"{place}: {name}={value!r} must be a number from {lowest:g} to {highest:g} [m]")
+
+
+def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool:
+    """Whether a box and the volume between two corners share more than a face."""
+    return all(
+        centre - half < top and centre + half > bottom
+        for centre, half, bottom, top in zip(box.position, box.half_extents, low, high, strict=True)
+    )
 
 
 def furniture(layout: Layout) -> tuple[Box, ...]:
-    """The boxes that stand on the floor or hang above the table; the names are relied on elsewhere."""
+    """All boxes of a layout, on the floor and above the table: the table, what its flags add, and its own `boxes`.
+
+    The names are relied on elsewhere.
+    """
     x, y, top = layout.depth / 2, layout.width / 2, TABLE_HEIGHT
     leg = _LEG_HALF_WIDTH
     leg_z = (top - _TOP_THICKNESS) / 2
@@ -179,7 +188,7 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
         ]
     if layout.board_height is not None:
         boxes += _shelf(x, y, layout.board_height)
-    return tuple(boxes)
+    return (*boxes, *layout.boxes)
 
 
 def _shelf(x: float, y: float, board_height: float) -> list[Box]:
@@ -193,69 +202,33 @@ def _shelf(x: float, y: float, board_height: float) -> list[Box]:
     ]
 
 
-def capacity(layout: Layout, shapes: str) -> int:
-    """How many objects of this kind random placement can be trusted to put on the table."""
-    diameter = {
-        "cylinder": sum(RADIUS_RANGE),
-        "box": math.sqrt(2) * sum(HALF_WIDTH_RANGE),
-        "mixed": (sum(RADIUS_RANGE) + math.sqrt(2) * sum(HALF_WIDTH_RANGE)) / 2,
-    }[shapes] + OBJECT_GAP
-    overhang = diameter / 2 - EDGE_MARGIN
-    area = (layout.depth + 2 * overhang) * (layout.width + 2 * overhang)
-    return min(int(_PACKING * area / (math.pi / 4 * diameter**2)), MAX_OBJECTS)
+LAYOUTS: Mapping[str, Layout] = MappingProxyType(
+    {
+        "paper": Layout("paper", depth=0.7, width=1.0),
+        "wide": Layout("wide", depth=0.8, width=1.2),
+        "dense": Layout("dense", depth=0.6, width=0.8),
+        "shelf": Layout("shelf", depth=0.7, width=1.0, board_height=0.40),
+        "island": Layout("island", depth=0.8, width=1.2, is_front_only=False),
+    }
+)
 
 
-def sample_scene(rng: np.random.Generator, layout: Layout, num_objects: int, shapes: str = "cylinder") -> TableScene:
-    """Upright objects without overlap, a target among them, and a base pose in front of the table.
+def find_layout(layout: object) -> Layout:
+    """The layout of that name; a `Layout` is returned as it is, its fields as a dictionary make one.
 
     Raises:
-        OptionError: no placement was found; cannot happen up to `capacity`.
+        ConfigError: no layout of that name, or not the fields of a layout; the message lists the valid ones.
     """
-    is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
-    half_width = np.where(is_box, rng.uniform(*HALF_WIDTH_RANGE, num_objects), rng.uniform(*RADIUS_RANGE, num_objects))
-    half_height = rng.uniform(*HEIGHT_RANGE, num_objects) / 2
-    half_depth = np.where(is_box, rng.uniform(*HALF_WIDTH_RANGE, num_objects), half_width)
-    return TableScene(
-        half_extents=np.column_stack((half_depth, half_width, half_height)),
-        is_box=is_box,
-        positions=_place(rng, layout, np.where(is_box, np.hypot(half_depth, half_width), half_width)),
-        yaws=np.where(is_box, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
-        masses=rng.uniform(*MASS_RANGE, num_objects),
-        base=sample_base(rng, layout),
-        target=int(rng.integers(num_objects)) if num_objects else -1,
+    if isinstance(layout, Layout):
+        return layout
+    if isinstance(layout, Mapping):
+        known = [entry.name for entry in fields(Layout)]
+        if not {"name", "depth", "width"} <= set(layout) <= set(known):
+            raise ConfigError(f"layout={dict(layout)!r} must hold the fields of a Layout: {', '.join(known)}")
+        return Layout(**layout)
+    if isinstance(layout, str) and layout in LAYOUTS:
+        return LAYOUTS[layout]
+    names = ", ".join(repr(name) for name in LAYOUTS)
+    raise ConfigError(
+        f"layout={layout!r} is not valid; valid names: {names}; or give a clutter_env.scene.layout.Layout"
     )
-
-
-def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
-    """A base pose (x, y, yaw) in front of the table, clear of the furniture."""
-    near, far = START_DISTANCE if layout.board_height is None else SHELF_START_DISTANCE
-    side = layout.width / 2 - START_SIDE_MARGIN
-    return rng.uniform((-layout.depth / 2 - far, -side, -START_YAW), (-layout.depth / 2 - near, side, START_YAW))
-
-
-def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions (n, 2) of circles that keep `OBJECT_GAP` apart, uniform over what is free."""
-    for _ in range(_MAX_RESTARTS):
-        positions = _place_once(rng, layout, radii)
-        if positions is not None:
-            return positions
-    raise OptionError(f"no room for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
-
-
-def _place_once(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """One attempt, object by object; None when the next object found no room."""
-    high = np.array([layout.depth, layout.width]) / 2 - EDGE_MARGIN
-    positions = np.empty((len(radii), 2))
-    for index, radius in enumerate(radii):
-        placed, reach = positions[:index], radii[:index] + (radius + OBJECT_GAP)
-        for _ in range(_MAX_BATCHES):
-            candidates = rng.uniform(-high, high, (_BATCH if index > 10 else 8, 2))
-            offset = candidates[:, None, :] - placed
-            is_free = (offset[..., 0] ** 2 + offset[..., 1] ** 2 > reach**2).all(axis=1)
-            first = int(is_free.argmax())
-            if is_free[first]:
-                positions[index] = candidates[first]
-                break
-        else:
-            return None
-    return positions

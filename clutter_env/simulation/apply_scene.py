@@ -1,7 +1,7 @@
-"""A compiled model refitted to a new scene.
+"""A compiled model takes over a new scene.
 
 A reset writes sizes, masses, inertias, colours and start poses into the model. Every such entry is written every time,
-so that what follows depends on the scene alone and not on the scenes before it.
+so that the episode depends on this scene alone and not on earlier ones.
 """
 
 from __future__ import annotations
@@ -12,24 +12,25 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.scene.layout import TABLE_HEIGHT, TableScene
+from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.model import ModelIndex
 
-__all__ = ["fit_scene"]
+__all__ = ["apply_scene"]
 
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
-"""Hues of what is not the target: neither the reds nor the colours of wood."""
+"""Hues of the objects that are not the target: neither red nor the colours of wood."""
 _GOLDEN_RATIO = 0.6180339887
 
 
-def fit_scene(model: mujoco.MjModel, data: mujoco.MjData, index: ModelIndex, scene: TableScene) -> None:
+def apply_scene(model: mujoco.MjModel, data: mujoco.MjData, index: ModelIndex, scene: TableScene) -> None:
     """Give the objects of a compiled model the sizes, masses, colours and start poses of `scene`.
 
     `data` is scratch space; reset it afterwards: the objects then start at rest, asleep, on the table.
     """
     if scene.num_objects:
-        _fit_shapes(model, index, scene)
+        _apply_shapes(model, index, scene)
         model.body_mass[index.object_bodies] = scene.masses
         model.body_inertia[index.object_bodies] = _inertias(scene)
         model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
@@ -45,7 +46,7 @@ def _set_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     model.opt.enableflags |= sleep
 
 
-def _fit_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
+def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
     half, is_box = scene.half_extents, scene.is_box[:, None]
     cylinder_size = np.column_stack((half[:, 0], half[:, 2], np.zeros(scene.num_objects)))
     model.geom_size[index.object_geoms] = np.where(is_box, half, cylinder_size)

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.config import TIMESTEP
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, object_name
+from clutter_env.errors import ConfigError
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
+from clutter_env.scene.table_scene import object_name
 
 __all__ = ["ModelIndex", "build_spec", "compile_model", "has_visuals", "mesh_folder"]
 
@@ -34,8 +36,10 @@ _FURNITURE_COLOURS = {
     "wall": (0.90, 0.90, 0.88, 1.0),
     "shelf": (0.66, 0.54, 0.41, 1.0),
 }
+_OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
+"""Of furniture that a layout brings itself."""
 _SHELF_BOARD_ALPHA = 0.2
-"""The board above the objects is drawn see-through."""
+"""The board above the objects is drawn transparent."""
 _SCENE_EYE, _SCENE_POINT = (-2.55, 1.85, 2.35), (-0.45, 0.02, 0.70)
 """[m] where the camera "scene" stands and looks: from behind the robot's left shoulder."""
 _TOP_X = -0.45
@@ -118,7 +122,7 @@ def compile_model(
         robot: which robot.
         layout: which table.
         shapes: "cylinder" or "box" for each object.
-        picture: width and height [pixels] of the largest picture to be drawn.
+        picture: width and height [pixels] of the largest image to be rendered.
         show_meshes: show the robot's meshes instead of its primitives, where they are installed.
     """
     spec = build_spec(robot, layout, shapes)
@@ -132,8 +136,13 @@ def compile_model(
 
 
 def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> mujoco.MjSpec:
-    """The editable model; see `compile_model`."""
+    """The editable model; see `compile_model`.
+
+    Raises:
+        ConfigError: a box of the layout has the name of another geom.
+    """
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    _check_geom_names(spec, robot, layout, len(shapes))
     spec.modelname = f"{robot.name}_{layout.name}"
     _set_physics(spec)
     _park_robot(spec, robot)
@@ -141,6 +150,17 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     for index, shape in enumerate(shapes):
         _add_object(spec, index, shape)
     return spec
+
+
+def _check_geom_names(spec: mujoco.MjSpec, robot: RobotSpec, layout: Layout, num_objects: int) -> None:
+    """The layout's boxes must not have the names of the robot's geoms, of the floor or of the objects."""
+    taken = {geom.name for geom in spec.geoms} | {"floor", *(object_name(slot) for slot in range(num_objects))}
+    for box in furniture(layout):
+        if box.name in taken:
+            raise ConfigError(
+                f"layout {layout.name!r}: box {box.name!r} has the name of a geom of robot {robot.name!r}, "
+                "of the floor or of an object; give it another one"
+            )
 
 
 def _set_physics(spec: mujoco.MjSpec) -> None:
@@ -173,7 +193,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     )
     contype, conaffinity = ENVIRONMENT_BITS
     for box in furniture(layout):
-        colour = list(_FURNITURE_COLOURS[box.name.split("_")[0]])
+        colour = list(_FURNITURE_COLOURS.get(box.name.split("_")[0], _OTHER_COLOUR))
         if box.name == "shelf_board":
             colour[3] = _SHELF_BOARD_ALPHA
         world.add_geom(
@@ -229,7 +249,7 @@ def _look_at(eye: NDArray[np.float64], point: NDArray[np.float64]) -> list[float
 
 
 def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
-    """A free body; `fitting.fit_scene` gives it its size, mass and place."""
+    """A free body; `apply_scene` gives it its size, mass and place."""
     body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])
     body.add_freejoint(name=f"{object_name(index)}_joint")
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
-from clutter_env.scene.layout import TableScene
+from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
 
 __all__ = ["SavedState", "capture_physics", "pack", "restore_physics", "unpack"]
@@ -98,7 +98,7 @@ def restore_physics(world: World, saved: SavedState) -> None:
     integration: NDArray[np.float64] = np.array(saved.physics["integration"])
     if len(integration) != mujoco.mj_stateSize(world.model, _INTEGRATION):
         raise StateError("the state was saved with another robot or another number of objects")
-    world.fit(saved.scene)
+    world.apply_scene(saved.scene)
     model, data = world.model, world.data
     mujoco.mj_resetData(model, data)
     mujoco.mj_setState(model, data, integration, _INTEGRATION)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, TableScene, object_name
-from clutter_env.simulation.apply_scene import fit_scene
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout
+from clutter_env.scene.table_scene import TableScene, object_name
+from clutter_env.simulation.apply_scene import apply_scene
 from clutter_env.simulation.control import JointController
 from clutter_env.simulation.model import ModelIndex, compile_model
 
@@ -42,7 +43,7 @@ class Measurements:
 
 
 class World:
-    """Physics of one robot, one table and a fixed number of objects; `reset` refits it to a scene."""
+    """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it."""
 
     def __init__(
         self,
@@ -64,10 +65,10 @@ class World:
         self._slot_of_geom[list(self.index.finger_geoms)] = _RIGHT_PAD, _LEFT_PAD
         self.scene: TableScene | None = None
 
-    def fit(self, scene: TableScene) -> None:
+    def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses and colours of `scene`; the data are left undefined."""
         self.scene = scene
-        fit_scene(self.model, self.data, self.index, scene)
+        apply_scene(self.model, self.data, self.index, scene)
 
     def reset(self, scene: TableScene, configuration: tuple[float, ...] | None = None) -> None:
         """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose.
@@ -76,7 +77,7 @@ class World:
             scene: what stands where.
             configuration: torso and arm joints (1 + n,), the robot's home configuration without it.
         """
-        self.fit(scene)
+        self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
         data.qpos[index.drive_qpos] = (*scene.base, *(self.robot.home if configuration is None else configuration))

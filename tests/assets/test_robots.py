@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import asdict, replace
 
 import mujoco
 import numpy as np
 import pytest
 
 from assets import path
-from assets.robots import FETCH, UnknownRobot, robot
+from assets.robots import FETCH, InvalidRobot, UnknownRobot, robot
 
 ROBOTS = [FETCH]
 
@@ -143,3 +145,34 @@ def test_unknown_robots_list_the_known(name: object) -> None:
 def test_unknown_assets_list_the_known() -> None:
     with pytest.raises(FileNotFoundError, match=r"mjcf/fetch\.xml"):
         path("mjcf/pr2.xml")
+
+
+@pytest.mark.parametrize(
+    ("change", "hint"),
+    [
+        ({"name": ""}, "name must be a non-empty string"),
+        ({"home": (0.25, 0.0)}, "home must have 8 numbers, not 2"),
+        ({"home": (9.0, *FETCH.home[1:])}, "home holds 9.0, outside 'torso_lift_joint'"),
+        ({"max_velocity": FETCH.max_velocity[:-1]}, "max_velocity must have 11 numbers"),
+        ({"max_acceleration": (0.0, *FETCH.max_acceleration[1:])}, "max_acceleration must be positive"),
+        ({"base_joints": ("base_x", "base_y")}, "base_joints must be 3 different names"),
+        ({"finger_joints": ("a", "a")}, "finger_joints must be 2 different names"),
+        ({"head_configuration": (0.0,)}, "head_configuration must have 2 numbers"),
+        ({"tcp_offset": (0.1, 0.0, float("nan"))}, "tcp_offset must be finite"),
+        ({"base_radius": -0.1}, "base_radius must be positive"),
+        ({"chain": FETCH.chain[1:]}, "chain must have a prismatic joint as entry 0"),
+        ({"chain": (FETCH.chain[0], FETCH.chain[1]._replace(axis="w"))}, "axis must be 'x', 'y' or 'z'"),
+        ({"chain": 3}, "chain must be a tuple of ChainLink"),
+    ],
+)
+def test_a_spec_that_contradicts_itself_names_the_field(change: dict, hint: str) -> None:
+    with pytest.raises(InvalidRobot, match=hint):
+        replace(FETCH, **change)
+
+
+def test_a_spec_is_taken_as_it_is_and_from_its_fields() -> None:
+    mine = replace(FETCH, name="mine")
+    assert robot(mine) is mine
+    assert robot(json.loads(json.dumps(asdict(mine)))) == mine
+    with pytest.raises(InvalidRobot, match=r"fields of a RobotSpec .*legs.*; its fields: name, mjcf"):
+        robot({**asdict(mine), "legs": 2})

@@ -8,17 +8,8 @@ import pytest
 
 from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.scene.layout import (
-    EDGE_MARGIN,
-    LAYOUTS,
-    MAX_OBJECTS,
-    OBJECT_GAP,
-    SHAPE_SETS,
-    TABLE_HEIGHT,
-    capacity,
-    furniture,
-    sample_scene,
-)
+from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, furniture
+from clutter_env.scene.random_scene import EDGE_MARGIN, MAX_OBJECTS, OBJECT_GAP, SHAPE_SETS, capacity, sample_scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
 FRONT_NAMES = {"counter_left", "counter_right", "wall"}

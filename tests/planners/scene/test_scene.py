@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from clutter_env.scene.layout import LAYOUTS, sample_scene
+from clutter_env.scene.layout import LAYOUTS
+from clutter_env.scene.random_scene import sample_scene
 from clutter_env.simulation.model import ModelIndex, compile_model
 from planners.scene import Body, HeldObject, Scene, SceneError, UnknownObject
 from tests.planners.motion_scenes import mixed_scene

@@ -1,0 +1,122 @@
+"""Whether a robot's data and its MJCF file agree; what is missing or different is named before anything is built."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from assets.robots import RobotSpec
+from clutter_env.errors import ConfigError
+
+__all__ = ["check_robot"]
+
+OFFSET_TOLERANCE = 1e-4
+"""[m] between a joint's or the TCP's place in the data and in the MJCF."""
+AXIS_TOLERANCE = 1e-6
+"""Largest difference of a unit vector's entries."""
+RANGE_TOLERANCE = 1e-3
+"""[m], [rad] between a joint's range in the data and in the MJCF, which rounds it."""
+
+_KINDS = ("body", "joint", "actuator", "geom", "site", "camera")
+
+
+def check_robot(robot: RobotSpec) -> None:
+    """Compare a robot's data with its MJCF file.
+
+    Raises:
+        ConfigError: the file is missing or no MJCF; it lacks a body, joint, actuator, geom, site or camera that the
+            data name; or a joint of the chain has another kind, place, axis or range than the data say.
+    """
+    model = _load(robot)
+    _check_names(robot, model)
+    _check_base(robot, model)
+    _check_chain(robot, model)
+
+
+def _load(robot: RobotSpec) -> mujoco.MjModel:
+    try:
+        return mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    except FileNotFoundError as problem:
+        raise ConfigError(f"robot {robot.name!r}: {problem}") from None
+    except ValueError as problem:
+        raise ConfigError(f"robot {robot.name!r}: {robot.mjcf!r} is no valid MJCF file: {problem}") from None
+
+
+def _check_names(robot: RobotSpec, model: mujoco.MjModel) -> None:
+    """Every name of the data is in the file, and every joint of the file is in the data."""
+    joints = (*robot.drive_joints, *robot.finger_joints, *robot.head_joints)
+    wanted = {
+        "body": (robot.base_body, robot.gripper_body, *(mesh.body for mesh in robot.meshes)),
+        "joint": joints,
+        "actuator": joints,
+        "geom": robot.finger_geoms,
+        "site": (robot.tcp_site,),
+        "camera": robot.cameras,
+    }
+    for kind in _KINDS:
+        known = _names(model, kind)
+        for name in wanted[kind]:
+            if name not in known:
+                raise ConfigError(f"{_place(robot)} has no {kind} {name!r}; it has: {', '.join(known) or 'none'}")
+    extra = [name for name in _names(model, "joint") if name not in joints]
+    if extra:
+        raise ConfigError(f"{_place(robot)} has joints that the RobotSpec does not name: {', '.join(extra)}")
+
+
+def _names(model: mujoco.MjModel, kind: str) -> list[str]:
+    counts = {"body": model.nbody, "joint": model.njnt, "actuator": model.nu, "geom": model.ngeom}
+    counts |= {"site": model.nsite, "camera": model.ncam}
+    return [getattr(model, kind)(index).name for index in range(counts[kind])]
+
+
+def _check_base(robot: RobotSpec, model: mujoco.MjModel) -> None:
+    """The base moves along world x and y and turns about world z, in this order."""
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis in zip(robot.base_joints, (slide, slide, hinge), np.eye(3), strict=True):
+        joint = model.joint(name)
+        is_right = int(joint.type[0]) == int(kind) and np.allclose(joint.axis, axis, atol=AXIS_TOLERANCE)
+        if not is_right or model.body(joint.bodyid[0]).name != robot.base_body:
+            raise ConfigError(
+                f"{_place(robot)}: joints of {robot.base_body!r} must slide along x, slide along y and turn about z, "
+                f"in this order; {name!r} does not"
+            )
+
+
+def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
+    """Offsets, axes, kinds and ranges of the chain; at zero no joint's frame is turned against the base's."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0
+    mujoco.mj_kinematics(model, data)
+    previous, before = data.body(robot.base_body).xpos, robot.base_body
+    for link in robot.chain:
+        joint = model.joint(link.joint)
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
+        offset = data.xanchor[joint.id] - previous
+        axis = np.eye(3)["xyz".index(link.axis)]
+        if int(joint.type[0]) != int(kind):
+            raise _different(robot, link.joint, "has another kind", "prismatic" if link.prismatic else "revolute")
+        if np.abs(offset - link.offset).max() > OFFSET_TOLERANCE:
+            raise _different(robot, link.joint, f"is {_text(offset)} m from {before!r}", _text(link.offset))
+        if np.abs(data.xaxis[joint.id] - axis).max() > AXIS_TOLERANCE:
+            raise _different(robot, link.joint, f"has the axis {_text(data.xaxis[joint.id])}", link.axis)
+        if np.abs(joint.range - (link.lower, link.upper)).max() > RANGE_TOLERANCE:
+            raise _different(robot, link.joint, f"has the range {_text(joint.range)}", _text((link.lower, link.upper)))
+        previous, before = data.xanchor[joint.id], link.joint
+    site = data.site(robot.tcp_site)
+    offset = site.xpos - previous
+    if np.abs(offset - robot.tcp_offset).max() > OFFSET_TOLERANCE:
+        raise _different(robot, robot.tcp_site, f"is {_text(offset)} m from {before!r}", _text(robot.tcp_offset))
+    if np.abs(site.xmat.reshape(3, 3) - np.eye(3)).max() > AXIS_TOLERANCE:
+        raise _different(robot, robot.tcp_site, "is turned against the base at zero", "not turned")
+
+
+def _different(robot: RobotSpec, name: str, found: str, said: str) -> ConfigError:
+    return ConfigError(f"{_place(robot)}: {name!r} {found}; the RobotSpec says {said}")
+
+
+def _place(robot: RobotSpec) -> str:
+    return f"robot {robot.name!r}: {robot.mjcf!r}"
+
+
+def _text(values: object) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in np.asarray(values, float)) + ")"

@@ -1,0 +1,136 @@
+"""The physics of an environment from episode to episode: the world in use, the last measurements, what actions do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.errors import ActionError
+from clutter_env.scene.layout import Layout
+from clutter_env.scene.table_scene import TableScene
+from clutter_env.simulation.action_modes import EndEffectorActions, action_mode
+from clutter_env.simulation.control import ControlState, checked_action
+from clutter_env.simulation.robot_check import check_robot
+from clutter_env.simulation.saved_state import SavedState, restore_physics
+from clutter_env.simulation.world import Measurements, World
+
+__all__ = ["Simulator"]
+
+
+class Simulator:
+    """Steps one robot among objects by actions of one control mode.
+
+    Raises:
+        ConfigError: the robot's data do not fit its MJCF file.
+    """
+
+    measurements: Measurements
+    """Of the present state."""
+
+    def __init__(
+        self,
+        robot: RobotSpec,
+        layout: Layout,
+        shapes: tuple[str, ...],
+        control_mode: str,
+        picture: tuple[int, int],
+        show_meshes: bool,
+    ) -> None:
+        check_robot(robot)
+        self._robot, self._layout = robot, layout
+        self._picture, self._show_meshes = picture, show_meshes
+        self._home_world = self._make_world(shapes)
+        self.world = self._home_world
+        self.action_mode = action_mode(control_mode, robot)
+        self.has_started = False
+
+    def start(self, scene: TableScene, configuration: tuple[float, ...]) -> None:
+        """Begin an episode with the robot at rest in a configuration (1 + n,) of torso and arm."""
+        self._choose_world(scene)
+        self.world.reset(scene, configuration)
+        self.action_mode.reset(self.world.controller.state)
+        self.measurements = self.world.measure()
+        self.has_started = True
+
+    def step(self, action: ArrayLike) -> None:
+        """Advance by one control step.
+
+        Raises:
+            ActionError: the action is not a finite vector of the right shape, or nothing has started; no change.
+        """
+        checked = checked_action(action, self.action_mode.size)
+        self.check_started("step()")
+        velocity = self.action_mode.joint_velocity(checked, self.world.controller.state)
+        self.measurements = self.world.advance(self.measurements, velocity, float(checked[-1]))
+
+    def joint_action(self, q_target: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
+        """The "joint" action towards a whole-body configuration; see `JointController.action_towards`.
+
+        Raises:
+            ActionError: not finite, the wrong shape, or the control mode is "ee".
+        """
+        if isinstance(self.action_mode, EndEffectorActions):
+            raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
+        self.check_started("joint_action()")
+        return self.world.controller.action_towards(q_target, gripper_width, self._is_loaded)
+
+    def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
+        """The "ee" action towards a base pose and a TCP pose; see `EndEffectorActions.action_towards`.
+
+        Raises:
+            ActionError: not finite, the wrong shape, or the control mode is "joint".
+        """
+        if not isinstance(self.action_mode, EndEffectorActions):
+            raise ActionError("ee_action needs control_mode='ee'; this environment has 'joint', use joint_action")
+        self.check_started("ee_action()")
+        controller = self.world.controller
+        return self.action_mode.action_towards(controller, base_target, T_world_tcp, gripper_width, self._is_loaded)
+
+    def memory(self) -> dict[str, Any]:
+        """What controller and measurements remember besides the physics, as JSON values."""
+        control = self.world.controller.state
+        return {
+            "held": self.measurements.held,
+            "is_touching": self.measurements.is_touching,
+            "target": control.target.tolist(),
+            "velocity": control.velocity.tolist(),
+            "finger": control.finger,
+            "wanted_tcp": self.action_mode.wanted_tcp,
+        }
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a saved state, bit for bit.
+
+        Raises:
+            StateError: the state is of a model of another size.
+        """
+        self._choose_world(saved.scene)
+        restore_physics(self.world, saved)
+        memory = saved.memory
+        target, velocity = np.array(memory["target"]), np.array(memory["velocity"])
+        self.world.controller.state = ControlState(target, velocity, memory["finger"])
+        self.action_mode.wanted_tcp = memory["wanted_tcp"]
+        self.measurements = self.world.measure_objects(memory["held"], memory["is_touching"])
+        self.has_started = True
+
+    def check_started(self, call: str) -> None:
+        """Raise ActionError unless an episode has begun; `call` is what needs one."""
+        if not self.has_started:
+            raise ActionError(f"call reset() before {call}")
+
+    @property
+    def _is_loaded(self) -> bool:
+        return self.measurements.held >= 0
+
+    def _make_world(self, shapes: tuple[str, ...]) -> World:
+        return World(self._robot, self._layout, shapes, self._picture, self._show_meshes)
+
+    def _choose_world(self, scene: TableScene) -> None:
+        """Explicit scenes may have fewer objects or other shapes than the environment's own."""
+        if scene.shapes == self.world.shapes:
+            return
+        is_home = scene.shapes == self._home_world.shapes
+        self.world = self._home_world if is_home else self._make_world(scene.shapes)
