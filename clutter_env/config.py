@@ -58,9 +58,9 @@ class EnvConfig:
     camera: str = "scene"
     """The camera that `render()` looks through."""
     width: int = 480
-    """Pixels of a rendered picture."""
+    """Pixels of a rendered image."""
     height: int = 480
-    """Pixels of a rendered picture."""
+    """Pixels of a rendered image."""
     image_size: int = 96
     """Pixels along each side of an "rgbd" observation's images."""
 

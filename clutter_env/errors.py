@@ -1,4 +1,4 @@
-"""The exceptions of this package: all say what was wrong and what would have been right."""
+"""The exceptions of this package; their messages say what was wrong and list what is valid."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class ActionError(ClutterEnvError):
 
 
 class StateError(ClutterEnvError):
-    """Bytes given to `restore_state` are no saved state of this kind of environment."""
+    """The bytes given to `restore_state` are not a saved state of an environment like this one."""
 
 
 class RenderingUnavailable(ClutterEnvError, RuntimeError):
-    """No picture can be drawn on this machine; the message says what is missing."""
+    """This machine cannot render; the message says what is missing."""

@@ -1,4 +1,4 @@
-"""One picture of every layout, seen by the cameras "scene" and "top"."""
+"""One image of every layout through the cameras "scene" and "top"."""
 
 from __future__ import annotations
 
@@ -6,16 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
-from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.experiments.environments.layout_images import layout_column, save_columns
 from clutter_env.scene.layout import LAYOUTS
-
-LABEL_COLOUR = (40, 44, 52)
 
 
 @dataclass(frozen=True)
@@ -23,43 +18,25 @@ class Arguments:
     """Command line."""
 
     objects: int = 20
+    """Objects on every table."""
     shapes: str = "mixed"
+    """Shapes of the objects: "cylinder", "box" or "mixed"."""
     size: int = 360
-    """Pixels along each side of one picture."""
+    """Pixels along each side of one image."""
     seed: int = 1
+    """Random seed of the scenes."""
     output: Path = Path("docs/images/layouts.png")
-
-
-def picture(layout: str, camera: str, arguments: Arguments) -> NDArray[np.uint8]:
-    """One layout through one camera, (size, size, 3)."""
-    env = RetrieveEnv(
-        num_objects=arguments.objects,
-        layout=layout,
-        shapes=arguments.shapes,
-        render_mode="rgb_array",
-        camera=camera,
-        width=arguments.size,
-        height=arguments.size,
-    )
-    env.reset(seed=arguments.seed)
-    drawn = env.render()
-    assert drawn is not None
-    env.close()
-    image = Image.fromarray(drawn)
-    if camera == "scene":
-        ImageDraw.Draw(image).text((10, 8), layout, fill=LABEL_COLOUR, font_size=20)
-    return np.asarray(image)
+    """File of the image."""
 
 
 def run(arguments: Arguments) -> None:
-    """Draw, join, save."""
+    """Render every layout, join the images, save."""
     columns = [
-        np.vstack([picture(layout, camera, arguments) for camera in ("scene", "top")])
-        for layout in tqdm(LAYOUTS, desc="drawing", unit="layout")
+        layout_column(layout, arguments.objects, arguments.shapes, arguments.seed, arguments.size)
+        for layout in tqdm(LAYOUTS, desc="rendering", unit="layout")
     ]
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.hstack(columns)).save(arguments.output, optimize=True)
-    print(f"picture: {arguments.output}")
+    save_columns(columns, arguments.output)
+    print(f"image: {arguments.output}")
 
 
 def main(words: Sequence[str] | None = None) -> None:

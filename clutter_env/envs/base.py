@@ -53,7 +53,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             self.layout,
             slot_shapes(config.shapes, config.num_objects),
             config.control_mode,
-            picture=self._rendering.largest,
+            image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
         self._observer = self._make_observer()
@@ -88,10 +88,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @abstractmethod
     def _recall(self, memory: dict[str, Any]) -> None:
-        """Take up bookkeeping that `_memory` returned."""
+        """Restore the bookkeeping that `_memory` returned."""
 
     def _make_observer(self) -> Observer:
-        """What makes the vectors of the observations; images come without the objects' states."""
+        """The maker of the observation vectors; with image observations they leave out the objects."""
         shows_objects = self.config.obs_mode == "state"
         return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=shows_objects)
 
@@ -134,7 +134,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self._observe(), reward, terminated, False, self._info()
 
     def render(self) -> NDArray[Any] | None:
-        """A picture (height, width, 3) uint8, a depth image (height, width) float32 [m], or None: a window.
+        """An image (height, width, 3) uint8, a depth image (height, width) float32 [m], or None (shown in a window).
 
         Raises:
             RenderingUnavailable: no OpenGL, or no display for a window.
@@ -142,10 +142,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self._rendering.render(self.world)
 
     def close(self) -> None:
-        """Free the graphics."""
+        """Free the OpenGL resources."""
         self._rendering.close()
 
-    # Ours.
+    # Beyond Gymnasium.
 
     @property
     def world(self) -> World:
@@ -231,7 +231,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return TcpFollower(self.robot)
 
     def save_state(self) -> bytes:
-        """Everything the future depends on: physics, controller, task, random generator."""
+        """Everything that the next steps depend on: physics, controller, task, random generator."""
         self._simulator.check_started("save_state()")
         scene = self.world.scene
         assert scene is not None
@@ -259,7 +259,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def _kind(self) -> dict[str, Any]:
-        """What a saved state must have in common with the environment that takes it up."""
+        """What a saved state and the environment that restores it must have in common."""
         return {
             "task": type(self).__name__,
             "mujoco": mujoco.__version__,

@@ -1,7 +1,7 @@
 """`Skill`: one step is one skill, clearing an object from a direction or taking the target.
 
-The planner's motion layer turns a skill into motions. They are executed in physics, or, on the kinematic model, taken
-as done: the object is put where the plan would put it, and no time passes.
+The planner's motion layer turns a skill into motions. They are executed in physics, or assumed to
+succeed on a kinematic model: the object is put where the plan would put it, and no time passes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _POSITION_BOUND = 4.0
 
 
 def default_budget(num_objects: int) -> int:
-    """Skills allowed in an episode: enough for mistakes, not for trying everything."""
+    """Skills allowed in an episode: enough for some mistakes, too few to try every skill."""
     return 4 + num_objects // 5
 
 
@@ -113,7 +113,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         index = _checked(action, self._size)
         skill = self.skill(index)
         self._left -= 1
-        failure = self._imagine(skill) if self._is_kinematic else self._carry_out(skill)
+        failure = self._simulate_kinematically(skill) if self._is_kinematic else self._carry_out(skill)
         if failure:
             self._failed[index] = True
         elif skill.direction is not None:
@@ -125,17 +125,17 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
     def render(self) -> Any:
-        """As `RetrieveEnv.render`; the kinematic model's pictures show the first state."""
+        """As `RetrieveEnv.render`; with the kinematic model the images show the first state."""
         return self._physics_env.render()
 
     def close(self) -> None:
-        """Free the graphics."""
+        """Free the OpenGL resources."""
         self._physics_env.close()
 
-    # Ours.
+    # Beyond Gymnasium.
 
     def skill(self, action: int) -> Skill:
-        """What an action stands for."""
+        """The skill of an action."""
         if action == self._count * DIRECTIONS:
             return Skill(self._target)
         return Skill(self._scene.names[action // DIRECTIONS], action % DIRECTIONS)
@@ -160,7 +160,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     @property
     def scene(self) -> Scene:
-        """What the planner sees now."""
+        """The scene that the planner works on now."""
         return self._scene
 
     @property
@@ -173,10 +173,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         """The environment in which skills are carried out."""
         return self._physics_env
 
-    # Inside.
+    # Private.
 
     def _read_scene(self) -> None:
-        """Take the scene from the physics."""
+        """Read the scene from the physics."""
         held = self._physics_env.measurements.held
         name = self._physics_env.world.names[held] if held >= 0 else ""
         self._scene = Scene.from_mujoco(
@@ -185,7 +185,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         if self._geometry is None:
             self._geometry = skill_geometry(self._scene)
 
-    def _imagine(self, skill: Skill) -> str:
+    def _simulate_kinematically(self, skill: Skill) -> str:
         assert self._geometry is not None
         result = self._geometry.simulate_kinematically(self._scene, self._target, skill, self._rng)
         if isinstance(result, SkillFailure):
@@ -199,16 +199,16 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         actions = SkillPlanner(self._geometry, self._rng).plan(self._scene, self._target, skill)
         if isinstance(actions, SkillFailure):
             return actions.reason
-        surprise = self._execute(actions)
-        if skill.direction is None and not surprise:
+        deviation = self._execute(actions)
+        if skill.direction is None and not deviation:
             self._hold()
         self._read_scene()
-        if surprise or self._is_taken or skill.direction is not None:
-            return surprise
+        if deviation or self._is_taken or skill.direction is not None:
+            return deviation
         return "not held"
 
     def _execute(self, actions: tuple[BoundAction, ...]) -> str:
-        """Follow the motions; what surprised the execution, "" for nothing."""
+        """Follow the motions; the kind of deviation that stopped the execution, "" for none."""
         physics_env = self._physics_env
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot)
         plan = Execution(
@@ -222,14 +222,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return "" if plan.deviation is None else str(plan.deviation.surprise)
 
     def _hold(self) -> None:
-        """Keep still with the target in hand."""
+        """Stand still and hold the target."""
         controller = self._physics_env.world.controller
         for _ in range(HOLD_STEPS):
             if self._is_taken or self._step_physics(self._physics_env.joint_action(controller.state.target, 0.0)):
                 return
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
-        """One control step; whether the episode in the arena is over."""
+        """One control step; whether the episode of the physics environment is over."""
         _, _, is_over, _, info = self._physics_env.step(action)
         self._is_taken = info["is_success"]
         return is_over
@@ -263,7 +263,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
 
 def _stands(body: Body) -> bool:
-    """Upright on the table, or in the hand above it."""
+    """Whether it is upright on the table, or held above it."""
     _, x, y, _ = body.quaternion
     return bool(1 - 2 * (x * x + y * y) > UPRIGHT and body.bottom > TABLE_HEIGHT - 0.02)
 

@@ -1,1 +1,1 @@
-"""Cameras, pictures and films."""
+"""Images of the cameras, films of episodes."""

@@ -1,4 +1,4 @@
-"""An episode as a film and as a strip of its moments, where the machine can draw."""
+"""An episode as a film, and as one page with an image of every grasp, lift and placement."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ __all__ = ["FRAME_SIZE", "Film"]
 Frame = NDArray[np.uint8]
 
 FRAME_SIZE = 480
-"""Pixels along each side of one camera's picture."""
+"""Pixels along each side of one camera's image."""
 _VIEW = {"azimuth": 72.0, "elevation": -36.0, "distance": 2.5}
 _VIEW_CENTRE = (-0.22, 0.0, 0.85)
-"""[deg], [m]: across the table from the robot's right, where neither arm nor head hides the hand for long."""
+"""[deg], [m]: across the table from the robot's right; neither the arm nor the head hides the gripper for long."""
 STEPS_PER_FRAME = 4
 """Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
 FRAMES_PER_SECOND = 20
 _GIF_SHARE = 2
-"""A GIF takes every second frame at half the size: it is for machines without ffmpeg."""
-_TELLING = (": close", ": lift", ": open")
-"""Phases whose last state tells what happens: the grasp, the object in the air, the object put down."""
+"""A GIF, made on machines without ffmpeg, has every second frame at half the size."""
+_KEY_PHASES = (": close", ": lift", ": open")
+"""The last state of these phases goes on the page: the grasp, the object in the air, the object put down."""
 _STRIP_COLUMNS = 4
 _MOST_MOMENTS = 24
 _STRIP_SIZE = 360
@@ -40,7 +40,7 @@ _INK, _PAPER = (48, 52, 59), (255, 255, 255)
 
 @dataclass
 class Film:
-    """Collects frames of an environment; close it in the end.
+    """Collects frames of an environment; close it after use.
 
     Raises:
         RenderingUnavailable: when made on a machine without OpenGL.
@@ -53,7 +53,7 @@ class Film:
     _caption: str = ""
 
     def __post_init__(self) -> None:
-        self._maker = Renderer(self.env.model, FRAME_SIZE, FRAME_SIZE)
+        self._renderer = Renderer(self.env.model, FRAME_SIZE, FRAME_SIZE)
         self._view = mujoco.MjvCamera()
         self._view.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._view.lookat[:] = _VIEW_CENTRE
@@ -61,8 +61,8 @@ class Film:
             setattr(self._view, name, value)
 
     def watch(self, caption: str) -> None:
-        """Look at the state after a control step; the ends of the phases in `_TELLING` are moments of the strip."""
-        if caption != self._caption and self._caption.endswith(_TELLING):
+        """Record the state after a control step; the ends of the phases in `_KEY_PHASES` go on the page."""
+        if caption != self._caption and self._caption.endswith(_KEY_PHASES):
             self._keep_moment()
         self._caption = caption or self._caption
         if self._steps % STEPS_PER_FRAME == 0:
@@ -70,14 +70,14 @@ class Film:
         self._steps += 1
 
     def finish(self, caption: str) -> None:
-        """The last moment; the film stays on it for a second."""
+        """Record the last state; the film shows it for a second."""
         self._caption = caption
         self._keep_moment()
         self._keep_frame()
         self.frames += self.frames[-1:] * FRAMES_PER_SECOND
 
     def save_strip(self, path: Path) -> None:
-        """All moments on one page; of many, some evenly spread ones and the last."""
+        """The recorded moments on one page; of more than `_MOST_MOMENTS`, evenly spread ones and the last."""
         chosen = np.unique(np.linspace(0, len(self.moments) - 1, _MOST_MOMENTS).round().astype(int))
         tiles = [_tile(*self.moments[index]) for index in chosen]
         columns = min(_STRIP_COLUMNS, len(tiles))
@@ -94,13 +94,13 @@ class Film:
 
     def close(self) -> None:
         """Free the graphics."""
-        self._maker.close()
+        self._renderer.close()
 
     def _keep_moment(self) -> None:
-        self.moments.append((self._caption, self._maker.colour(self.env.data, self._view)))
+        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._view)))
 
     def _keep_frame(self) -> None:
-        views = [self._maker.colour(self.env.data, camera) for camera in (self._view, "top")]
+        views = [self._renderer.colour(self.env.data, camera) for camera in (self._view, "top")]
         self.frames.append(_captioned(np.hstack(views), self._caption))
 
     def _save_mp4(self, path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Pictures of a world, with whatever OpenGL the machine has; nothing of OpenGL is touched before the first picture."""
+"""Renders images with the OpenGL that the machine has; no OpenGL library is loaded before the first image."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _DEBIAN_PACKAGES = (
 _OFF = ("disable", "disabled", "off", "false", "0")
 _MAX_GEOMS = 2000
 _GEOM_GROUPS = (1, 1, 1, 0, 0, 0)
-"""Shown: the scene (0), the meshes (1) and the primitives (2) that no mesh stands for."""
+"""Rendered: the scene (0), the meshes (1) and the primitives (2) that no mesh replaces."""
 
 
 class GLContext(Protocol):
     """What MuJoCo's context classes have in common."""
 
     def make_current(self) -> None:
-        """Direct this thread's OpenGL calls here."""
+        """Make this the context of the thread's OpenGL calls."""
 
     def free(self) -> None:
-        """Give the context back."""
+        """Release the context."""
 
 
 def has_display() -> bool:
@@ -47,7 +47,7 @@ def make_context(width: int, height: int) -> GLContext:
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
-        raise RenderingUnavailable(f"rendering is switched off by MUJOCO_GL={wanted}; unset it to draw pictures")
+        raise RenderingUnavailable(f"rendering is switched off by MUJOCO_GL={wanted}; unset it to render images")
     backends = ["mujoco.gl_context"] if wanted or has_display() else ["mujoco.egl", "mujoco.osmesa"]
     failures = []
     for backend in backends:
@@ -72,7 +72,7 @@ def _open(backend: str, width: int, height: int) -> GLContext:
 
 
 class Renderer:
-    """Draws one model: colour or depth, through any of its cameras; without shadows and multisampling.
+    """Renders one model through any of its cameras, colour or depth; without shadows and multisampling.
 
     Raises:
         RenderingUnavailable: this machine has no working OpenGL.
@@ -93,7 +93,7 @@ class Renderer:
         self._device.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
     def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
-        """(height, width, 3) uint8; `camera` is one of the model's, or a view of one's own."""
+        """(height, width, 3) uint8; `camera` is the name of a camera of the model, or a free camera."""
         width, height = self._size
         picture = np.empty((height, width, 3), np.uint8)
         self._draw(data, camera, picture, None)
@@ -107,7 +107,7 @@ class Renderer:
         return self._metric(buffer)
 
     def colour_and_depth(self, data: mujoco.MjData, camera: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Both, from one drawing."""
+        """Colour and depth as above, rendered once."""
         width, height = self._size
         picture, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         self._draw(data, camera, picture, buffer)
@@ -143,7 +143,7 @@ class Renderer:
         return view
 
     def close(self) -> None:
-        """Free what the graphics driver holds; may be called twice."""
+        """Free the OpenGL resources; may be called twice."""
         if self._context is not None:
             self._context.make_current()
             self._device.free()

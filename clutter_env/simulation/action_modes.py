@@ -76,7 +76,7 @@ class EndEffectorActions:
         self._controller.wanted = np.array(pose)
 
     def reset(self, state: ControlState) -> None:
-        """Want the TCP where the joint targets have it."""
+        """Take the TCP pose of the joint targets as the wanted pose."""
         self._controller.reset(state.target[_BASE:])
 
     def joint_velocity(self, action: Vector, state: ControlState) -> Vector:

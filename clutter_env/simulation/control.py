@@ -1,7 +1,7 @@
-"""Actions to joint targets: what the motors are told to follow in the next control step.
+"""Joint control: from wanted velocities to the position and velocity commands of the motors.
 
 The controller keeps a joint target that moves within the robot's velocity and acceleration limits; the motors (stiff
-position servos with a velocity reference) follow it. An action asks for a velocity of that target.
+position servos with a velocity reference) follow it. An action sets the velocity of that target.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ __all__ = ["CONTROL_STEP", "ControlState", "JointController", "checked_action"]
 CONTROL_STEP = 1 / CONTROL_HZ
 """[s]"""
 SEGMENTS = 5
-"""Steps in which the motors' command moves within one control step (100 Hz)."""
-ARENA = 4.0
+"""The motor command changes this often within one control step (100 Hz)."""
+BASE_RANGE = 4.0
 """[m] The base target stays within this distance of the table's centre along x and y."""
 
 _SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
@@ -32,14 +32,14 @@ _SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
 _BASE_LEAD = 0.10
 _TORSO_LEAD = 0.03
 _ARM_LEAD = 0.15
-"""[m], [m], [rad]: how far the target may run ahead of a blocked joint; twice what saturates the motors or less."""
+"""[m], [m], [rad]: how far the target may be ahead of a blocked joint; at most twice what saturates its motor."""
 
 Vector = NDArray[np.float64]
 
 
 @dataclass
 class ControlState:
-    """What the controller remembers from one control step to the next.
+    """The state of the controller between two control steps.
 
     `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `finger` [m].
     """
@@ -80,8 +80,8 @@ class JointController:
         self._max_velocity = np.array(robot.max_velocity)
         self._max_change = np.array(robot.max_acceleration) * CONTROL_STEP
         chain = robot.chain
-        self._lower = np.array([-ARENA, -ARENA, -math.inf, *(link.lower for link in chain)])
-        self._upper = np.array([ARENA, ARENA, math.inf, *(link.upper for link in chain)])
+        self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *(link.lower for link in chain)])
+        self._upper = np.array([BASE_RANGE, BASE_RANGE, math.inf, *(link.upper for link in chain)])
         self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
         self._feedforward = _velocity_feedforward(model, index)
         self._head_command = np.zeros(model.nu)
@@ -100,7 +100,7 @@ class JointController:
             velocity=np.zeros_like(self._max_velocity),
             finger=float(data.qpos[self._index.finger_qpos].mean()),
         )
-        data.ctrl[:] = self._posture_command()
+        data.ctrl[:] = self._position_command()
 
     def velocity_limit(self, is_loaded: bool) -> Vector:
         """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
@@ -112,7 +112,7 @@ class JointController:
     def follow(
         self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grip: float, is_loaded: bool
     ) -> None:
-        """Advance the physics while the target moves as asked, as far as the limits allow.
+        """Advance the physics by one control step; the target moves at `velocity` as far as the limits allow.
 
         Args:
             model: the model.
@@ -121,10 +121,10 @@ class JointController:
             grip: wanted finger position, -1 closed to 1 open.
             is_loaded: whether something is held.
         """
-        before = self._posture_command()
+        before = self._position_command()
         self._advance_target(data, velocity, is_loaded)
         self._advance_finger(grip)
-        after = self._posture_command()
+        after = self._position_command()
         for command in before + _SHARES * (after - before) + self._reference(self.state.velocity):
             data.ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
@@ -132,8 +132,8 @@ class JointController:
     def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
-        Where that is out of reach within the limits, the action that approaches it with room to brake; a goal that
-        stands still may be passed by the braking distance of one step (3 cm, 0.05 rad) before it is met.
+        If the limits do not allow that in one step, the action approaches it and leaves room to brake; a fixed goal may
+        be overshot by the braking distance of one step (3 cm, 0.05 rad) before it is reached.
 
         Raises:
             ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.
@@ -143,8 +143,7 @@ class JointController:
         return np.append(np.clip(velocity / self._max_velocity, -1.0, 1.0), self.grip_action(gripper_width))
 
     def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
-        """Velocity (4 + n,), base part in the base's frame, that a step to the whole-body configuration `goal`
-        needs."""
+        """Velocity (4 + n,) for one step towards the whole-body configuration `goal`, base part in the base's frame."""
         cosine, sine = math.cos(self.state.target[2]), math.sin(self.state.target[2])
         error = _turned(goal - self.state.target, cosine, -sine)
         present = _turned(self.state.velocity, cosine, -sine)
@@ -189,7 +188,7 @@ class JointController:
         step = self._robot.max_finger_velocity * CONTROL_STEP
         self.state.finger += min(max(wanted - self.state.finger, -step), step)
 
-    def _posture_command(self) -> Vector:
+    def _position_command(self) -> Vector:
         """Motor commands (nu,) of the present targets at rest."""
         command = self._head_command.copy()
         command[self._index.drive_actuators] = self.state.target
@@ -197,7 +196,7 @@ class JointController:
         return command
 
     def _reference(self, velocity: Vector) -> Vector:
-        """What is added to the motor commands (nu,) of targets that move."""
+        """Feedforward (nu,) that is added to the motor commands while the targets move."""
         command = np.zeros_like(self._head_command)
         command[self._index.drive_actuators] = self._feedforward * velocity
         return command

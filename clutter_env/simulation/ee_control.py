@@ -15,12 +15,12 @@ __all__ = ["EndEffectorController", "TcpFollower"]
 Vector = NDArray[np.float64]
 
 POSITION_LEAD, ROTATION_LEAD = 0.05, 0.25
-"""[m], [rad]: how far the wanted TCP pose may run ahead of the one that the joints are told to reach."""
-_POSTURE_COST = 1e-2
-"""Against 1 for the TCP: enough to choose among redundant configurations, too little to be seen at the TCP."""
-_LIFT_POSTURE_COST = 0.1
-"""The same for the torso lift: it stays up, and with it the elbow stays above the table."""
-_FRAME_GAIN, _POSTURE_GAIN = 0.6, 0.05
+"""[m], [rad]: how far the wanted TCP pose may be ahead of the TCP pose of the joint targets."""
+_CONFIGURATION_COST = 1e-2
+"""Against 1 for the TCP: enough to choose among redundant configurations, too small to move the TCP noticeably."""
+_TORSO_COST = 0.1
+"""The same for the torso lift: it stays up, which keeps the elbow above the table."""
+_FRAME_GAIN, _CONFIGURATION_GAIN = 0.6, 0.05
 """Share of the error to remove in one step; joints of limited acceleration overshoot when asked for all of it."""
 _FRAME_DAMPING = 1e-3
 _SOLVER_DAMPING = 1e-6
@@ -31,8 +31,8 @@ _LIMIT_MARGIN = 1e-6
 class EndEffectorController:
     """Keeps a wanted TCP pose in the base frame and follows it with the torso and the arm.
 
-    The pose moves as the action says, but stays near what the joints can do, so that a target out of reach is
-    approached and left again without delay.
+    The action moves the wanted pose. It stays within `POSITION_LEAD` and `ROTATION_LEAD` of the pose that the joint
+    targets have: when the action turns back from an unreachable pose, the arm follows at once.
     """
 
     def __init__(self, robot: RobotSpec) -> None:
@@ -47,10 +47,10 @@ class EndEffectorController:
             gain=_FRAME_GAIN,
             lm_damping=_FRAME_DAMPING,
         )
-        costs = np.array([_LIFT_POSTURE_COST, *[_POSTURE_COST] * (len(robot.chain) - 1)])
-        posture_task = mink.PostureTask(self._model, cost=costs, gain=_POSTURE_GAIN)
-        posture_task.set_target(np.array(robot.home))
-        self._tasks = [self._frame_task, posture_task]
+        costs = np.array([_TORSO_COST, *[_CONFIGURATION_COST] * (len(robot.chain) - 1)])
+        configuration_task = mink.PostureTask(self._model, cost=costs, gain=_CONFIGURATION_GAIN)
+        configuration_task.set_target(np.array(robot.home))
+        self._tasks = [self._frame_task, configuration_task]
         self._limit = _MotionLimit(robot)
         self._speed = np.repeat(robot.max_tcp_velocity, 3)
         self._lower = np.array([link.lower for link in robot.chain]) + _LIMIT_MARGIN
@@ -58,7 +58,7 @@ class EndEffectorController:
         self.wanted = np.array([1.0, 0, 0, 0, 0, 0, 0])
 
     def reset(self, q: Vector) -> None:
-        """Want what the joints (1 + n,) do."""
+        """Take the TCP pose at the joint positions (1 + n,) as the wanted pose."""
         self.wanted = self._tcp_at(q).wxyz_xyz.copy()
 
     def joint_velocity(self, twist: Vector, q: Vector, qd: Vector) -> Vector:
@@ -88,7 +88,7 @@ class EndEffectorController:
         return np.asarray(velocity)
 
     def twist_towards(self, T_base_tcp: Vector) -> Vector:
-        """The (6,) part of an action that moves the wanted pose to `T_base_tcp` (4, 4), slower where it is too far."""
+        """The (6,) part of an action that moves the wanted pose towards `T_base_tcp` (4, 4); in one step if near."""
         goal, wanted = mink.SE3.from_matrix(T_base_tcp), mink.SE3(self.wanted)
         linear = goal.translation() - wanted.translation()
         angular = (goal.rotation() @ wanted.rotation().inverse()).log()
@@ -101,7 +101,7 @@ class EndEffectorController:
 
 
 class TcpFollower:
-    """What the joints will do when the TCP is told to go somewhere: the controller without the physics.
+    """Predicts how the joints follow end-effector actions: the controller without the physics.
 
     For planners that must know the configuration in which an arm follows end-effector actions.
     """
@@ -125,7 +125,7 @@ class TcpFollower:
         return self.q
 
 
-class _MotionLimit(mink.Limit):  # type: ignore[misc] # mink has no types that mypy follows
+class _MotionLimit(mink.Limit):  # type: ignore[misc]  # mink has no types that mypy follows
     """Joint velocities that keep the limits of position, velocity and acceleration, and leave room to brake."""
 
     def __init__(self, robot: RobotSpec) -> None:

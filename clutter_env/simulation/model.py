@@ -113,7 +113,7 @@ def compile_model(
     robot: RobotSpec,
     layout: Layout,
     shapes: tuple[str, ...],
-    picture: tuple[int, int] = (480, 480),
+    image_size: tuple[int, int] = (480, 480),
     show_meshes: bool = False,
 ) -> mujoco.MjModel:
     """Robot, furniture and one body per entry of `shapes`.
@@ -122,11 +122,11 @@ def compile_model(
         robot: which robot.
         layout: which table.
         shapes: "cylinder" or "box" for each object.
-        picture: width and height [pixels] of the largest image to be rendered.
+        image_size: width and height [pixels] of the largest image to be rendered.
         show_meshes: show the robot's meshes instead of its primitives, where they are installed.
     """
     spec = build_spec(robot, layout, shapes)
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = picture
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = image_size
     if show_meshes and has_visuals(robot):
         _show_meshes(spec, robot)
     model = spec.compile()

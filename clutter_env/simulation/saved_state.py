@@ -1,7 +1,7 @@
-"""Saved states: everything the next step depends on, as bytes that any process can read back.
+"""Saved states: everything that the next step depends on, as bytes that another process can restore.
 
-MuJoCo's own integration state leaves out which bodies sleep; the lists of what is awake are saved beside it. Geoms do
-not appear, so that a state saved without meshes is restored with them and the other way round.
+MuJoCo's integration state does not include which bodies sleep, so the lists of awake bodies are saved as well. Geoms
+are not saved: a state saved without meshes can be restored with them, and the other way round.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
 
 
 def capture_physics(world: World) -> dict[str, Any]:
-    """What the next physics step depends on."""
+    """The physics state, sleeping bodies included, as JSON values."""
     model, data = world.model, world.data
     integration = np.empty(mujoco.mj_stateSize(model, _INTEGRATION))
     mujoco.mj_getState(model, data, integration, _INTEGRATION)
@@ -89,8 +89,8 @@ def capture_physics(world: World) -> dict[str, Any]:
 def restore_physics(world: World, saved: SavedState) -> None:
     """Put a captured state back.
 
-    Setting a state wakes every body. So compute all that sleeping bodies keep from their last waking step, and put
-    them to sleep again.
+    Setting a state wakes every body. Therefore the quantities that sleeping bodies keep from their last step awake are
+    computed, and then the bodies are put to sleep again.
 
     Raises:
         StateError: the state is of a model of another size.

@@ -36,12 +36,12 @@ class Simulator:
         layout: Layout,
         shapes: tuple[str, ...],
         control_mode: str,
-        picture: tuple[int, int],
+        image_size: tuple[int, int],
         show_meshes: bool,
     ) -> None:
         check_robot(robot)
         self._robot, self._layout = robot, layout
-        self._picture, self._show_meshes = picture, show_meshes
+        self._image_size, self._show_meshes = image_size, show_meshes
         self._home_world = self._make_world(shapes)
         self.world = self._home_world
         self.action_mode = action_mode(control_mode, robot)
@@ -126,7 +126,7 @@ class Simulator:
         return self.measurements.held >= 0
 
     def _make_world(self, shapes: tuple[str, ...]) -> World:
-        return World(self._robot, self._layout, shapes, self._picture, self._show_meshes)
+        return World(self._robot, self._layout, shapes, self._image_size, self._show_meshes)
 
     def _choose_world(self, scene: TableScene) -> None:
         """Explicit scenes may have fewer objects or other shapes than the environment's own."""

@@ -24,12 +24,12 @@ FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
 
 _RIGHT_PAD, _LEFT_PAD, _OTHER = -1, -2, -3
-"""Marks of the finger geoms, and of all that is neither a finger nor an object, among the object slots 0, 1, …"""
+"""What a geom is, beside the object slots 0, 1, …: a finger, or neither finger nor object."""
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """What observation, reward and success are made from, after a control step.
+    """What observation, reward and success are computed from, after a control step.
 
     `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
     top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything.
@@ -50,12 +50,12 @@ class World:
         robot: RobotSpec,
         layout: Layout,
         shapes: tuple[str, ...],
-        picture: tuple[int, int] = (480, 480),
+        image_size: tuple[int, int] = (480, 480),
         show_meshes: bool = False,
     ) -> None:
         self.robot = robot
         self.shapes = shapes
-        self.model = compile_model(robot, layout, shapes, picture, show_meshes)
+        self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
         self.index = ModelIndex.of(self.model, robot, len(shapes))
         self.controller = JointController(self.model, self.index, robot)

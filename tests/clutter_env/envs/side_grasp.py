@@ -22,7 +22,7 @@ OPEN, CLOSED = 0.10, 0.0
 
 @dataclass(frozen=True)
 class GraspResult:
-    """`lift` [m] of the target's lowest point, `slip` [m] of the target in the hand from closing to the drive's end."""
+    """`lift` [m] of the target's lowest point, `slip` [m] of the target in the gripper since it closed."""
 
     lift: float
     is_held: bool
@@ -67,23 +67,23 @@ class SideGrasp:
         self.reach(grasp)
         self.width = CLOSED
         self.wait(1.0)
-        before = self.object_in_hand()
+        before = self.object_in_gripper()
         self.reach(grasp + (0, 0, LIFT))
         lift = env.world.lowest_point(env.measurements, slot) - TABLE_HEIGHT
         self.drive_to(self.base - (DRIVE, 0, 0))
         self.wait(0.5)
-        slip = float(np.linalg.norm(self.object_in_hand() - before))
+        slip = float(np.linalg.norm(self.object_in_gripper() - before))
         warnings = int(sum(w.number for w in env.data.warning))
         return GraspResult(lift, env.measurements.held == slot, slip, warnings)
 
-    def object_in_hand(self) -> NDArray[np.float64]:
+    def object_in_gripper(self) -> NDArray[np.float64]:
         """Position (3,) of the target's centre in the TCP frame."""
         data, site = self.env.data, self.env.world.index.tcp_site
         offset = self.env.measurements.poses[self.env.target_slot, :3] - data.site_xpos[site]
         return data.site_xmat[site].reshape(3, 3).T @ offset
 
     def drive_to(self, goal: NDArray[np.float64], speed: float = 0.5) -> None:
-        """Move the base, the hand with it."""
+        """Move the base, the gripper with it."""
         start, point, yaw = self.base.copy(), self.point.copy(), self.yaw
         rotate = _rotation(start[2]).T
         local = rotate @ (point - (start[0], start[1], 0))
@@ -96,7 +96,7 @@ class SideGrasp:
         self.wait(0.4)
 
     def reach(self, goal: NDArray[np.float64], speed: float = 0.12) -> None:
-        """Move the hand on a straight line, level and straight ahead."""
+        """Move the gripper on a straight line, level and straight ahead."""
         start, yaw = self.point.copy(), self.yaw
         for share in _profile(np.linalg.norm(goal - start) / speed):
             self.point, self.yaw = start + share * (goal - start), (1 - share) * yaw

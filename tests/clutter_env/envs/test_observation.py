@@ -1,4 +1,4 @@
-"""Observations say what MuJoCo says, seen from the base."""
+"""Observations agree with MuJoCo, relative to the base."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def test_object_rows_are_poses_relative_to_the_base(seed: int) -> None:
         values = dict(zip(OBJECT_FIELDS, row.tolist(), strict=True))
         name = f"object_{slot:02d}"
         expected = np.linalg.inv(base) @ as_matrix(env.data.body(name).xpos, env.data.body(name).xquat)
-        seen = as_matrix([values[k] for k in "xyz"], [values[k] for k in ("qw", "qx", "qy", "qz")])
-        assert np.allclose(seen, expected, atol=1e-5)
+        measured = as_matrix([values[k] for k in "xyz"], [values[k] for k in ("qw", "qx", "qy", "qz")])
+        assert np.allclose(measured, expected, atol=1e-5)
         assert values["qw"] >= 0
         assert values["present"] == 1
         assert values["is_target"] == (name == info["target"])
@@ -73,8 +73,8 @@ def test_robot_tcp_gripper_and_goal_agree_with_mujoco(seed: int) -> None:
     site = data.site("tcp")
     expected = np.eye(4)
     expected[:3, :3], expected[:3, 3] = site.xmat.reshape(3, 3), site.xpos
-    seen = as_matrix(observation["tcp"][:3], observation["tcp"][3:])
-    assert np.allclose(base @ seen, expected, atol=1e-5)
+    measured = as_matrix(observation["tcp"][:3], observation["tcp"][3:])
+    assert np.allclose(base @ measured, expected, atol=1e-5)
     opening = env.robot.finger_gap_closed + data.qpos[env.world.index.finger_qpos].sum()
     assert observation["gripper"][0] == pytest.approx(opening, abs=1e-6)
     offset = base[:3, :3] @ observation["goal"][:3]
@@ -109,7 +109,7 @@ def test_lowest_points_and_falls() -> None:
     for _ in range(10):
         quaternions = rng.normal(size=(5, 4))
         poses[:, 3:] = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-        seen = env.world.measure()
+        measured = env.world.measure()
         for slot, name in enumerate(env.world.names):
             down = as_matrix(poses[slot, :3], poses[slot, 3:])[2, :3]
             half = env.world.scene.half_extents[slot]
@@ -117,5 +117,5 @@ def test_lowest_points_and_falls() -> None:
                 reach = np.abs(down) @ half
             else:
                 reach = half[2] * abs(down[2]) + half[0] * np.hypot(down[0], down[1])
-            assert env.world.lowest_point(seen, slot) == pytest.approx(poses[slot, 2] - reach), name
-            assert seen.is_fallen[slot] == (down[2] < np.cos(np.radians(45)))
+            assert env.world.lowest_point(measured, slot) == pytest.approx(poses[slot, 2] - reach), name
+            assert measured.is_fallen[slot] == (down[2] < np.cos(np.radians(45)))

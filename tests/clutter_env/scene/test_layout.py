@@ -70,9 +70,9 @@ def test_objects_would_stand_by_themselves() -> None:
     env.reset(seed=2)
     env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     mujoco.mj_step(env.model, env.data, nstep=500)
-    seen = env.world.measure()
-    assert np.abs(seen.poses[:, :2] - env.world.scene.positions).max() < 1e-4
-    assert not seen.is_fallen.any()
+    measured = env.world.measure()
+    assert np.abs(measured.poses[:, :2] - env.world.scene.positions).max() < 1e-4
+    assert not measured.is_fallen.any()
 
 
 def test_refitted_bodies_are_those_of_a_compiled_model() -> None:

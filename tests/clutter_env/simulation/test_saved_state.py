@@ -25,7 +25,7 @@ def in_clutter(mode: str, seed: int = 4, **keywords):
 
 
 def pushing_actions(env, count: int, seed: int) -> np.ndarray:
-    """Random actions that drive to the table with a lowering hand."""
+    """Random actions that drive to the table with a lowering gripper."""
     actions = np.random.default_rng(seed).uniform(-1, 1, (count, env.action_space.shape[0]))
     actions[:, 0] = 0.25
     actions[:, 1:3] *= 0.2

@@ -1,0 +1,1 @@
+"""How fast the environments are, how they endure, how their layouts look."""

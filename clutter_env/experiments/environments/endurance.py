@@ -1,0 +1,115 @@
+"""Random steps through every environment: no NaN, no exception, no number out of range, no growing memory."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import clutter_env
+from clutter_env.config import CONTROL_MODES
+from clutter_env.envs.base import BaseEnv
+
+__all__ = ["EnduranceError", "EnduranceResult", "run_endurance"]
+
+IDS = (
+    *(f"clutter_env/Retrieve-o{count}-v0" for count in clutter_env.OBJECT_COUNTS),
+    "clutter_env/Reach-v0",
+    "clutter_env/Pick-v0",
+)
+LAYOUTS = ("paper", "shelf")
+EPISODE_STEPS = 500
+ACTION_STEPS = 5
+"""Steps for which a random action is kept, so that the robot gets somewhere."""
+FORWARD_RANGE = (-0.3, 0.7)
+"""Random base velocity forward: towards the table on average, so that the robot reaches the objects."""
+REPORT_STEPS = 1000
+PAGE = resource.getpagesize()
+
+
+class EnduranceError(ValueError):
+    """An environment broke its promises: an observation outside its space, or a reward that is not finite."""
+
+
+@dataclass
+class EnduranceResult:
+    """What the run counted; `memory_mb` is the resident memory [MB] after each environment."""
+
+    steps: int = 0
+    episodes: int = 0
+    warnings: int = 0
+    memory_mb: list[float] = field(default_factory=list)
+
+    def summary(self) -> str:
+        """The counts in words."""
+        half = len(self.memory_mb) // 2
+        return (
+            f"{self.steps} steps, {self.episodes} episodes\n"
+            f"warnings from MuJoCo: {self.warnings}\n"
+            f"resident memory: {self.memory_mb[half]:.0f} MB at half time, {self.memory_mb[-1]:.0f} MB at the end"
+        )
+
+
+def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda _: None) -> EnduranceResult:
+    """Step all ids in both control modes and two layouts, one after the other in this process.
+
+    Args:
+        steps: control steps in all, shared equally; rounded up to a whole number for each environment.
+        seed: of scenes and actions.
+        report: called with the number of steps done since the last call.
+
+    Raises:
+        EnduranceError: an observation is not in its space, or a reward is not finite.
+        ValueError: no steps.
+    """
+    if steps < 1:
+        raise ValueError(f"steps={steps} must be at least 1")
+    kinds = list(product(LAYOUTS, IDS, CONTROL_MODES))
+    share = -(-steps // len(kinds))
+    result = EnduranceResult()
+    for number, (layout, env_id, mode) in enumerate(kinds):
+        env = gym.make(env_id, control_mode=mode, layout=layout, reward_mode="dense", max_episode_steps=EPISODE_STEPS)
+        _run_one(env, share, seed + number, result, report)
+        env.close()
+        result.memory_mb.append(_resident_mb())
+    return result
+
+
+def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, report: Callable[[int], None]) -> None:
+    """Random steps in one environment."""
+    base = env.unwrapped
+    assert isinstance(base, BaseEnv)
+    rng = np.random.default_rng(seed)
+    has_ended = True
+    action: NDArray[np.float64] = np.zeros(base.action_size)
+    for step in range(steps):
+        if has_ended:
+            env.reset(seed=int(rng.integers(2**31)))
+            result.episodes += 1
+        if step % ACTION_STEPS == 0 or has_ended:
+            action = rng.uniform(-1, 1, base.action_size)
+            action[0] = rng.uniform(*FORWARD_RANGE)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        has_ended = terminated or truncated
+        if observation not in env.observation_space:
+            raise EnduranceError(f"{env.spec}: observation outside its space at step {step}, seed {seed}")
+        if not np.isfinite(float(reward)):
+            raise EnduranceError(f"{env.spec}: reward {reward} at step {step}, seed {seed}")
+        if step % REPORT_STEPS == 0:
+            report(min(REPORT_STEPS, steps - step))
+    result.steps += steps
+    result.warnings += int(sum(warning.number for warning in base.data.warning))
+
+
+def _resident_mb() -> float:
+    """Resident memory of this process [MB]; its peak where the system does not tell the present value."""
+    status = Path("/proc/self/statm")
+    if status.is_file():
+        return int(status.read_text().split()[1]) * PAGE / 2**20
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

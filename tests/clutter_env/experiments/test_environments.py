@@ -1,0 +1,51 @@
+"""The experiments about the environments count right and stop where an environment breaks its promises."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from clutter_env.cli import benchmark
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ConfigError
+from clutter_env.experiments.environments.endurance import IDS, EnduranceError, run_endurance
+from clutter_env.experiments.environments.layout_images import layout_column, save_columns
+from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed
+
+
+def test_endurance_steps_every_environment_and_reports_every_step() -> None:
+    done = []
+    result = run_endurance(60, seed=0, report=done.append)
+    assert result.steps == sum(done) == 2 * 4 * len(IDS)
+    assert result.episodes == len(result.memory_mb) == 4 * len(IDS)
+    assert "104 steps" in result.summary()
+
+
+def test_endurance_stops_at_a_reward_that_is_not_finite(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RetrieveEnv, "_advance", lambda _: (float("nan"), False))
+    with pytest.raises(EnduranceError, match=r"Retrieve-o1.*reward nan at step 0"):
+        run_endurance(52, seed=0)
+
+
+def test_wrong_settings_are_refused() -> None:
+    with pytest.raises(ValueError, match="steps=0"):
+        run_endurance(0, seed=0)
+    with pytest.raises(ValueError, match="steps=0"):
+        next(measure_speed((1,), SpeedSettings(steps=0)))
+    with pytest.raises(ConfigError, match="island"):
+        next(measure_speed((1,), SpeedSettings(layout="round")))
+
+
+def test_the_benchmark_leaves_the_plotting_library_out_of_its_processes() -> None:
+    assert not hasattr(benchmark, "plot_speed")
+
+
+@pytest.mark.usefixtures("needs_gl")
+def test_layouts_are_rendered_side_by_side(tmp_path: Path) -> None:
+    columns = [layout_column(layout, 3, "mixed", 1, 48) for layout in ("paper", "island")]
+    assert not np.array_equal(*columns)
+    save_columns(columns, tmp_path / "new" / "layouts.png")
+    assert Image.open(tmp_path / "new" / "layouts.png").size == (96, 96)
