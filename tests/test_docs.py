@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
 
@@ -10,11 +11,11 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401 - registers the environments
-from assets.robots import FETCH
+from assets.robots import FETCH, RobotSpec
 from clutter_env.config import EnvConfig
-from clutter_env.envs.observation import OBJECT_FIELDS
+from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.envs.reward import DENSE_SCALES
-from clutter_env.scene.layout import LAYOUTS
+from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.random_scene import SHAPE_SETS, capacity
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -92,13 +93,54 @@ def test_object_columns_are_counted_right() -> None:
     assert "6000 + 400 N" in RETRIEVE
 
 
-@pytest.mark.parametrize("page", ["retrieve", "reach", "pick"])
-def test_examples_run(page: str) -> None:
-    code = re.search(r"```python\n(import.*?)```", (DOCS / f"{page}.md").read_text(), re.DOTALL)[1]
+EXAMPLES = [
+    (page, code)
+    for page in ("retrieve", "reach", "pick", "skill", "add_a_robot")
+    for code in re.findall(
+        r"^```python\n((?:import|from) .*?)^```", (DOCS / f"{page}.md").read_text(), re.DOTALL | re.M
+    )
+]
+
+
+def test_every_page_has_an_example() -> None:
+    assert [page for page, _ in EXAMPLES] == ["retrieve", "retrieve", "reach", "pick", "skill", "add_a_robot"]
+
+
+@pytest.mark.parametrize(("page", "code"), EXAMPLES, ids=[page for page, _ in EXAMPLES])
+def test_examples_run(page: str, code: str) -> None:
     names: dict = {}
     exec(code, names)
     observation = names["observation"]
-    if page != "retrieve":
+    assert observation in names["env"].observation_space
+    if page in ("reach", "pick"):
         table = (DOCS / f"{page}.md").read_text()
         last = max(int(number) for number in re.findall(r"`observation` \d+(?: –|,) (\d+)", table))
         assert np.shape(observation["observation"]) == (last + 1,)
+
+
+def test_named_columns_are_where_the_page_says() -> None:
+    assert OBSERVATION_LAYOUT["robot"]["base_velocity"] == slice(12, 15)
+    for heading, entry in (("### `robot`", "robot"), ("### `objects`", "objects"), ("### `goal`", "goal")):
+        units = {index: cells[2] for cells in rows(heading) for index in indices(cells[0])}
+        for index, column in enumerate(OBSERVATION_LAYOUT[entry].columns):
+            assert units[index] == (column.unit or units[index]), (entry, column)
+            assert bool(column.unit) == (units[index] not in ("–", "0 or 1")), (entry, column)
+
+
+def test_layout_and_robot_fields_are_documented() -> None:
+    documented = {name for cells in rows("### A layout of your own") for name in re.findall(r"`(\w+)`", cells[0])}
+    assert documented == set(Layout.__dataclass_fields__)
+    table = re.search(r"\| field \|.*?\n\n", (DOCS / "add_a_robot.md").read_text(), re.DOTALL)[0]
+    named = {name for line in table.strip().splitlines() for name in re.findall(r"`(\w+)`", line.split("|")[1])}
+    assert named == set(RobotSpec.__dataclass_fields__)
+
+
+@pytest.mark.parametrize("page", ["retrieve", "reach", "pick", "skill", "benchmarks", "add_a_robot"])
+def test_files_and_modules_named_in_the_pages_exist(page: str) -> None:
+    text = (DOCS / f"{page}.md").read_text()
+    for file in re.findall(r"(?:assets|tests|scripts|docs)/[\w/]+\.(?:py|xml|md|png)", text):
+        assert (DOCS.parent / file).is_file(), file
+    for file in re.findall(r"\]\((?!http|#)([^)#]+)", text):
+        assert (DOCS / file).is_file(), file
+    for module in re.findall(r"from ([\w.]+) import", text):
+        importlib.import_module(module)
