@@ -27,10 +27,10 @@ EDGE_MARGIN = 0.045
 """[m] from an object's axis to the table's edge at least."""
 
 MAX_OBJECTS = 60
-"""Objects in one scene at most, whatever the table: what the planners' bit masks hold."""
+"""Objects in one scene at most, on any table: the planners' bit masks have no room for more."""
 
 _PACKING = 0.46
-"""Share of the area that random placement is trusted to fill; it jams at 0.547 (random sequential adsorption)."""
+"""Share of the area that random placement reliably fills; the limit is 0.547 (random sequential adsorption)."""
 _BATCH = 128
 _MAX_BATCHES = 200
 _MAX_RESTARTS = 50
@@ -49,7 +49,7 @@ def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
 
 
 def capacity(layout: Layout, shapes: str) -> int:
-    """How many objects of this kind random placement can be trusted to put on the table."""
+    """How many objects of these shapes random placement reliably puts on the table."""
     diameter = {
         "cylinder": sum(RADIUS_RANGE),
         "box": math.sqrt(2) * sum(HALF_WIDTH_RANGE),

@@ -73,6 +73,7 @@ class EndEffectorActions:
 
     @wanted_tcp.setter
     def wanted_tcp(self, pose: list[float] | None) -> None:
+        """Set the wanted TCP pose, for example that of a saved state."""
         self._controller.wanted = np.array(pose)
 
     def reset(self, state: ControlState) -> None:

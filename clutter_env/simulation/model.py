@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,17 +13,15 @@ from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
 from clutter_env.scene.table_scene import object_name
+from clutter_env.simulation.meshes import add_meshes, has_visuals
 
-__all__ = ["ModelIndex", "build_spec", "compile_model", "has_visuals", "mesh_folder"]
+__all__ = ["ModelIndex", "build_spec", "compile_model"]
 
 PARKED_X = -3.0
 """[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
 asleep."""
 ENVIRONMENT_BITS = (1, 3)
 """contype, conaffinity of furniture and objects; the robot has 2, 0 and thus never meets itself."""
-VISUAL_GROUP, HIDDEN_GROUP = 1, 3
-"""Geom groups of the meshes shown and of the primitives that they replace."""
-
 _OBJECT_FRICTION = (0.8, 0.005, 0.0005)
 _OBJECT_SOLREF = (0.01, 1.0)
 _OBJECT_ROLLING_DAMPING = 2e-4
@@ -75,9 +71,11 @@ class ModelIndex:
         """The index of a model that `compile_model` made."""
 
         def qpos(joints: tuple[str, ...]) -> NDArray[np.intp]:
+            """Addresses of the joints' positions."""
             return _frozen([model.joint(name).qposadr[0] for name in joints])
 
         def actuators(joints: tuple[str, ...]) -> NDArray[np.intp]:
+            """Ids of the actuators, which have the joints' names."""
             return _frozen([model.actuator(name).id for name in joints])
 
         first = model.body(object_name(0)).id if num_objects else model.nbody
@@ -128,7 +126,7 @@ def compile_model(
     spec = build_spec(robot, layout, shapes)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = image_size
     if show_meshes and has_visuals(robot):
-        _show_meshes(spec, robot)
+        add_meshes(spec, robot)
     model = spec.compile()
     turning = model.dof_damping[model.nv - 6 * len(shapes) :].reshape(-1, 6)[:, 3:]
     turning[:] = _OBJECT_ROLLING_DAMPING
@@ -267,43 +265,3 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
         contype=contype,
         conaffinity=conaffinity,
     )
-
-
-def mesh_folder(robot: RobotSpec) -> Path | None:
-    """Where the robot's meshes are installed (found without importing their package), None if they are not."""
-    spec = importlib.util.find_spec(robot.mesh_package) if robot.mesh_package else None
-    if spec is None or not spec.submodule_search_locations:
-        return None
-    folder = Path(spec.submodule_search_locations[0]) / robot.mesh_folder
-    return folder if folder.is_dir() else None
-
-
-def has_visuals(robot: RobotSpec) -> bool:
-    """Whether every mesh of the robot is installed."""
-    folder = mesh_folder(robot)
-    return folder is not None and bool(robot.meshes) and all((folder / mesh.file).is_file() for mesh in robot.meshes)
-
-
-def _show_meshes(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
-    """Add massless, untouchable meshes and hide the primitives of the bodies that they stand for."""
-    folder = mesh_folder(robot)
-    assert folder is not None
-    covered = {mesh.body for mesh in robot.meshes}
-    for name in covered:
-        for geom in spec.body(name).geoms:
-            geom.group = HIDDEN_GROUP
-    for index, mesh in enumerate(robot.meshes):
-        name = f"visual_{index}"
-        spec.add_mesh(name=name, file=str(folder / mesh.file))
-        spec.body(mesh.body).add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname=name,
-            pos=mesh.position,
-            quat=mesh.quaternion,
-            rgba=mesh.rgba,
-            mass=0,
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
-        )

@@ -89,8 +89,8 @@ class World:
     def advance(self, measurements: Measurements, velocity: NDArray[np.float64], grip: float) -> Measurements:
         """One control step; see `JointController.follow`.
 
-        The fingers are coupled while they touch something. Free fingers move alike by themselves, and a physics step
-        without any constraint costs a fifth less.
+        The fingers are coupled while they touch something. Free fingers move alike without it, and a physics step
+        without any constraint takes a fifth less time.
 
         Args:
             measurements: what was measured before the step.
