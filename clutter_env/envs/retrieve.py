@@ -16,10 +16,10 @@ __all__ = ["RetrieveEnv"]
 class RetrieveEnv(BaseEnv):
     """A mobile manipulator before a cluttered table; the target must be lifted 0.10 m and held there for 0.5 s.
 
-    Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an
-    explicit scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). The info of `reset` and of every
-    step has `is_success`, `target`, `held` and `num_fallen`. The episode ends with success, or when the target has
-    fallen off the table.
+    Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
+    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). The info of `reset` and of every step
+    has `is_success`, `target`, `held` and `num_fallen`. The episode ends with success, or when the target has fallen
+    off the table.
 
     Example:
         >>> import gymnasium as gym, clutter_env
