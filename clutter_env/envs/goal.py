@@ -52,6 +52,11 @@ class GoalEnv(BaseEnv):
         self._goal = np.zeros(3)
         super().__init__(config)
 
+    @property
+    def goal(self) -> NDArray[np.float64]:
+        """The goal (3,) of this episode in the world frame [m]; a copy."""
+        return self._goal.copy()
+
     @abstractmethod
     def _achieved(self) -> NDArray[np.float64]:
         """The point (3,) that should come to the goal."""
@@ -59,11 +64,6 @@ class GoalEnv(BaseEnv):
     @abstractmethod
     def _draw_goal(self) -> NDArray[np.float64]:
         """A goal (3,) for the present first state."""
-
-    @property
-    def goal(self) -> NDArray[np.float64]:
-        """The goal (3,) [m] of the episode, in the world frame."""
-        return self._goal.copy()
 
     def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Any) -> Any:  # noqa: ARG002
         """Rewards (...,) of achieved and desired goals (..., 3), bit for bit those of `step`."""
