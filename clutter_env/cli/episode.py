@@ -114,7 +114,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     expert = TampExpert(env, arguments.strategy)
     film = make_film(arguments, env)
     report, is_success, plan = play(arguments, env, expert, target, film)
-    files = draw(arguments, plan, scene, target, film)
+    files = draw(arguments, plan, film)
     env.close()
     show_text(arguments, plan, scene, target, report, is_success)
     print("\nPictures and film\n" + "\n".join(f"  {path}" for path in files))
@@ -194,12 +194,12 @@ def play(
     return expert.report, bool(info["is_success"]), plan
 
 
-def draw(arguments: Arguments, plan: Any, scene: Scene, target: str, film: Film | None) -> list[Path]:
+def draw(arguments: Arguments, plan: Any, film: Film | None) -> list[Path]:
     """Write the pictures there are to draw."""
     files = []
     if isinstance(plan, Solution) and plan.clearances:
         files.append(arguments.output / "plan.png")
-        draw_plan(plan, scene, target, strategy(arguments.strategy), files[-1])
+        draw_plan(plan, files[-1])
     if film is not None:
         files.append(arguments.output / "strip.png")
         film.save_strip(files[-1])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.collision.robot_model import robot_arrays
-from planners.execution.executor import CONTROL_STEP, Command, Execution, Outcome, Step
+from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
 from planners.execution.monitor import MonitorConfig, Sensor
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.tcp_following import TcpFollower
@@ -150,7 +150,7 @@ class TampExpert:
         self._report = EpisodeReport()
         self.done = False
         self._wait = 0
-        self._execution: Execution | None = None
+        self._execution: Executor | None = None
         state = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot).state
         opening = self._env.robot.finger_gap_closed + 2 * state.finger_position
         self._last = Command(np.concatenate((state.base, state.q)), opening)
@@ -236,8 +236,8 @@ class TampExpert:
         if isinstance(self.solution, Infeasible):
             self._end(f"{self.solution.cause}: {self.solution.detail}")
             return
-        self._execution = Execution(
-            self.solution,
+        self._execution = Executor(
+            self.solution.actions,
             self._env.robot,
             self._sensor.names,
             self._sensor.read(),

@@ -52,7 +52,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
         for index, action in enumerate(skeleton.actions):
             motion = call_motion_planning(search, state, action)
             if isinstance(motion, BoundMotion):
-                bind_references(search, action, motion)
+                bind_references(search, state.scene, action, motion)
                 state = update_initial_state_from_action(state, action, motion)
             else:
                 before, state = state, update_initial_state_from_error(search, state, motion)
@@ -61,7 +61,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
     return (
         state
         if isinstance(state, Infeasible)
-        else Solution(tuple(search.plan), tuple(search.clearances), stats(search))
+        else Solution(tuple(search.plan), tuple(search.clearances), stats(search), search.target, search.strategy)
     )
 
 
@@ -108,9 +108,9 @@ def call_motion_planning(
         search.motion_planning_s += time.process_time() - before
 
 
-def bind_references(search: Search, action: GroundAction, motion: BoundMotion) -> None:
-    """F ← F + action, its references bound."""
-    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, action.object or ""))
+def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
+    """F ← F + action, its references bound in the scene before it."""
+    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, action.object or ""))
     if action.name.startswith("PutDown"):
         search.clearances.append(action.args[0])
 
