@@ -35,7 +35,7 @@ from planners.drawing.plan import draw_plan
 from planners.execution.expert import EpisodeReport, TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
-from planners.strategies import strategy
+from planners.strategies import find_strategy
 from planners.tamp.solution import Solution
 
 _MOST_SEEDS = 1000
@@ -72,7 +72,7 @@ class Arguments:
     """Write the figures to this file too."""
 
     def __post_init__(self) -> None:
-        strategy(self.strategy)
+        find_strategy(self.strategy)
         if self.layout not in LAYOUTS:
             raise ValueError(f"--layout {self.layout} is not valid; valid ones: {', '.join(LAYOUTS)}")
         if self.objects not in clutter_env.OBJECT_COUNTS:

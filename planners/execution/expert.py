@@ -18,7 +18,7 @@ from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.tcp_following import TcpFollower
 from planners.planner import Planner
 from planners.scene import RobotState, Scene, SceneError
-from planners.strategies import strategy as find_strategy
+from planners.strategies import find_strategy
 from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["EpisodeReport", "ExpertConfig", "TampExpert"]

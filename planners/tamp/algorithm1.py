@@ -12,6 +12,7 @@ from types import MappingProxyType
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
 from planners.scene import Scene
+from planners.symbolic.checking import checked_answer
 from planners.symbolic.problem import (
     ROBOT_INIT_LOC,
     GroundAction,
@@ -193,10 +194,11 @@ def _in_planned_order(search: Search, symbols: SymbolicState, commitments: Commi
 
 def _task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
     before = time.process_time()
-    found = search.task_planner.plan(TaskProblem(symbols, search.target).pruned(), search.limits.task_planning_s)
+    problem = TaskProblem(symbols, search.target).pruned()
+    answer = search.task_planner.plan(problem, search.limits.task_planning_s)
     search.task_planning_s += time.process_time() - before
     search.task_plans += 1
-    return found
+    return checked_answer(problem, answer, search.task_planner)
 
 
 def _explain(found: NoCommitment) -> str:
