@@ -133,6 +133,9 @@ class Executor:
 
     @property
     def _time(self) -> float:
+        """[s] in the present trajectory; after the last action, its end."""
+        if self._action >= len(self._actions):
+            return self._trajectory.duration
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
 
     def _move_on(self, now: Snapshot) -> None:
