@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,7 +17,6 @@ from planners.cause import Cause
 from planners.execution.config import ExpertConfig
 from planners.execution.controlled_env import controlled_env
 from planners.execution.errors import ExpertError
-from planners.execution.monitor import MonitorConfig
 from planners.motion.tcp_following import TcpFollower
 from planners.scene import UnknownObject
 
@@ -283,38 +281,3 @@ def test_a_planner_that_returns_no_result_is_named(env: gymnasium.Env) -> None:
     env.reset(seed=SEED)
     with pytest.raises(ExpertError, match="returned None; it must return a Solution or an Infeasible"):
         TampExpert(env, planner=Silent()).reset()  # type: ignore[arg-type] # the wrong type is what is tested
-
-
-BAD_NUMBERS = (-1, math.nan, "soon", None, True)
-
-
-@pytest.mark.parametrize("name", ["replans", "planning_s", "settle_s", "hold_s"])
-@pytest.mark.parametrize("value", BAD_NUMBERS)
-def test_values_of_the_config_are_checked(name: str, value: Any) -> None:
-    with pytest.raises(ExpertError, match=f"{name}="):
-        ExpertConfig(**{name: value})
-
-
-@pytest.mark.parametrize("keywords", [{"settle_s": math.inf}, {"hold_s": math.inf}, {"replans": 1.5}])
-def test_waits_are_finite_and_replans_whole(keywords: dict[str, float]) -> None:
-    with pytest.raises(ExpertError):
-        ExpertConfig(**keywords)  # type: ignore[arg-type] # the wrong type is what is tested
-
-
-@pytest.mark.parametrize("name", ["displacement", "tilt", "slip", "base", "arm"])
-@pytest.mark.parametrize("value", BAD_NUMBERS)
-def test_tolerances_are_checked(name: str, value: Any) -> None:
-    with pytest.raises(ExpertError, match=f"{name}="):
-        MonitorConfig(**{name: value})
-
-
-def test_what_is_no_config_is_refused(env: gymnasium.Env) -> None:
-    with pytest.raises(ExpertError, match="ExpertConfig"):
-        TampExpert(env, config={"replans": 1})  # type: ignore[arg-type] # the wrong type is what is tested
-    with pytest.raises(ExpertError, match="MonitorConfig"):
-        ExpertConfig(monitor=0.1)  # type: ignore[arg-type] # the wrong type is what is tested
-
-
-def test_limits_may_be_infinite() -> None:
-    config = ExpertConfig(planning_s=math.inf, monitor=MonitorConfig(displacement=math.inf))
-    assert config.planning_s == math.inf
