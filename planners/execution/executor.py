@@ -112,7 +112,7 @@ class Executor:
         if self._action >= len(self._actions):
             return ""
         action = self._actions[self._action]
-        return f"{action.name} {action.target}: {action.trajectory.phase(self._time).name}"
+        return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
 
     def advance(self, now: Snapshot) -> Step:
         """Compare the world with the plan, and return the next command."""

@@ -43,7 +43,7 @@ class Skill:
 
 @dataclass(frozen=True)
 class SkillFailure:
-    """Why a skill could not be done: "blocked", "unreachable", "no place", "motion" or what surprised its execution."""
+    """Why a skill could not be done: "blocked", "unreachable", "no place", "motion", or a deviation."""
 
     reason: str
 
