@@ -120,17 +120,19 @@ class Episode:
 
     def _read_scene(self) -> Scene:
         """A snapshot; a robot near its home configuration is taken to be exactly in it."""
-        env = self._env
-        scene = Scene.from_mujoco(env.model, env.data, env.robot, self._held())
-        home = unwrap_joints(robot_arrays(env.robot), scene.state.q, np.array(env.robot.home))
+        scene, robot = self._measure(self._held()), self._env.robot
+        home = unwrap_joints(robot_arrays(robot), scene.state.q, np.array(robot.home))
         if np.abs(scene.state.q - home).max() > _NEAR_HOME:
             home = scene.state.q
         return scene.with_state(RobotState(scene.state.base, home, scene.state.finger_position))
 
+    def _measure(self, held: str = "") -> Scene:
+        """The scene as it is now, with this object in the gripper."""
+        return Scene.from_mujoco(self._env.model, self._env.data, self._env.robot, held)
+
     def _held(self) -> str:
         """The object between the fingers that is above the support; "" for none."""
-        now = self._sensor.read()
-        scene = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot)
+        now, scene = self._sensor.read(), self._measure()
         for index, body in enumerate(scene.objects):
             offset = np.abs(now.in_hand(index))
             is_near = max(offset[0], offset[1]) < self._config.monitor.slip and offset[2] < body.half_extents[2]
@@ -140,7 +142,7 @@ class Episode:
 
     def _is_retrieved(self) -> bool:
         """Whether the target is held, high enough for success."""
-        scene = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot)
+        scene = self._measure()
         height = scene.body(self.target).bottom - scene.support.top
         return self._held() == self.target and height > self._env.lift_height
 
