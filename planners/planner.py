@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
 from planners.scene import Scene
-from planners.strategies import strategy as find_strategy
+from planners.strategies import Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
 from planners.tamp.algorithm1 import task_and_motion_plan
@@ -42,7 +42,7 @@ _ATTEMPTS = 3
 def solve(
     scene: Scene,
     target: str,
-    strategy: str = "lookahead",
+    strategy: str | Strategy = "lookahead",
     rng: np.random.Generator | None = None,
     time_limit: float | None = None,
 ) -> Solution | Infeasible:
@@ -51,7 +51,7 @@ def solve(
     Args:
         scene: the world, the robot in its home configuration; an object may be in hand.
         target: name of the object wanted.
-        strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar" or "srivastava".
+        strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none.
 
@@ -60,7 +60,7 @@ def solve(
 
     Raises:
         UnknownObject: no object of that name.
-        UnknownStrategy: no strategy of that name.
+        UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         SceneError: objects overlap, or the robot is inside furniture.
     """
     return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
@@ -89,37 +89,42 @@ class Planner:
 
     Attributes:
         robot: which one.
-        engine: name of the task planner, see `planners.symbolic.engines`; None for the default.
+        engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
+            protocol; None for the default.
         follower: model of how the joints follow, for a robot that is told TCP poses; None for one told joint targets.
+
+    Raises:
+        UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
+        MissingEngineError: the task planner is not installed.
     """
 
     robot: RobotSpec
-    engine: str | None = None
+    engine: str | TaskPlanner | None = None
     follower: TcpFollower | None = None
+    _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
-    @cached_property
-    def _task_planner(self) -> TaskPlanner:
-        return task_planner(self.engine)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_task_planner", task_planner(self.engine))
 
     def solve(
         self,
         scene: Scene,
         target: str,
-        strategy: str = "lookahead",
+        strategy: str | Strategy = "lookahead",
         rng: np.random.Generator | None = None,
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
         """As the function `solve`."""
         scene.index(target)
         validate(scene)
-        way = find_strategy(strategy)
+        chosen = find_strategy(strategy)
         rng = rng or np.random.default_rng(0)
         started = time.process_time()
         deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
         outcomes: list[Solution | Infeasible] = []
-        for motion_layer in self._motion_layers(scene, rng, _ATTEMPTS if way.plans_ahead else 1):
+        for motion_layer in self._motion_layers(scene, rng, _ATTEMPTS if chosen.plans_ahead else 1):
             motion_layer.is_timed_out = lambda: time.perf_counter() > deadline
-            search = Search(target, way, self._task_planner, motion_layer)
+            search = Search(target, chosen, self._task_planner, motion_layer)
             outcomes.append(task_and_motion_plan(search, scene))
             if _is_final(outcomes[-1], motion_layer) or motion_layer.is_timed_out():
                 break

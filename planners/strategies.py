@@ -7,13 +7,21 @@ They differ in three choices only: how grasps are committed to, which region is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias, get_args
 
-__all__ = ["STRATEGIES", "Strategy", "UnknownStrategy", "strategy"]
+__all__ = ["STRATEGIES", "Strategy", "StrategyError", "UnknownStrategy", "find_strategy"]
+
+Grasps: TypeAlias = Literal["greedy", "smallest"]
+Region: TypeAlias = Literal["none", "ngr1", "ngr"]
+Locations: TypeAlias = Literal["random", "priority"]
 
 
 class UnknownStrategy(ValueError):
-    """No strategy of that name; the message lists the known ones."""
+    """Neither the name of a strategy nor a `Strategy`; the message lists the known names."""
+
+
+class StrategyError(ValueError):
+    """A field of a `Strategy` has no valid value; the message lists the valid ones."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +40,18 @@ class Strategy:
     """
 
     name: str
-    grasps: Literal["greedy", "smallest"]
-    region: Literal["none", "ngr1", "ngr"]
-    locations: Literal["random", "priority"]
+    grasps: Grasps
+    region: Region
+    locations: Locations
     plans_ahead: bool = False
+
+    def __post_init__(self) -> None:
+        for field, valid in (("grasps", Grasps), ("region", Region), ("locations", Locations)):
+            if getattr(self, field) not in get_args(valid):
+                raise StrategyError(
+                    f"strategy {self.name!r}: {field}={getattr(self, field)!r} is not valid; valid values: "
+                    f"{', '.join(map(repr, get_args(valid)))}"
+                )
 
 
 STRATEGIES = {
@@ -50,12 +66,16 @@ STRATEGIES = {
 """By name: ours; Lee & Kim 2019; Dogar & Srinivasa 2011 (NGR1); Srivastava et al. 2014 (no region)."""
 
 
-def strategy(name: str) -> Strategy:
-    """The strategy of that name.
+def find_strategy(choice: str | Strategy) -> Strategy:
+    """The strategy of that name; a `Strategy` is returned as it is.
 
     Raises:
-        UnknownStrategy: no such strategy; the message lists the known ones.
+        UnknownStrategy: neither; the message lists the known names.
     """
-    if name not in STRATEGIES:
-        raise UnknownStrategy(f"no strategy {name!r}; known strategies: {', '.join(STRATEGIES)}")
-    return STRATEGIES[name]
+    if isinstance(choice, Strategy):
+        return choice
+    if not isinstance(choice, str) or choice not in STRATEGIES:
+        raise UnknownStrategy(
+            f"no strategy {choice!r}; known strategies: {', '.join(STRATEGIES)}; or an object of planners.Strategy"
+        )
+    return STRATEGIES[choice]

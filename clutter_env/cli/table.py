@@ -28,7 +28,7 @@ from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.parallel.processes import Crash, Killed, run_jobs
-from planners.strategies import STRATEGIES, strategy
+from planners.strategies import STRATEGIES, find_strategy
 
 _PATIENCE = 6
 """A trial is killed after so many times the planner's own time limit, an episode in physics after ten times that."""
@@ -73,7 +73,7 @@ class Arguments:
 
     def __post_init__(self) -> None:
         for name in self.strategies:
-            strategy(name)
+            find_strategy(name)
         for count in self.objects:
             if count not in OBJECT_COUNTS:
                 raise ValueError(f"--objects {count} is not valid; valid numbers: {', '.join(map(str, OBJECT_COUNTS))}")

@@ -34,6 +34,11 @@ class RetrieveEnv(BaseEnv):
         self._progress = Progress()
         super().__init__(EnvConfig.from_keywords(keywords))
 
+    @property
+    def lift_height(self) -> float:
+        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        return LIFT_HEIGHT
+
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         return draw_scene(self.np_random, self.layout, self.config, options)
 

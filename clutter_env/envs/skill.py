@@ -17,12 +17,12 @@ from clutter_env.config import RENDER_MODES, check_choice, check_integer
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
 from clutter_env.scene.layout import TABLE_HEIGHT
-from planners.execution.executor import Execution, Outcome
+from planners.execution.executor import Executor, Outcome
 from planners.execution.monitor import MonitorConfig, Sensor
 from planners.scene import Body, Scene
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
 from planners.skills.motion import SkillPlanner
-from planners.tamp.solution import BoundAction, Solution, SolveStats
+from planners.tamp.solution import BoundAction
 
 __all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv", "default_budget"]
 
@@ -211,15 +211,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         """Follow the motions; the kind of deviation that stopped the execution, "" for none."""
         physics_env = self._physics_env
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot)
-        plan = Execution(
-            Solution(actions, (), SolveStats()), physics_env.robot, sensor.names, sensor.read(), MonitorConfig()
-        )
+        plan = Executor(actions, physics_env.robot, sensor.names, sensor.read(), MonitorConfig())
         outcome, is_over = Outcome.RUNNING, False
         while outcome is Outcome.RUNNING and not is_over:
             step = plan.advance(sensor.read())
             outcome = step.outcome
             is_over = self._step_physics(physics_env.joint_action(*step.command))
-        return "" if plan.deviation is None else str(plan.deviation.surprise)
+        return "" if plan.deviation is None else str(plan.deviation.kind)
 
     def _hold(self) -> None:
         """Stand still and hold the target."""

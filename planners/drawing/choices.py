@@ -1,4 +1,4 @@
-"""What each choice of a clearance location in a plan saw, worked out again from the plan: for drawing."""
+"""Regions and candidates behind each clearance location of a plan, computed again from the plan: for drawing."""
 
 from __future__ import annotations
 
@@ -12,31 +12,32 @@ from irm.arm.kinematics import ArmChain
 from planners.collision.world import CollisionWorld
 from planners.drawing.region import ClearancePicture
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
-from planners.motion.arm import tcp_pose
 from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import (
     SupportGrid,
+    SweptVolume,
     clearance_candidates,
     dilated,
     footprint_mask,
     negative_goal_region,
 )
 from planners.placing.swept_volume import configuration_volume
-from planners.scene import Body, HeldObject, RobotState, Scene
-from planners.strategies import Strategy
+from planners.scene import Body, HeldObject, RobotState
 from planners.tamp.solution import BoundAction, Solution
 
-__all__ = ["Choice", "choices_of", "final_scene"]
+__all__ = ["Choice", "choices_of", "last_picture"]
 
 Array = NDArray[np.float64]
 
 _WORK_CELL = 0.025
-"""[m] of the cells for which it is asked whether the arm reaches them."""
+"""[m] size of the cells that are tested for reachability."""
 _WORK_YAWS = 8
 _WORK_TORSOS, _WORK_ROLLS = 3, 9
-"""Hand yaws, torso heights and upper-arm rolls tried for each of them."""
+"""Gripper yaws, torso heights and upper-arm rolls tried for each of them."""
 _MARGIN = 0.006
-"""[m] between the object put down and what stands around."""
+"""[m] between the object put down and the objects around it."""
+_SAME_BASE = 1e-3
+"""[m], [rad] below which two base poses are the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +46,15 @@ class Choice:
 
     Attributes:
         name: the object put aside.
-        blocked: what it was in the way of.
-        picture: of the table at that moment.
-        base: (3,) where the robot stands when it takes the object.
-        put_base: (3,) where it stands when it puts it down.
+        obstructed: name of the object that it obstructs, "" if it is put aside for no particular object.
+        picture: the table at that moment.
+        is_far: whether the base drives between taking the object and putting it down.
     """
 
     name: str
-    blocked: str
+    obstructed: str
     picture: ClearancePicture
-    base: Array
-    put_base: Array
+    is_far: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,76 +66,91 @@ class _Hold:
     touched: HeldObject
 
 
-def choices_of(solution: Solution, scene: Scene, target: str, strategy: Strategy) -> list[Choice]:
-    """The choices of a plan made for a scene, in order."""
+def choices_of(solution: Solution) -> list[Choice]:
+    """The choices of clearance locations in a plan, in order."""
     choices: list[Choice] = []
     for index, action in enumerate(solution.actions):
-        if action.name.startswith("PutDown"):
+        if action.is_clearance:
+            picked = next((step for step in reversed(solution.actions[:index]) if step.name == "PickUp"), None)
             later = [step for step in solution.actions[index:] if step.name == "PickUp"]
-            picked = next(step for step in reversed(solution.actions[:index]) if step.name == "PickUp")
-            choices.append(_choice(scene, target, strategy, picked, action, later, [c.name for c in choices]))
-            scene = scene.with_body(_put_down(scene, action))
+            choices.append(_choice(solution, action, picked, later, [choice.name for choice in choices]))
     return choices
 
 
-def final_scene(solution: Solution, scene: Scene) -> Scene:
-    """The scene with every cleared object where the plan leaves it."""
-    for action in solution.actions:
-        if action.name.startswith("PutDown"):
-            scene = scene.with_body(_put_down(scene, action))
-    return scene
+def last_picture(solution: Solution) -> ClearancePicture:
+    """The table when everything has been cleared, and NGR1: what taking the target sweeps.
+
+    Raises:
+        ValueError: the plan does not take the target, because it is in the gripper from the start.
+    """
+    if not solution.actions:
+        raise ValueError("a plan without actions has nothing to draw")
+    taken = solution.actions[-1]
+    scene = taken.scene
+    grid = SupportGrid.over(scene.support)
+    last = scene.body(solution.clearances[-1] if solution.clearances else solution.target)
+    region = negative_goal_region(grid, last.top - last.bottom, scene.body(solution.target), _swept(taken))
+    stands = taken.trajectory.base[-1:, :2]
+    return ClearancePicture(grid, region, scene.objects, solution.target, cleared=solution.clearances, stands=stands)
 
 
 def _choice(
-    scene: Scene,
-    target: str,
-    strategy: Strategy,
-    picked: BoundAction,
+    solution: Solution,
     put: BoundAction,
+    picked: BoundAction | None,
     later: Sequence[BoundAction],
     cleared: Sequence[str],
 ) -> Choice:
-    grid = SupportGrid.over(scene.support)
-    world = CollisionWorld.from_scene(scene)
-    body = scene.body(put.target)
-    taken, left = _hold(picked, "close"), _hold(put, "open")
-    grasps = {step.target: _hold(step, "close") for step in later}
-    volumes = {
-        name: configuration_volume(world, hold.state.base, hold.state.q, hold.opening) for name, hold in grasps.items()
-    }
-    obstacles = [name for name in grasps if name != target and strategy.region == "ngr"]
-    height = body.top - body.bottom
+    """The regions and candidates behind the location of a put-down.
+
+    Args:
+        solution: the plan.
+        put: the put-down.
+        picked: the action that takes the object, None if it is in the gripper from the start.
+        later: the actions after the put-down that take objects, the target's last.
+        cleared: names of the objects put aside before.
+    """
+    scene = put.scene if picked is None else picked.scene
+    grid, body, left = SupportGrid.over(scene.support), scene.body(put.target), _hold(put, "open")
+    start = put.scene.state.base if picked is None else _hold(picked, "close").state.base
+    obstacles = [step for step in later if step.target != solution.target and solution.strategy.region == "ngr"]
     region = negative_goal_region(
         grid,
-        height,
-        scene.body(target),
-        volumes[target],
-        [scene.body(name) for name in obstacles],
-        [volumes[name] for name in obstacles],
+        body.top - body.bottom,
+        scene.body(solution.target),
+        _swept(later[-1]),
+        [scene.body(step.target) for step in obstacles],
+        [_swept(step) for step in obstacles],
     )
     occupied = footprint_mask(grid, [other for other in scene.objects if other.name != body.name], _MARGIN)
-    in_work = _work_mask(world, grid, taken.state.base, taken.touched, body)
+    in_work = _work_mask(CollisionWorld.from_scene(scene), grid, start, left.touched, body)
     candidates = placement_grid(scene.support)
-    forbidden = grid.empty() if strategy.region == "none" else region.mask
+    forbidden = grid.empty() if solution.strategy.region == "none" else region.mask
     reached = _at(grid, in_work, candidates)
-    ordered = clearance_candidates(grid, forbidden, occupied, body.radius, candidates, reached, taken.state.base[:2])
+    released = put.released
     picture = ClearancePicture(
         grid,
         region,
         scene.objects,
-        target,
-        obstacles,
+        solution.target,
+        [step.target for step in obstacles],
         in_work,
         candidates,
-        ordered,
-        chosen=_put_down(scene, put).position[:2],
+        clearance_candidates(grid, forbidden, occupied, body.radius, candidates, reached, start[:2]),
+        chosen=None if released is None else released.position[:2],
         grown=dilated(grid, forbidden | occupied, body.radius),
         moved=body.name,
         cleared=cleared,
-        stands=np.array([taken.state.base[:2], left.state.base[:2]]),
+        stands=np.array([start[:2], left.state.base[:2]]),
     )
-    blocked = put.args[1] if put.name == "PutDownForClearance" else ""
-    return Choice(body.name, blocked, picture, taken.state.base, left.state.base)
+    return Choice(body.name, put.obstructed, picture, not np.allclose(start, left.state.base, atol=_SAME_BASE))
+
+
+def _swept(picked: BoundAction) -> SweptVolume:
+    """What the robot occupies when it grasps the object of a pick-up."""
+    hold = _hold(picked, "close")
+    world = CollisionWorld.from_scene(picked.scene)
+    return configuration_volume(world, hold.state.base, hold.state.q, hold.opening)
 
 
 def _hold(action: BoundAction, phase_name: str) -> _Hold:
@@ -148,16 +162,10 @@ def _hold(action: BoundAction, phase_name: str) -> _Hold:
     return _Hold(RobotState(sample.base, sample.q, sample.finger_position), 2 * sample.finger_position, phase.touched)
 
 
-def _put_down(scene: Scene, action: BoundAction) -> Body:
-    """The object where it is let go."""
-    hold = _hold(action, "open")
-    return scene.body(action.target).at_pose(tcp_pose(scene.robot, hold.state) @ hold.touched.T_tcp_object)
-
-
 def _work_mask(
     world: CollisionWorld, grid: SupportGrid, base: Array, held: HeldObject, body: Body
 ) -> NDArray[np.bool_]:
-    """R_work: cells at which the arm can put the object down without driving, whatever else stands there."""
+    """R_work: cells at which the arm can put the object down without driving, other objects ignored."""
     cells = SupportGrid.over(world.scene.support, _WORK_CELL)
     centres = cells.centres().reshape(-1, 2)
     yaws = np.arange(_WORK_YAWS) * (2 * np.pi / _WORK_YAWS)

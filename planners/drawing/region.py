@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
 
-__all__ = ["ClearancePicture", "draw_clearance", "draw_legend"]
+__all__ = ["COLOURS", "ClearancePicture", "draw_clearance", "draw_legend", "outline"]
 
 COLOURS = {
     "table": "#faf6ef",
@@ -40,7 +40,7 @@ _RANKED = 9
 
 @dataclass(frozen=True, eq=False)
 class ClearancePicture:
-    """What one choice of a clearance location saw.
+    """The table when one clearance location is chosen.
 
     Attributes:
         grid: cells of the support plane.
@@ -48,14 +48,14 @@ class ClearancePicture:
         bodies: all objects on the table.
         target: name of the target.
         obstacles: names of the objects still to be cleared after this one.
-        in_work: mask of R_work over the grid, or None not to draw it.
+        in_work: mask of R_work over the grid; None if it is not to be drawn.
         candidates: (n, 2) placement locations [m].
         ordered: (m, 2) those allowed, best first.
         chosen: (2,) the location taken, or None.
-        grown: where the object's centre must not be, to outline; None not to.
+        grown: where the object's centre must not be; None if it is not to be outlined.
         moved: name of the object to be put aside, "" for none.
         cleared: names of the objects put aside before.
-        stands: (k, 2) where the base stands [m], first to take the object, then to put it down.
+        stands: (k, 2) base positions [m], first to take the object, then to put it down.
     """
 
     grid: SupportGrid
@@ -89,7 +89,7 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
     axes.set_facecolor(COLOURS["table"])
     _draw_regions(axes, picture)
     for body in picture.bodies:
-        axes.add_patch(_outline(body, COLOURS[picture.kind(body)]))
+        axes.add_patch(outline(body, COLOURS[picture.kind(body)]))
         at = (body.position[1], body.position[0])
         number = body.name.removeprefix("object_")
         axes.annotate(number, at, ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=6)
@@ -106,7 +106,7 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
 
 
 def draw_legend(figure: Figure, columns: int = 6) -> None:
-    """What the colours and marks mean, under all pictures."""
+    """Draw the legend of colours and marks under all pictures."""
 
     def dot(colour: str, **style: Any) -> Line2D:
         return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
@@ -160,7 +160,7 @@ def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
 
 
 def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
-    """From where the object stands to where it goes."""
+    """Draw an arrow from the object to the location chosen for it."""
     if picture.chosen is None:
         return
     x, y = picture.chosen
@@ -185,7 +185,7 @@ def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
 
 
 def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
-    """Where the robot stands, in front of the table: marks at the picture's lower edge."""
+    """Mark the base positions in front of the table at the picture's lower edge."""
     x_low, _, y_low, y_high = picture.grid.extent
     colours = (COLOURS["moved"], COLOURS["location"]) if len(picture.stands) > 1 else (COLOURS["target"],)
     for (_, y), colour in zip(picture.stands, colours, strict=False):
@@ -200,7 +200,7 @@ def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
         axes.plot([at], [x_low], clip_on=False, **style)
 
 
-def _outline(body: Body, colour: str) -> Ellipse | Polygon:
+def outline(body: Body, colour: str) -> Ellipse | Polygon:
     """The object from above, in the picture's axes: y along, x up."""
     x, y = float(body.position[0]), float(body.position[1])
     style: dict[str, Any] = {

@@ -1,8 +1,9 @@
-"""Carrying out a plan step by step, and backing out when the world is not as expected."""
+"""Execution of a plan, one control step at a time; it retreats and stops when the world deviates from the plan."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from enum import Enum, auto
 from typing import NamedTuple
 
@@ -23,67 +24,73 @@ from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory
 from planners.scene import RobotState
-from planners.tamp.solution import BoundAction, Solution
+from planners.tamp.solution import BoundAction
 
-__all__ = ["CONTROL_STEP", "Command", "Execution", "Outcome", "Step"]
+__all__ = ["CONTROL_STEP", "Command", "Executor", "Outcome", "Step"]
 
 Array = NDArray[np.float64]
 
 _GRIP_DELAY = 4
-"""Control steps after the fingers have closed until the grip is taken as the one to keep."""
+"""Control steps after the fingers have closed, before the position of the object in the gripper is recorded."""
+_TIME_TOLERANCE = 1e-9
+"""[s] of rounding in multiples of the control step."""
 
 
 class Outcome(Enum):
-    """How far an execution has come."""
+    """State of an execution: going on, plan carried out to its end, or stopped after a deviation."""
 
     RUNNING = auto()
     FINISHED = auto()
-    BACKED_OUT = auto()
+    ABORTED = auto()
 
 
 class Command(NamedTuple):
-    """What the robot is told: whole-body configuration (11,) and gripper opening [m]."""
+    """Set points of one control step: whole-body configuration (11,) [m, rad] and gripper opening [m]."""
 
     drive: Array
     opening: float
 
 
 class Step(NamedTuple):
-    """One control step of an execution."""
+    """One control step of an execution; `deviation` is the one that stops the plan, None while there is none."""
 
     command: Command
     outcome: Outcome
     deviation: Deviation | None
 
 
-class Execution:
-    """Follows the trajectories of a solution one control step at a time.
+class Executor:
+    """Follows the trajectories of a plan one control step at a time.
 
-    A surprise ends the plan: the arm goes on to the end of the present trajectory, or back to its beginning, whichever
-    does not lead down into the clutter again, and the outcome is `BACKED_OUT`.
+    A deviation stops the plan. The arm first moves to the end of the present trajectory, or back to its beginning,
+    whichever does not lead down among the objects again. Then the outcome is `ABORTED`.
+
+    Attributes:
+        deviation: the deviation that stops the plan, None while there is none.
+        cleared: names of the objects put down so far, in order.
     """
 
     def __init__(
         self,
-        solution: Solution,
+        actions: Sequence[BoundAction],
         robot: RobotSpec,
         names: tuple[str, ...],
         start: Snapshot,
         config: MonitorConfig,
         by_tcp: bool = False,
     ) -> None:
-        """Begin to carry out a solution.
+        """Begin to execute a plan.
 
         Args:
-            solution: what to do.
-            robot: who does it.
+            actions: the plan.
+            robot: the robot that executes it.
             names: of the objects, in the order of the snapshots.
-            start: what the world looks like now.
-            config: what counts as a surprise.
-            by_tcp: the robot is told TCP poses, and its joints find their own way: wait for the hand instead of
-                expecting every joint at its place.
+            start: the present state of the world.
+            config: tolerances of the monitor.
+            by_tcp: the robot is commanded by TCP poses and its controller chooses the joint angles. Then the executor
+                waits until the TCP arrives, and does not compare joint angles with the plan.
         """
-        self._actions = solution.actions
+        self._actions = tuple(actions)
         self._robot = robot
         self._names = names
         self._config = config
@@ -101,22 +108,22 @@ class Execution:
 
     @property
     def phase(self) -> str:
-        """The action and the phase of its motion."""
+        """The action and the phase of its motion, for example "PickUp object_03: lift"; "" after the last action."""
         if self._action >= len(self._actions):
             return ""
         action = self._actions[self._action]
-        return f"{action.name} {action.target}: {action.trajectory.phase(self._time).name}"
+        return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
 
     def advance(self, now: Snapshot) -> Step:
-        """Compare the world with what is expected, and say what to do next."""
+        """Compare the world with the plan, and return the next command."""
         if self.deviation is None and self._action < len(self._actions):
             self.deviation = self._compare(now)
             if self.deviation is not None:
-                self._direction = self._way_out()
+                self._direction = self._retreat_direction()
         if not self._has_to_wait(now):
             self._move_on(now)
-        if self.deviation is not None and self._is_out():
-            return Step(self._command(), Outcome.BACKED_OUT, self.deviation)
+        if self.deviation is not None and self._has_retreated():
+            return Step(self._command(), Outcome.ABORTED, self.deviation)
         outcome = Outcome.FINISHED if self._action >= len(self._actions) else Outcome.RUNNING
         return Step(self._command(), outcome, self.deviation)
 
@@ -126,10 +133,13 @@ class Execution:
 
     @property
     def _time(self) -> float:
+        """[s] in the present trajectory; after the last action, its end."""
+        if self._action >= len(self._actions):
+            return self._trajectory.duration
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
 
     def _move_on(self, now: Snapshot) -> None:
-        """To the next sample, or the next action's first."""
+        """Go to the next sample, or to the first sample of the next action."""
         self._tick += self._direction
         while self.deviation is None and self._action < len(self._actions) and self._is_over():
             self._finish(self._actions[self._action], now)
@@ -137,7 +147,7 @@ class Execution:
             self._tick = 1
 
     def _has_to_wait(self, now: Snapshot) -> bool:
-        """Whether a hand that is told TCP poses is still on its way; it is waited for, but not for ever."""
+        """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` steps."""
         if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
             self._waited = 0
             return False
@@ -152,35 +162,33 @@ class Execution:
         return any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
 
     def _is_over(self) -> bool:
-        return (self._tick - 1) * CONTROL_STEP >= self._trajectory.duration - 1e-9
+        return (self._tick - 1) * CONTROL_STEP >= self._trajectory.duration - _TIME_TOLERANCE
 
-    def _is_out(self) -> bool:
+    def _has_retreated(self) -> bool:
         return self._tick <= 0 or self._is_over()
 
     def _finish(self, action: BoundAction, now: Snapshot) -> None:
         self._expected = now
-        if action.name.startswith("PutDown"):
+        if action.is_clearance:
             self.cleared.append(action.target)
 
     def _command(self) -> Command:
-        """The sample at the present time; a hand that lost its object opens."""
+        """The sample at the present time; a gripper that has lost its object opens."""
         sample = self._trajectory.sample(self._time)
         drive = np.concatenate((sample.base, sample.q))
         opening = self._robot.finger_gap_closed + 2 * sample.finger_position
         if self.deviation is not None and self._direction < 0 and self._last is not None and self._grip is None:
             opening = self._robot.max_opening
-        if self.deviation is not None and self.deviation.surprise in (
-            DeviationKind.GRASP_MISSED,
-            DeviationKind.SLIPPED,
-        ):
+        if self.deviation is not None and self.deviation.kind in (DeviationKind.GRASP_MISSED, DeviationKind.SLIPPED):
             opening = self._robot.max_opening
         self._last = Command(drive, opening)
         return self._last
 
     def _compare(self, now: Snapshot) -> Deviation | None:
+        """The first deviation found: grip, other objects, joints, then the object to be grasped."""
         action = self._actions[self._action]
         held = action.trajectory.phase(self._time).held
-        deviation = self._watch_grip(now, held)
+        deviation = self._check_grip(now, held)
         ignore = held or (action.target if action.name != "MoveBase" else "")
         deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
         if deviation is None and self._last is not None:
@@ -189,8 +197,8 @@ class Execution:
             deviation = tracking_error(expected, now.drive, self._config)
         return deviation or self._target_moved(now, action, held)
 
-    def _watch_grip(self, now: Snapshot, held: str) -> Deviation | None:
-        """Whether the fingers got hold of what they closed on, and still have it."""
+    def _check_grip(self, now: Snapshot, held: str) -> Deviation | None:
+        """Whether the fingers have grasped the object and it has not moved between them since."""
         if not held:
             self._grip, self._closed_for = None, 0
             return None
@@ -200,20 +208,20 @@ class Execution:
             return None
         if self._grip is None:
             self._grip = in_hand
-            reach = float(np.hypot(in_hand[0], in_hand[1]))
-            return Deviation(DeviationKind.GRASP_MISSED, held) if reach > 2 * self._config.slip else None
+            offset = float(np.hypot(in_hand[0], in_hand[1]))
+            return Deviation(DeviationKind.GRASP_MISSED, held) if offset > 2 * self._config.slip else None
         return object_slipped(self._grip, in_hand, held, self._config)
 
     def _target_moved(self, now: Snapshot, action: BoundAction, held: str) -> Deviation | None:
-        """Whether the object about to be grasped is still where the approach leads."""
+        """Whether the object about to be grasped has left the place that the approach leads to."""
         if action.name != "PickUp" or held:
             return None
         index = self._names.index(action.target)
-        away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
-        return Deviation(DeviationKind.DISPLACED, action.target) if away > self._config.displacement else None
+        distance = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
+        return Deviation(DeviationKind.OBJECT_MOVED, action.target) if distance > self._config.displacement else None
 
-    def _way_out(self) -> int:
-        """Back before the hand has done its work at the bottom of the trajectory, on afterwards."""
+    def _retreat_direction(self) -> int:
+        """-1, back in time, before the gripper closes or opens at the lowest point of the trajectory; 1 afterwards."""
         phases = self._trajectory.phases
         changes = [later.start for before, later in itertools.pairwise(phases) if before.held != later.held]
         return -1 if changes and self._time < changes[0] else 1

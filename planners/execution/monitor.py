@@ -1,8 +1,8 @@
-"""Watching execution: is the world still as the plan expects it?"""
+"""Monitoring of an execution: comparison of the measured world with the world that the plan expects."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.execution.errors import check_number
 from planners.scene.mujoco_reading import OBJECT_PREFIX
 
 __all__ = [
@@ -28,36 +29,40 @@ Array = NDArray[np.float64]
 
 
 class DeviationKind(StrEnum):
-    """What can go wrong while a plan is carried out."""
+    """How the world can deviate from the plan."""
 
     GRASP_MISSED = "grasp missed"
-    SLIPPED = "object_slipped out of the hand"
+    SLIPPED = "slipped in the gripper"
     TOPPLED = "toppled"
-    DISPLACED = "not where it was left"
-    BASE_OFF = "base not where expected"
-    ARM_OFF = "arm not where expected"
+    OBJECT_MOVED = "moved"
+    BASE_TRACKING_ERROR = "base tracking error"
+    ARM_TRACKING_ERROR = "arm tracking error"
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """A surprise, and the object it is about ("" for the robot itself)."""
+    """A difference between world and plan, and the object that it concerns ("" for the robot itself)."""
 
-    surprise: DeviationKind
+    kind: DeviationKind
     object: str = ""
 
     def __str__(self) -> str:
-        return f"{self.object}: {self.surprise}" if self.object else str(self.surprise)
+        return f"{self.object}: {self.kind}" if self.object else str(self.kind)
 
 
 @dataclass(frozen=True)
 class MonitorConfig:
-    """How far the world may differ from the plan.
+    """Tolerances: larger differences between world and plan are deviations.
 
     Attributes:
-        displacement: [m] of an object nobody should have moved.
-        tilt: [rad] of an object that should stand.
-        slip: [m] of an object within the hand.
-        base: [m] and [rad], `arm`: [m] and [rad] that the joints may lag behind.
+        displacement: [m] motion of an object that no action moves.
+        tilt: [rad] tilt of an object that should stand.
+        slip: [m] motion of a held object in the TCP frame.
+        base: [m] and [rad] tracking error of a base joint.
+        arm: [m] and [rad] tracking error of torso or arm joint.
+
+    Raises:
+        ExpertError: a value that is not a number of at least 0.
     """
 
     displacement: float = 0.015
@@ -66,9 +71,17 @@ class MonitorConfig:
     base: float = 0.08
     arm: float = 0.12
 
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            check_number(entry.name, getattr(self, entry.name), allow_infinity=True)
+
 
 class Snapshot(NamedTuple):
-    """What is looked at every control step: object centres (n, 3), cosines of their tilts (n,), TCP and joints."""
+    """What is measured every control step.
+
+    `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `T_world_tcp` (4, 4),
+    `drive` (11,) whole-body configuration [m, rad].
+    """
 
     positions: Array
     uprightness: Array
@@ -76,12 +89,12 @@ class Snapshot(NamedTuple):
     drive: Array
 
     def in_hand(self, index: int) -> Array:
-        """(3,) centre of an object in the TCP frame."""
+        """(3,) [m] centre of an object in the TCP frame."""
         return np.asarray(self.T_world_tcp[:3, :3].T @ (self.positions[index] - self.T_world_tcp[:3, 3]))
 
 
 class Sensor:
-    """Reads snapshots from a simulation; it knows everything exactly and writes nothing."""
+    """Reads snapshots from a simulation: exact states, nothing is written."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> None:
         self._data = data
@@ -105,7 +118,7 @@ class Sensor:
 def object_moved(
     expected: Snapshot, now: Snapshot, names: tuple[str, ...], config: MonitorConfig, ignore: str = ""
 ) -> Deviation | None:
-    """The object that is farthest from where the plan left it, if that is too far, or one that has toppled."""
+    """An object that has toppled, or the object that has moved farthest from where the plan left it, if too far."""
     away = np.linalg.norm(now.positions - expected.positions, axis=1)
     toppled = (expected.uprightness > np.cos(config.tilt)) & (now.uprightness < np.cos(config.tilt))
     if ignore:
@@ -114,18 +127,18 @@ def object_moved(
     if toppled.any():
         return Deviation(DeviationKind.TOPPLED, names[int(toppled.argmax())])
     if away.size and away.max() > config.displacement:
-        return Deviation(DeviationKind.DISPLACED, names[int(away.argmax())])
+        return Deviation(DeviationKind.OBJECT_MOVED, names[int(away.argmax())])
     return None
 
 
 def object_slipped(before: Array, now: Array, name: str, config: MonitorConfig) -> Deviation | None:
-    """Whether the object in hand has moved within it; both (3,) in the TCP frame."""
+    """Whether the held object has moved in the gripper; both positions (3,) [m] in the TCP frame."""
     return Deviation(DeviationKind.SLIPPED, name) if float(np.linalg.norm(now - before)) > config.slip else None
 
 
 def tracking_error(wanted: Array, actual: Array, config: MonitorConfig) -> Deviation | None:
-    """Whether base (first three) or arm are far from where they were told to be; whole-body configurations (11,)."""
+    """Whether base (first three joints) or arm are far from their commands; whole-body configurations (11,)."""
     error = np.abs(wanted - actual)
     if error[:3].max() > config.base:
-        return Deviation(DeviationKind.BASE_OFF)
-    return Deviation(DeviationKind.ARM_OFF) if error[3:].max() > config.arm else None
+        return Deviation(DeviationKind.BASE_TRACKING_ERROR)
+    return Deviation(DeviationKind.ARM_TRACKING_ERROR) if error[3:].max() > config.arm else None

@@ -21,13 +21,13 @@ from planners.grasping.grasp_poses import GraspConfig, generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
 from planners.planner import map_placer
 from planners.scene import Scene
-from planners.strategies import strategy
+from planners.strategies import find_strategy
 
 __all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geometry"]
 
 DIRECTIONS = 6
 """Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
-_CLEARANCE_REGION = strategy("dogar")
+_CLEARANCE_REGION = find_strategy("dogar")
 """Where a cleared object may go: out of the target's grasp (eq. 1), farthest first."""
 _EDGE = 1e-6
 """[rad] Yaws on the border of two directions belong to both."""
@@ -43,7 +43,7 @@ class Skill:
 
 @dataclass(frozen=True)
 class SkillFailure:
-    """Why a skill could not be done: "blocked", "unreachable", "no place", "motion" or what surprised its execution."""
+    """Why a skill could not be done: "blocked", "unreachable", "no place", "motion", or a deviation."""
 
     reason: str
 

@@ -83,7 +83,11 @@ class SkillPlanner:
                 continue
             placed = motion_layer.put_down(driven.scene, placement)
             if isinstance(placed, BoundMotion):
-                return (_action("MoveBase", name, driven), _action("PutDownGeneral", name, placed)), placed.scene
+                actions = (
+                    _action("MoveBase", name, scene, driven),
+                    _action("PutDownGeneral", name, driven.scene, placed),
+                )
+                return actions, placed.scene
         return SkillFailure("no place")
 
 
@@ -97,8 +101,13 @@ def _take(
     picked = motion_layer.pick_up(driven.scene, grasp)
     if isinstance(picked, BlockedBy | NoPath):
         return None
-    return (_action("MoveBase", grasp.object, driven), _action("PickUp", grasp.object, picked)), picked.scene
+    actions = (
+        _action("MoveBase", grasp.object, scene, driven),
+        _action("PickUp", grasp.object, driven.scene, picked),
+    )
+    return actions, picked.scene
 
 
-def _action(name: str, target: str, motion: BoundMotion) -> BoundAction:
-    return BoundAction(name, (target,), motion.trajectory, target)
+def _action(name: str, target: str, scene: Scene, motion: BoundMotion) -> BoundAction:
+    """An action without symbols, and the scene in which its motion was planned."""
+    return BoundAction(name, (target,), motion.trajectory, scene, target)

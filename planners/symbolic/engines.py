@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from planners.symbolic.astar import SearchTimeoutError, shortest_plan
+from planners.symbolic.checking import without_detours
 from planners.symbolic.diagnosis import why_unsolvable
 from planners.symbolic.problem import GroundAction, NoPlan, TaskPlan, TaskPlanner, TaskProblem, domain_text
 
@@ -37,8 +39,14 @@ _ACTION_NAMES = {name.lower(): name for name in ("MoveBase", "PickUp", "PutDownG
 _UNIFIED_PLANNING = "up:"
 
 
+_VALID = (
+    f"valid names: {', '.join(ENGINES)}; or an object with a method plan(problem, time_limit) that returns a TaskPlan "
+    "or a NoPlan"
+)
+
+
 class UnknownEngineError(ValueError):
-    """No task planner of that name; the message lists the valid ones."""
+    """No task planner of that name, or an object that is none; the message says what is valid."""
 
 
 class MissingEngineError(ValueError):
@@ -49,14 +57,19 @@ class EngineFailedError(RuntimeError):
     """The task planner broke down: neither a plan nor a proof that there is none. Carries its output."""
 
 
-def task_planner(name: str | None = None) -> TaskPlanner:
-    """The task planner of that name, or the default one.
+def task_planner(choice: str | TaskPlanner | None = None) -> TaskPlanner:
+    """The task planner of that name, the same object if it is a task planner already, or the default one.
+
+    Args:
+        choice: one of `ENGINES`, any object with the `TaskPlanner` protocol, or None for `default_engine`.
 
     Raises:
-        UnknownEngineError: no such planner; the message lists the valid names.
+        UnknownEngineError: neither; the message lists the valid names and says what an object must have.
         MissingEngineError: it is not installed; the message says how to install it.
     """
-    match name or default_engine():
+    if choice is not None and not isinstance(choice, str):
+        return _task_planner_object(choice)
+    match default_engine() if choice is None else choice:
         case "kairos":
             return Kairos()
         case "astar":
@@ -66,7 +79,7 @@ def task_planner(name: str | None = None) -> TaskPlanner:
         case str(other) if other.startswith(_UNIFIED_PLANNING):
             return UnifiedPlanning(other.removeprefix(_UNIFIED_PLANNING))
         case _:
-            raise UnknownEngineError(f"no task planner {name!r}; valid names: {', '.join(ENGINES)}")
+            raise UnknownEngineError(f"no task planner {choice!r}; {_VALID}")
 
 
 def default_engine() -> str:
@@ -209,17 +222,23 @@ class UnifiedPlanning:
         raise EngineFailedError(f"{self.name}: {status}")
 
 
+def _task_planner_object(choice: TaskPlanner) -> TaskPlanner:
+    """The object, once it is known to have the protocol; its answers are checked where it is called."""
+    if isinstance(choice, type):
+        raise UnknownEngineError(f"the class {choice.__name__} was given; give an instance of it, or one of: {_VALID}")
+    if not isinstance(choice, TaskPlanner):
+        raise UnknownEngineError(f"{choice!r} is no task planner; {_VALID}")
+    try:
+        inspect.signature(choice.plan).bind(None, 1.0)
+    except TypeError as error:
+        raise UnknownEngineError(
+            f"plan() of {choice!r} cannot be called as plan(problem, time_limit): {error}"
+        ) from None
+    return choice
+
+
 def _task_plan(actions: Iterable[GroundAction], engine: str) -> TaskPlan:
-    """The plan without detours: of drives in a row the last, as every place can be driven to from everywhere."""
-    kept: list[GroundAction] = []
-    for action in actions:
-        if action.name == "MoveBase" and kept and kept[-1].name == "MoveBase":
-            start = kept.pop().args[0]
-            action = GroundAction("MoveBase", (start, *action.args[1:]))
-            if action.args[0] == action.args[1]:
-                continue
-        kept.append(action)
-    return TaskPlan(tuple(kept), engine)
+    return TaskPlan(without_detours(actions), engine)
 
 
 def _no_plan(problem: TaskProblem, engine: str, proved: bool) -> NoPlan:

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 from assets import path
 
@@ -228,10 +228,10 @@ class GroundAction(NamedTuple):
 
 @dataclass(frozen=True)
 class TaskPlan:
-    """Actions that lead to the goal, if every reference in them can be bound."""
+    """Actions that lead to the goal, if every reference in them can be bound; `engine` names who found them."""
 
     actions: tuple[GroundAction, ...]
-    engine: str
+    engine: str = ""
 
 
 Reason: TypeAlias = Literal["cyclic", "no grasp", "no location", "unsolvable", "gave up"]
@@ -247,24 +247,28 @@ class NoPlan:
             put; "unsolvable": proved, for another reason; "gave up": not proved, by the time limit or because the
             engine is incomplete.
         evidence: names of the objects concerned.
-        engine: who says so.
+        engine: name of the task planner that says so.
     """
 
     reason: Reason
-    evidence: tuple[str, ...]
-    engine: str
+    evidence: tuple[str, ...] = ()
+    engine: str = ""
 
 
+@runtime_checkable
 class TaskPlanner(Protocol):
-    """Anything that solves a `TaskProblem`."""
+    """Anything that solves a `TaskProblem`: one of `planners.symbolic.engines`, or an object of your own.
 
-    @property
-    def name(self) -> str:
-        """The name it is chosen by."""
-        ...
+    Its name in reports is its attribute `name` if it has one, else the name of its class.
+    """
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, found within `time_limit` [s]."""
+        """A plan for the problem, or why there is none.
+
+        Args:
+            problem: without the objects that do not matter; `problem.text()` is its PDDL, `domain_text()` the domain's.
+            time_limit: [s] of wall time; a planner that does not end by then returns `NoPlan("gave up")`.
+        """
         ...
 
 

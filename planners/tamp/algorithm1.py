@@ -12,6 +12,7 @@ from types import MappingProxyType
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
 from planners.scene import Scene
+from planners.symbolic.checking import checked_answer
 from planners.symbolic.problem import (
     ROBOT_INIT_LOC,
     GroundAction,
@@ -52,7 +53,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
         for index, action in enumerate(skeleton.actions):
             motion = call_motion_planning(search, state, action)
             if isinstance(motion, BoundMotion):
-                bind_references(search, action, motion)
+                bind_references(search, state.scene, action, motion)
                 state = update_initial_state_from_action(state, action, motion)
             else:
                 before, state = state, update_initial_state_from_error(search, state, motion)
@@ -61,7 +62,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
     return (
         state
         if isinstance(state, Infeasible)
-        else Solution(tuple(search.plan), tuple(search.clearances), stats(search))
+        else Solution(tuple(search.plan), tuple(search.clearances), stats(search), search.target, search.strategy)
     )
 
 
@@ -108,9 +109,9 @@ def call_motion_planning(
         search.motion_planning_s += time.process_time() - before
 
 
-def bind_references(search: Search, action: GroundAction, motion: BoundMotion) -> None:
-    """F ← F + action, its references bound."""
-    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, action.object or ""))
+def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
+    """F ← F + action, its references bound in the scene before it."""
+    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, action.object or ""))
     if action.name.startswith("PutDown"):
         search.clearances.append(action.args[0])
 
@@ -193,10 +194,11 @@ def _in_planned_order(search: Search, symbols: SymbolicState, commitments: Commi
 
 def _task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
     before = time.process_time()
-    found = search.task_planner.plan(TaskProblem(symbols, search.target).pruned(), search.limits.task_planning_s)
+    problem = TaskProblem(symbols, search.target).pruned()
+    answer = search.task_planner.plan(problem, search.limits.task_planning_s)
     search.task_planning_s += time.process_time() - before
     search.task_plans += 1
-    return found
+    return checked_answer(problem, answer, search.task_planner)
 
 
 def _explain(found: NoCommitment) -> str:

@@ -66,7 +66,8 @@ class Search:
 
 def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
     """The end of the search without a plan."""
-    return Infeasible(cause, detail, objects, tuple(search.clearances), stats(search))
+    cleared = tuple(search.clearances)
+    return Infeasible(cause, detail, objects, cleared, stats(search), search.target, search.strategy)
 
 
 def stats(search: Search) -> SolveStats:

@@ -1,4 +1,4 @@
-"""Many episodes of the expert in physics, in parallel: how often it succeeds, and why it does not."""
+"""Many episodes of the expert in the simulation, in parallel: success rate and causes of failure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LIMIT_S = 1200.0
 
 @dataclass(frozen=True)
 class Episode:
-    """The floor of a scene, None if not proved or not known, and what the expert made of it."""
+    """One episode: the minimum number of clearances, None if not proved or not known, and the expert's attempt."""
 
     floor: int | None
     attempt: Attempt
@@ -35,10 +35,13 @@ def play_many(first: Trial, episodes: int, only_obstructed: bool, jobs: int, pat
 
     Args:
         first: the first scene, and all settings.
-        episodes: how many.
-        only_obstructed: leave out scenes in which nothing has to be cleared, or nothing helps.
-        jobs: processes.
-        path: JSON lines.
+        episodes: number of episodes.
+        only_obstructed: leave out scenes in which nothing has to be cleared, or no clearance frees the target.
+        jobs: number of processes.
+        path: file of the results, one JSON object a line.
+
+    Returns:
+        The episodes, by seed.
     """
     played: list[Episode] = []
     seeds = (replace(first, seed=seed) for seed in itertools.count(first.seed))
@@ -58,7 +61,7 @@ def play_many(first: Trial, episodes: int, only_obstructed: bool, jobs: int, pat
 
 
 def counts_text(played: Sequence[Episode]) -> str:
-    """Success with its interval, clearances, times, causes of failure and deviations."""
+    """Success rate with its 95% interval, clearances, times, causes of failure and deviations."""
     rng = np.random.default_rng(0)
     ended = [entry for entry in played if entry.attempt.cause != CRASH]
     attempts = [entry.attempt for entry in ended]
@@ -70,7 +73,7 @@ def counts_text(played: Sequence[Episode]) -> str:
         "episodes": f"{len(ended)}, and {len(played) - len(ended)} CRASHED",
         "success": f"{len(solved)} of {len(ended)}: {success.mean:.2f} [{success.low:.2f}, {success.high:.2f}]",
         "objects cleared": f"{_mean([len(entry.attempt.clearances) for entry in solved]):.2f} on average",
-        "fewest possible": f"{_mean([entry.floor or 0 for entry in floors]):.2f} on average",
+        "minimum number of clearances": f"{_mean([entry.floor or 0 for entry in floors]):.2f} on average",
         "cleared twice or more": f"{sum(attempt.duplicated for attempt in attempts)} objects",
         "replans after deviations": f"{sum(attempt.replans for attempt in attempts)}",
         "fallen off the table": f"{sum(attempt.fallen for attempt in attempts)} objects",
@@ -93,14 +96,14 @@ def _play(trial: Trial) -> Episode:
 
 
 def _play_obstructed(trial: Trial) -> Episode | None:
-    """The episode, or None where the target is free or cannot be freed."""
+    """The episode, or None if the target is not obstructed or cannot be freed."""
     scene = run_trial(replace(trial, strategy=ASSESSMENT))
     assert isinstance(scene, Assessment)
     return _play(trial) if scene.is_obstructed else None
 
 
 def _ended(trial: Trial, result: Crash | Killed) -> Episode:
-    """The record of an episode that returned none."""
+    """The record of an episode whose process crashed or was killed."""
     cause = CRASH if isinstance(result, Crash) else "killed"
     detail = result.detail if isinstance(result, Crash) else f"did not end within {result.seconds:.0f} s"
     return Episode(None, Attempt(*trial.key, cause=cause, detail=detail))
@@ -110,9 +113,9 @@ def _causes(title: str, counts: Counter[str]) -> list[str]:
     return [f"  {title}:", *(f"    {count} x {cause}" for cause, count in counts.most_common())] if counts else []
 
 
-def _kind(surprise: str) -> str:
-    """A surprise without the object's name before it."""
-    return surprise.rpartition(": ")[2]
+def _kind(deviation: str) -> str:
+    """The text of a deviation without the name of its object."""
+    return deviation.rpartition(": ")[2]
 
 
 def _mean(values: Sequence[float]) -> float:

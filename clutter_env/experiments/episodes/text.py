@@ -1,4 +1,4 @@
-"""What an episode printed: the plan as in Fig. 13 of Lee & Kim 2019, replanning as in Fig. 11, the report."""
+"""Text about an episode: the plan as in Fig. 13 of Lee & Kim 2019, replanning as in Fig. 11, the report."""
 
 from __future__ import annotations
 
@@ -6,25 +6,23 @@ from collections.abc import Sequence
 
 from planners.execution.expert import EpisodeReport
 from planners.symbolic.problem import GroundAction, format_plan
-from planners.tamp.solution import Infeasible, ReplanRecord, Solution
+from planners.tamp.solution import ReplanRecord, Solution
 
 __all__ = ["plan_text", "replanning_text", "report_text"]
 
 _FACTS = 8
-"""New facts printed of one replanning step."""
+"""Maximum number of new facts printed for one replanning step."""
 
 
-def plan_text(solution: Solution | Infeasible, target: str) -> str:
-    """The plan F, or why there is none."""
-    if isinstance(solution, Infeasible):
-        return f"No plan: {solution.cause}: {solution.detail}"
+def plan_text(solution: Solution) -> str:
+    """The plan F, one action a line."""
     by = f" (obstructed by {', '.join(solution.clearances)})" if solution.clearances else ""
     plan = format_plan(GroundAction(action.name, action.args) for action in solution.actions)
-    return f"Goal: grasp the {target}{by}\n\n{plan}"
+    return f"Goal: grasp the {solution.target}{by}\n\n{plan}"
 
 
 def replanning_text(history: Sequence[ReplanRecord]) -> str:
-    """Step by step: the task plan, how far it was verified, what refuted it, what was learnt."""
+    """For each task plan: its actions, the verified ones (+), the refuted one (x), and the facts learnt from it."""
     return "\n\n".join(_step(number, entry) for number, entry in enumerate(history, start=1))
 
 
@@ -41,18 +39,16 @@ def _step(number: int, entry: ReplanRecord) -> str:
 
 
 def report_text(report: EpisodeReport, is_success: bool) -> str:
-    """How the episode went, one figure a line."""
+    """The results of the episode, one figure a line."""
     names = ", ".join(report.clearances) or "none"
     rows = {
-        "success": "yes, says the environment"
-        if is_success
-        else f"no: {report.failure or 'the target was not held up'}",
+        "success": "yes, by the environment" if is_success else f"no: {report.failure or 'the target was not held up'}",
         "planned, executed, scored": ", ".join(
             "yes" if done else "no" for done in (report.planned, report.executed, report.scored)
         ),
         "objects cleared": f"{len(report.clearances)} ({names})",
         "cleared twice or more": str(len(report.duplicated)),
-        "fewest possible": "not proved" if report.floor is None else str(report.floor),
+        "minimum number of clearances": "not proved" if report.floor is None else str(report.floor),
         "replans after deviations": f"{report.replans} ({'; '.join(report.deviations)})" if report.replans else "0",
         "planning": f"{report.planning_s:.2f} s of CPU time",
         "simulated time": f"{report.sim_s:.1f} s",

@@ -13,6 +13,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from clutter_env.experiments.clearance_table.trials import Attempt
+from clutter_env.experiments.episodes.episode import (
+    EpisodeResult,
+    EpisodeSettings,
+    draw_episode,
+    episode_figures,
+    episode_text,
+)
 from clutter_env.experiments.episodes.many import Episode, counts_text
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
 from clutter_env.rendering.film import Film
@@ -21,7 +28,9 @@ from planners.drawing.region import ClearancePicture, draw_clearance
 from planners.execution.expert import EpisodeReport
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
-from planners.tamp.solution import Infeasible, ReplanRecord
+from planners.tamp.solution import Infeasible, ReplanRecord, Solution
+from tests.planners.plans import solved
+from tests.planners.scenes import table_scene
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -36,15 +45,35 @@ def test_replanning_marks_what_held_and_what_was_refuted() -> None:
     assert "    (obstacle object_02)" in lines
 
 
-def test_a_missing_plan_names_its_cause() -> None:
-    assert "no clearance location: nowhere for object_02" in plan_text(
-        Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02"), "object_01"
-    )
+def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
+    plan = Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02", target="object_01")
+    settings = EpisodeSettings("clutter_env/Retrieve-o5-v0", strategy="ngr")
+    report = EpisodeReport(failure="no clearance location: nowhere for object_02")
+    text = episode_text(EpisodeResult(settings, 0, table_scene(), plan, report, False, None))
+    assert "No plan takes object_01" in text
+    assert "Cause: no clearance location" in text
+    assert "Evidence: nowhere for object_02" in text
+    assert "Replanning of ngr (as in Fig. 11)\n\nnone" in text
+    assert "no: no clearance location: nowhere for object_02" in text
+
+
+def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
+    plan = solved()
+    settings = EpisodeSettings("clutter_env/Retrieve-o25-v0")
+    result = EpisodeResult(settings, 3, plan.actions[0].scene, plan, EpisodeReport(), True, None)
+    files = draw_episode(result, tmp_path)
+    assert [path.name for path in files] == ["plan.png", "overview.png", "plan.npz"]
+    assert Solution.load(tmp_path / "plan.npz") == plan
+    assert all(path.stat().st_size > 10_000 for path in files)
+    figures = json.loads(json.dumps(episode_figures(result)))
+    assert figures["target"] == plan.target
+    assert len(figures["plan"]) == len(plan.actions)
+    assert plan_text(plan).count("PUTDOWNFORCLEARANCE") == len(plan.clearances)
 
 
 def test_the_report_believes_the_environment() -> None:
     report = EpisodeReport(planned=True, executed=True, scored=True, clearances=("object_02",), floor=1)
-    assert "yes, says the environment" in report_text(report, is_success=True)
+    assert "yes, by the environment" in report_text(report, is_success=True)
     assert "no: the target was not held up" in report_text(report, is_success=False)
 
 

@@ -16,7 +16,7 @@ from planners.motion.arm import tcp_pose
 from planners.placing.placements import PlacementSearch
 from planners.planner import map_placer
 from planners.scene import FURNITURE_BIT, SELF_BIT, RobotState, Scene
-from planners.strategies import STRATEGIES, UnknownStrategy, strategy
+from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << FURNITURE_BIT | 1 << SELF_BIT
@@ -95,8 +95,8 @@ def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
     assert isinstance(commitments, Commitments)
     first = commitments.order[0]
     in_hand = grasped(scene, commitments.grasps[first])
-    guarded = keep_clear(strategy(name), commitments, first)
-    placement = next(search.find(in_hand, guarded, strategy(name), np.random.default_rng(0)))
+    guarded = keep_clear(find_strategy(name), commitments, first)
+    placement = next(search.find(in_hand, guarded, find_strategy(name), np.random.default_rng(0)))
     assert np.all(np.abs(placement.location - scene.support.position[:2]) < scene.support.half_extents[:2])
     world = CollisionWorld.from_scene(in_hand)
     assert world.hits(placement.base, placement.q, placement.opening, held=in_hand.held) == 0
@@ -118,4 +118,4 @@ def test_an_object_off_the_table_has_no_grasps() -> None:
 
 def test_unknown_strategy_lists_the_known_ones() -> None:
     with pytest.raises(UnknownStrategy, match="lookahead, ngr, dogar, srivastava"):
-        strategy("magic")
+        find_strategy("magic")

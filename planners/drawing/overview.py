@@ -1,0 +1,126 @@
+"""A whole plan in one picture from above: the scene, the clearances in order, and the way of the base."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
+
+from planners.drawing.region import COLOURS, outline
+from planners.scene import Body, Scene
+from planners.tamp.solution import Solution
+
+__all__ = ["draw_overview"]
+
+_MARGIN = 0.15
+"""[m] around the support and the base's footprints."""
+_WAY = "#4c78a8"
+
+
+def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
+    """Draw a plan as the robot sees the scene at the start, itself at the bottom: y to the left, x upwards.
+
+    Args:
+        solution: the plan.
+        ax: axes to draw in; a new figure without it.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: the plan has no actions, because the target is in the gripper from the start.
+    """
+    if not solution.actions:
+        raise ValueError("a plan without actions has nothing to draw")
+    axes = plt.subplots(figsize=(6.4, 7.2), layout="constrained")[1] if ax is None else ax
+    scene = solution.actions[0].scene
+    _draw_furniture(axes, scene)
+    for body in scene.objects:
+        kind = "target" if body.name == solution.target else "moved" if body.name in solution.clearances else "object"
+        axes.add_patch(outline(body, COLOURS[kind]))
+        _write(axes, body, body.name.removeprefix("object_"), COLOURS["ink"])
+    _draw_clearances(axes, solution)
+    _draw_base(axes, solution)
+    _frame(axes, solution)
+    _explain(axes)
+    axes.set_title(f"{solution.target} after {len(solution.clearances)} clearances ({solution.strategy.name})")
+    return axes
+
+
+def _draw_furniture(axes: Axes, scene: Scene) -> None:
+    """The outlines of all furniture, the support filled; what lies below is drawn first."""
+    for box in sorted(scene.furniture, key=lambda entry: entry.top):
+        is_support = box.name == scene.support.name
+        depth, width = 2 * box.half_extents[:2]
+        corner = (box.lower[1], box.lower[0])
+        face = COLOURS["table"] if is_support else "none"
+        edge = COLOURS["ink"] if is_support else COLOURS["refused"]
+        axes.add_patch(Rectangle(corner, width, depth, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
+
+
+def _draw_clearances(axes: Axes, solution: Solution) -> None:
+    """A numbered arrow for each clearance, from where the object stands to where it is put."""
+    for number, action in enumerate((a for a in solution.actions if a.is_clearance), start=1):
+        placed = action.released
+        if placed is None:
+            continue
+        axes.add_patch(outline(placed, "none"))
+        _write(axes, placed, str(number), COLOURS["location"])
+        arrow = FancyArrowPatch(
+            _place(action.scene.body(action.target)),
+            _place(placed),
+            connectionstyle="arc3,rad=0.2",
+            arrowstyle="-|>",
+            mutation_scale=12,
+            shrinkA=6,
+            shrinkB=6,
+            color=COLOURS["location"],
+            zorder=9,
+        )
+        axes.add_patch(arrow)
+
+
+def _place(body: Body) -> tuple[float, float]:
+    """Where a body stands in the axes: y along, x up."""
+    return float(body.position[1]), float(body.position[0])
+
+
+def _write(axes: Axes, body: Body, text: str, colour: str) -> None:
+    """A short text on a body."""
+    axes.annotate(text, _place(body), ha="center", va="center", fontsize=7, color=colour, zorder=10)
+
+
+def _draw_base(axes: Axes, solution: Solution) -> None:
+    """The way of the base's centre, and its footprint and heading wherever it stops."""
+    for action in solution.actions:
+        base = action.trajectory.base
+        axes.plot(base[:, 1], base[:, 0], color=_WAY, linewidth=1.0, zorder=2)
+    radius = solution.actions[0].scene.robot.base_radius
+    stops = [solution.actions[0].trajectory.base[0], *(action.trajectory.base[-1] for action in solution.actions)]
+    for x, y, yaw in np.unique(np.round(stops, 3), axis=0):
+        axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=_WAY, linewidth=0.8, zorder=2))
+        ahead = (y + radius * np.sin(yaw), x + radius * np.cos(yaw))
+        axes.plot((y, ahead[0]), (x, ahead[1]), color=_WAY, linewidth=1.6, zorder=2)
+
+
+def _frame(axes: Axes, solution: Solution) -> None:
+    """Show the support and every base pose."""
+    scene = solution.actions[0].scene
+    radius = scene.robot.base_radius
+    bases = np.vstack([action.trajectory.base[:, :2] for action in solution.actions])
+    lower = np.minimum(scene.support.lower[:2], bases.min(axis=0) - radius) - _MARGIN
+    upper = np.maximum(scene.support.upper[:2], bases.max(axis=0) + radius) + _MARGIN
+    axes.set(xlim=(upper[1], lower[1]), ylim=(lower[0], upper[0]), aspect="equal", xlabel="y [m]", ylabel="x [m]")
+
+
+def _explain(axes: Axes) -> None:
+    """The legend."""
+    entries = {
+        "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
+        "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
+        "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
+        "base": Line2D([], [], linewidth=1.6, color=_WAY),
+    }
+    axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)

@@ -1,0 +1,122 @@
+"""The environments that the expert can control."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.execution.errors import ExpertError
+from planners.motion.tcp_following import TcpFollower
+
+__all__ = ["CONTROL_MODES", "ControlledEnv", "controlled_env"]
+
+Array = NDArray[np.float64]
+
+CONTROL_MODES = ("joint", "ee")
+"""Joint targets, or TCP poses that the environment's controller turns into joint targets."""
+
+_MEMBERS = (
+    "model",
+    "data",
+    "robot",
+    "control_mode",
+    "target",
+    "lift_height",
+    "joint_action",
+    "ee_action",
+    "tcp_follower",
+)
+_ADVICE = "TampExpert controls clutter_env/Retrieve-o{N}-v0 and environments with the ControlledEnv protocol"
+
+
+class ControlledEnv(Protocol):
+    """All that the expert uses of an environment (`env.unwrapped`). One step is one control step of 0.05 s."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The simulated world; the expert only reads it."""
+        ...
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state of the simulated world; the expert only reads it."""
+        ...
+
+    @property
+    def robot(self) -> RobotSpec:
+        """The robot in `model`."""
+        ...
+
+    @property
+    def control_mode(self) -> str:
+        """What the actions are, one of `CONTROL_MODES`: "joint" calls for `joint_action`, "ee" for `ee_action`."""
+        ...
+
+    @property
+    def target(self) -> str:
+        """Name of the object to retrieve; raises a ValueError before the environment's first `reset`."""
+        ...
+
+    @property
+    def lift_height(self) -> float:
+        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        ...
+
+    def joint_action(self, q_target: Array, gripper_width: float) -> Array:
+        """The action that moves the robot to a whole-body configuration.
+
+        Args:
+            q_target: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad].
+            gripper_width: [m] between the finger pads.
+        """
+        ...
+
+    def ee_action(self, base_target: Array, T_world_tcp: Array, gripper_width: float) -> Array:
+        """The action that moves base and TCP to poses.
+
+        Args:
+            base_target: (3,) x, y [m], yaw [rad].
+            T_world_tcp: (4, 4).
+            gripper_width: [m] between the finger pads.
+        """
+        ...
+
+    def tcp_follower(self) -> TcpFollower:
+        """A model of the joint angles that the controller chooses in control mode "ee"."""
+        ...
+
+
+def controlled_env(env: Any) -> ControlledEnv:
+    """The environment inside its wrappers, if the expert can control it.
+
+    Args:
+        env: a Gymnasium environment, wrapped or not, or any object with the `ControlledEnv` protocol.
+
+    Raises:
+        ExpertError: a vector environment, one without the protocol, or a wrapper that changes the action space.
+    """
+    if hasattr(env, "num_envs"):
+        raise ExpertError(f"{type(env).__name__} is a vector environment; make one TampExpert for each of its parts")
+    inner = getattr(env, "unwrapped", env)
+    missing = [name for name in _MEMBERS if not _has(inner, name)]
+    if missing:
+        raise ExpertError(f"{type(inner).__name__} cannot be controlled, it lacks {', '.join(missing)}; {_ADVICE}")
+    if inner.control_mode not in CONTROL_MODES:
+        valid = ", ".join(map(repr, CONTROL_MODES))
+        raise ExpertError(f"control_mode={inner.control_mode!r} of {type(inner).__name__} is not one of {valid}")
+    outer_space, inner_space = getattr(env, "action_space", None), getattr(inner, "action_space", None)
+    if outer_space != inner_space:
+        raise ExpertError(
+            f"a wrapper changes the action space from {inner_space} to {outer_space}; remove that wrapper "
+            "(RescaleAction, ClipAction, ...): the expert's actions are those of the environment itself"
+        )
+    return inner
+
+
+def _has(env: object, name: str) -> bool:
+    """Whether an environment has a member; properties are not evaluated, since some are defined after `reset` only."""
+    return hasattr(type(env), name) or name in getattr(env, "__dict__", ())

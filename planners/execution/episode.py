@@ -1,0 +1,229 @@
+"""One episode of the expert: plan, execute, and plan again after a deviation."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.robot_model import robot_arrays
+from planners.execution.config import ExpertConfig
+from planners.execution.controlled_env import ControlledEnv
+from planners.execution.errors import ExpertError
+from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
+from planners.execution.monitor import Sensor
+from planners.execution.report import EpisodeReport
+from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene
+from planners.motion.arm import tcp_pose, unwrap_joints
+from planners.scene import RobotState, Scene, SceneError
+from planners.strategies import Strategy
+from planners.tamp.solution import Infeasible, Solution
+
+__all__ = ["Episode"]
+
+Array = NDArray[np.float64]
+
+_NEAR_HOME = 0.05
+"""[m], [rad]: a configuration this near to home is planned from as if it were home; the controller closes the gap."""
+_OFF_SUPPORT = 0.01
+"""[m] above the support; a lower object may still stand on it."""
+
+
+class Episode:
+    """The state of the expert in one episode of the environment.
+
+    Attributes:
+        target: name of the object to retrieve.
+        done: whether the expert has finished or given up.
+        solution: the result of the last solve.
+    """
+
+    def __init__(
+        self,
+        env: ControlledEnv,
+        planner: ScenePlanner,
+        strategy: Strategy,
+        config: ExpertConfig,
+        rng: np.random.Generator,
+        target: str,
+    ) -> None:
+        """Read the scene and plan.
+
+        Raises:
+            UnknownObject: no object of the name `target`.
+        """
+        self._env, self._planner, self._strategy, self._config, self._rng = env, planner, strategy, config, rng
+        self.target = target
+        self.done = False
+        self.solution: Solution | Infeasible | None = None
+        self._data = env.data
+        self._started = self._now = float(env.data.time)
+        self._sensor = Sensor(env.model, env.data, env.robot)
+        self._report = EpisodeReport()
+        self._executor: Executor | None = None
+        self._wait = 0
+        scene = self._read_scene()
+        scene.index(target)
+        state = scene.state
+        opening = env.robot.finger_gap_closed + 2 * state.finger_position
+        self._last = Command(self._sensor.read().drive, opening)
+        if config.with_floor:
+            before = time.process_time()
+            floor = floor_of_scene(planner, scene, target)
+            self._report = replace(self._report, floor=floor, planning_s=time.process_time() - before)
+        self._plan(scene)
+
+    @property
+    def phase(self) -> str:
+        """The action and the phase of its motion; "" while the robot waits."""
+        return "" if self._executor is None else self._executor.phase
+
+    @property
+    def report(self) -> EpisodeReport:
+        """How the episode went, or how it stands: the environment may end before the plan does."""
+        if self.done or self._executor is None or self._executor.deviation is not None:
+            return self._report
+        if not self._is_retrieved():
+            return replace(self._report, failure=self._report.failure or "unfinished", sim_s=self._elapsed)
+        report = self._report.with_clearances(self._executor.cleared)
+        return replace(report, executed=True, scored=True, failure="", sim_s=self._elapsed)
+
+    def act(self) -> Array:
+        """The next action; after the end of the episode the robot holds its position.
+
+        Raises:
+            ExpertError: the environment has been reset since the episode began.
+        """
+        self._check_time()
+        if self._executor is not None:
+            step = self._executor.advance(self._sensor.read())
+            if step.outcome is not Outcome.RUNNING:
+                self._conclude(step)
+            return self._action(step.command)
+        if not self.done:
+            self._wait -= 1
+            if self._wait <= 0:
+                self._check_result()
+        return self._action(self._last)
+
+    def _check_time(self) -> None:
+        now = float(self._env.data.time)
+        if self._env.data is not self._data or now < self._now:
+            raise ExpertError("the environment was reset after the expert; call TampExpert.reset() again")
+        self._now = now
+
+    @property
+    def _elapsed(self) -> float:
+        return float(self._env.data.time) - self._started
+
+    def _read_scene(self) -> Scene:
+        """A snapshot; a robot near its home configuration is taken to be exactly in it."""
+        scene, robot = self._measure(self._held()), self._env.robot
+        home = unwrap_joints(robot_arrays(robot), scene.state.q, np.array(robot.home))
+        if np.abs(scene.state.q - home).max() > _NEAR_HOME:
+            home = scene.state.q
+        return scene.with_state(RobotState(scene.state.base, home, scene.state.finger_position))
+
+    def _measure(self, held: str = "") -> Scene:
+        """The scene as it is now, with this object in the gripper."""
+        return Scene.from_mujoco(self._env.model, self._env.data, self._env.robot, held)
+
+    def _held(self) -> str:
+        """The object between the fingers that is above the support; "" for none."""
+        now, scene = self._sensor.read(), self._measure()
+        for index, body in enumerate(scene.objects):
+            offset = np.abs(now.in_hand(index))
+            is_near = max(offset[0], offset[1]) < self._config.monitor.slip and offset[2] < body.half_extents[2]
+            if is_near and body.bottom > scene.support.top + _OFF_SUPPORT:
+                return body.name
+        return ""
+
+    def _is_retrieved(self) -> bool:
+        """Whether the target is held, high enough for success."""
+        scene = self._measure()
+        height = scene.body(self.target).bottom - scene.support.top
+        return self._held() == self.target and height > self._env.lift_height
+
+    def _plan(self, scene: Scene) -> None:
+        """Solve and begin to execute, or end the episode with the reason for failure."""
+        before = time.process_time()
+        limit = self._config.planning_s
+        try:
+            outcome = self._planner.solve(scene, self.target, self._strategy, self._rng, limit)
+        except SceneError as error:
+            self._end(f"the scene is not valid for planning: {error}")
+            return
+        self.solution = solution = checked_outcome(outcome)
+        spent = self._report.planning_s + time.process_time() - before
+        self._report = replace(self._report, planned=isinstance(solution, Solution), planning_s=spent)
+        if isinstance(solution, Infeasible):
+            self._end(f"{solution.cause}: {solution.detail}")
+            return
+        if not solution.actions:
+            self._hold()
+            return
+        now, by_tcp = self._sensor.read(), self._env.control_mode == "ee"
+        self._executor = Executor(
+            solution.actions, self._env.robot, self._sensor.names, now, self._config.monitor, by_tcp
+        )
+
+    def _conclude(self, step: Step) -> None:
+        """After the last step of a plan: hold the target up, or wait until the objects are at rest."""
+        assert self._executor is not None
+        self._report = self._report.with_clearances(self._executor.cleared)
+        self._executor = None
+        if step.outcome is Outcome.FINISHED:
+            self._hold()
+            return
+        self._note(str(step.deviation))
+        if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {step.deviation}"):
+            self._wait = _steps(self._config.settle_s)
+
+    def _hold(self) -> None:
+        """Hold the target up; the plan is carried out to its end."""
+        self._report = replace(self._report, executed=True)
+        self._wait = _steps(self._config.hold_s)
+
+    def _check_result(self) -> None:
+        """After waiting: the episode is over if the target is held up; otherwise plan again."""
+        if self._is_retrieved():
+            self._report = replace(self._report, scored=True)
+            self._end("")
+            return
+        if self._report.executed:
+            self._report = replace(self._report, executed=False)
+            self._note("target not held")
+            if not self._may_replan("the target was not held at the end of the plan"):
+                return
+        self._plan(self._read_scene())
+
+    def _note(self, deviation: str) -> None:
+        self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
+
+    def _may_replan(self, failure: str) -> bool:
+        """Count one more replan, or end the episode with a failure if there were too many."""
+        if self._report.replans >= self._config.replans:
+            self._end(failure)
+            return False
+        self._report = replace(self._report, replans=self._report.replans + 1)
+        return True
+
+    def _end(self, failure: str) -> None:
+        self._report = replace(self._report, failure=failure, sim_s=self._elapsed)
+        self._executor = None
+        self.done = True
+
+    def _action(self, command: Command) -> Array:
+        """The environment's action for a command, in its own control mode."""
+        self._last = command
+        if self._env.control_mode == "joint":
+            return np.asarray(self._env.joint_action(command.drive, command.opening))
+        state = RobotState(command.drive[:3], command.drive[3:], 0.0)
+        return np.asarray(self._env.ee_action(command.drive[:3], tcp_pose(self._env.robot, state), command.opening))
+
+
+def _steps(seconds: float) -> int:
+    """Control steps in a time [s]; at least one, so that the simulation advances before the next look."""
+    return max(round(seconds / CONTROL_STEP), 1)

@@ -1,0 +1,44 @@
+"""The report of an episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+__all__ = ["EpisodeReport"]
+
+
+@dataclass(frozen=True)
+class EpisodeReport:
+    """How an episode went.
+
+    Attributes:
+        planned: the last solve found a plan.
+        executed: the last plan was executed to its end.
+        scored: the target is held up.
+        failure: the reason for failure, "" for success.
+        clearances: objects put aside in the simulation, in order.
+        duplicated: those put aside more than once.
+        replans: number of plans after the first one.
+        floor: minimum number of objects that any plan must clear; None if it was not computed or not proved.
+        planning_s: [s] CPU time spent on planning.
+        sim_s: [s] simulated time since reset.
+        deviations: the deviations that stopped plans, as text, such as "object_03: toppled".
+    """
+
+    planned: bool = False
+    executed: bool = False
+    scored: bool = False
+    failure: str = ""
+    clearances: tuple[str, ...] = ()
+    duplicated: tuple[str, ...] = ()
+    replans: int = 0
+    floor: int | None = None
+    planning_s: float = 0.0
+    sim_s: float = 0.0
+    deviations: tuple[str, ...] = ()
+
+    def with_clearances(self, names: list[str]) -> EpisodeReport:
+        """The report after more clearances."""
+        clearances = (*self.clearances, *names)
+        duplicated = tuple(sorted({name for name in clearances if clearances.count(name) > 1}))
+        return replace(self, clearances=clearances, duplicated=duplicated)

@@ -1,0 +1,88 @@
+"""Pictures of plans: the overview of `Solution.plot`, and one picture for each clearance."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch
+
+from assets.robots import FETCH
+from planners import Planner, Solution
+from planners.drawing.choices import choices_of, last_picture
+from planners.drawing.plan import draw_plan
+from tests.planners.plans import solved
+from tests.planners.scenes import cylinder, table_scene
+
+mpl.use("agg")
+
+
+def free() -> Solution:
+    """A plan without clearances."""
+    found = Planner(FETCH).solve(table_scene(cylinder("object_00", -0.2, 0.1)), "object_00")
+    assert isinstance(found, Solution)
+    return found
+
+
+def test_the_overview_has_an_arrow_for_each_clearance() -> None:
+    plan = solved()
+    axes = Figure().subplots()
+    assert plan.plot(axes) is axes
+    arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+    assert len(arrows) == len(plan.clearances)
+    texts = [text.get_text() for text in axes.texts]
+    assert {name.removeprefix("object_") for name in plan.actions[0].scene.names} <= set(texts)
+    assert plan.target in axes.get_title()
+
+
+def test_the_overview_makes_its_own_figure() -> None:
+    axes = free().plot()
+    assert axes.figure is not None
+    assert not [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+
+
+def test_a_plan_without_actions_is_refused_with_the_reason() -> None:
+    empty = dataclasses.replace(solved(), actions=(), clearances=())
+    with pytest.raises(ValueError, match="without actions"):
+        empty.plot()
+    with pytest.raises(ValueError, match="without actions"):
+        last_picture(empty)
+
+
+def test_choices_are_the_clearances_in_order_where_the_plan_puts_them() -> None:
+    plan = solved()
+    choices = choices_of(plan)
+    puts = [action for action in plan.actions if action.is_clearance]
+    assert [choice.name for choice in choices] == list(plan.clearances)
+    for choice, action in zip(choices, puts, strict=True):
+        assert action.released is not None
+        assert choice.picture.chosen is not None
+        np.testing.assert_array_equal(choice.picture.chosen, action.released.position[:2])
+        assert choice.obstructed == action.obstructed
+    assert choices[-1].picture.obstacles == []
+
+
+def test_the_last_picture_shows_the_objects_where_the_plan_leaves_them() -> None:
+    plan = solved()
+    bodies = {body.name: body for body in last_picture(plan).bodies}
+    for action in plan.actions:
+        if action.released is not None:
+            np.testing.assert_allclose(bodies[action.target].position, action.released.position, atol=1e-6)
+
+
+def test_an_object_in_the_gripper_at_the_start_is_drawn_too(tmp_path: Path) -> None:
+    plan = solved()
+    index = next(i for i, action in enumerate(plan.actions) if action.name == "PickUp")
+    later = dataclasses.replace(plan, actions=plan.actions[index + 1 :])
+    assert [choice.name for choice in choices_of(later)] == list(plan.clearances)
+    draw_plan(later, tmp_path / "plan.png")
+    assert (tmp_path / "plan.png").stat().st_size > 10_000
+
+
+def test_a_plan_without_clearances_is_drawn(tmp_path: Path) -> None:
+    draw_plan(free(), tmp_path / "plan.png")
+    assert (tmp_path / "plan.png").stat().st_size > 5_000

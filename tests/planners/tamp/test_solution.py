@@ -1,0 +1,221 @@
+"""Plans as values: short and long text, equality, files, and the scene of every action."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planners import Infeasible, Solution
+from planners.cause import Cause
+from planners.execution.executor import Executor, Outcome
+from planners.execution.monitor import MonitorConfig, Snapshot
+from planners.motion.arm import tcp_pose
+from planners.scene import RobotState
+from planners.tamp.plan_file import VERSION, PlanFileError, is_same, write_plan
+from planners.tamp.solution import BoundAction
+from tests.planners.plans import refused, solved
+
+
+def test_the_repr_is_one_short_line() -> None:
+    long = Infeasible(Cause.UNREACHABLE, "words " * 100, target="name" * 50)
+    for result in (solved(), refused(), long):
+        assert len(repr(result)) < 200
+        assert "\n" not in repr(result)
+    assert solved().target in repr(solved())
+    assert str(refused().cause) in repr(refused())
+    assert len(repr(solved().actions[0])) < 200
+
+
+def test_the_summary_names_target_clearances_in_order_and_locations() -> None:
+    plan = solved()
+    text = plan.summary()
+    assert plan.target in text.splitlines()[0]
+    assert len(plan.clearances) >= 2
+    lines = [line for line in text.splitlines() if line.startswith("  ")]
+    assert [line.split()[1] for line in lines] == list(plan.clearances)
+    for line, action in zip(lines, (a for a in plan.actions if a.is_clearance), strict=True):
+        assert action.released is not None
+        assert f"x = {action.released.position[0]:.2f} m" in line
+        assert action.obstructed in line
+    assert f"Actions: {len(plan.actions)}" in text
+    assert f"Simulated duration: {plan.duration:.1f} s" in text
+    assert "Planning time:" in text
+    assert "Replans:" in text
+
+
+def test_the_summary_of_a_failure_names_cause_and_evidence() -> None:
+    text = refused().summary()
+    assert f"Cause: {refused().cause}" in text
+    assert f"Evidence: {refused().detail}" in text
+    assert "object_00" in text.splitlines()[0]
+
+
+def test_every_action_keeps_the_scene_that_it_starts_in() -> None:
+    plan = solved()
+    for action in plan.actions:
+        state, start = action.scene.state, action.trajectory
+        np.testing.assert_allclose(state.base, start.base[0], atol=1e-6)
+        np.testing.assert_allclose(state.q, start.q[0], atol=1e-6)
+        assert state.finger_position == pytest.approx(start.finger_position[0])
+        held = action.scene.held
+        assert (held.name if held else "") == start.phases[0].held
+    for action, later in zip(plan.actions, plan.actions[1:], strict=False):
+        if action.released is not None:
+            placed = later.scene.body(action.target)
+            np.testing.assert_allclose(placed.position, action.released.position, atol=1e-6)
+
+
+def test_a_loaded_plan_equals_the_saved_one_bit_for_bit(tmp_path: Path) -> None:
+    plan = solved()
+    plan.save(tmp_path / "plan.npz")
+    loaded = Solution.load(tmp_path / "plan.npz")
+    assert loaded == plan
+    assert hash(loaded) == hash(plan)
+    for mine, other in zip(plan.actions, loaded.actions, strict=True):
+        for name in ("times", "base", "q", "finger_position"):
+            one, two = getattr(mine.trajectory, name), getattr(other.trajectory, name)
+            assert one.tobytes() == two.tobytes()
+            assert not two.flags.writeable
+        assert is_same(mine.scene, other.scene)
+    assert loaded.summary() == plan.summary()
+    assert loaded.stats.history == plan.stats.history
+
+
+def test_a_loaded_failure_equals_the_saved_one(tmp_path: Path) -> None:
+    refused().save(tmp_path / "result.npz")
+    loaded = Infeasible.load(tmp_path / "result.npz")
+    assert loaded == refused()
+    assert loaded.cause is refused().cause
+
+
+def test_plans_that_differ_are_not_equal() -> None:
+    plan = solved()
+    action = plan.actions[0]
+    moved = dataclasses.replace(action.trajectory, q=action.trajectory.q + 1e-12)
+    other = dataclasses.replace(action, trajectory=moved)
+    assert other != action
+    assert dataclasses.replace(plan, actions=(other, *plan.actions[1:])) != plan
+    body = action.scene.objects[0]
+    elsewhere = dataclasses.replace(action, scene=action.scene.with_body(body.at(body.position + 1e-12)))
+    assert elsewhere != action
+
+
+def commands(plan: Solution) -> list[bytes]:
+    """What an executor commands if the world does exactly what the plan says."""
+
+    def snapshot(action: BoundAction, time: float) -> Snapshot:
+        sample = action.trajectory.sample(time)
+        T_world_tcp = tcp_pose(action.scene.robot, RobotState(sample.base, sample.q, 0.0))
+        positions = np.array([body.position for body in action.scene.objects])
+        if sample.phase.touched is not None:
+            index = action.scene.index(sample.phase.touched.name)
+            positions[index] = (T_world_tcp @ sample.phase.touched.T_tcp_object)[:3, 3]
+        return Snapshot(positions, np.ones(len(positions)), T_world_tcp, np.concatenate((sample.base, sample.q)))
+
+    first = plan.actions[0]
+    executor = Executor(plan.actions[:2], first.scene.robot, first.scene.names, snapshot(first, 0.0), MonitorConfig())
+    found = []
+    for action in plan.actions[:2]:
+        for time in action.trajectory.times[:-1]:
+            step = executor.advance(snapshot(action, float(time)))
+            assert step.outcome is not Outcome.ABORTED, step.deviation
+            found.append(np.append(*step.command).tobytes())
+    return found
+
+
+def test_a_loaded_plan_executes_like_the_saved_one(tmp_path: Path) -> None:
+    solved().save(tmp_path / "plan.npz")
+    assert commands(Solution.load(tmp_path / "plan.npz")) == commands(solved())
+
+
+def test_a_plan_is_read_in_another_process(tmp_path: Path) -> None:
+    path = tmp_path / "plan.npz"
+    solved().save(path)
+    code = f"from planners import Solution; print(Solution.load({str(path)!r}).summary())"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.strip() == solved().summary(), result.stderr
+
+
+def damaged(path: Path, kind: str) -> None:
+    """Write a file that is no plan."""
+    if kind == "text":
+        path.write_text("no archive")
+    elif kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "cut":
+        solved().save(path)
+        path.write_bytes(path.read_bytes()[:-5000])
+    elif kind == "pickled":
+        np.savez(path, allow_pickle=True, header=np.array([{"a": 1}], dtype=object))
+    elif kind == "other archive":
+        np.savez(path, numbers=np.arange(3))
+    else:
+        solved().save(path)
+        with np.load(path) as file:
+            parts = dict(file)
+        header = json.loads(str(parts["header"]))
+        change_header(header, kind)
+        parts["header"] = np.array(json.dumps(header))
+        np.savez(path, **parts)
+
+
+def change_header(header: dict, kind: str) -> None:
+    """Spoil a header."""
+    objects = header["objects"]
+    if kind == "version":
+        header["version"] = VERSION + 1
+    elif kind == "format":
+        header["format"] = "reachability map"
+    elif kind == "unknown class":
+        objects[0]["class"] = "Popen"
+    elif kind == "missing field":
+        objects[-1]["fields"].pop("actions")
+    elif kind == "unknown field":
+        objects[-1]["fields"]["colour"] = "red"
+    elif kind == "missing array":
+        next(entry for entry in objects if entry["class"] == "Trajectory")["fields"]["q"] = {"array": 10**6}
+    elif kind == "wrong shape":
+        fields = next(entry for entry in objects if entry["class"] == "Body")["fields"]
+        fields["position"] = fields["quaternion"]
+    else:
+        assert kind == "wrong reference"
+        objects[0]["fields"]["name"] = {"object": 10**6}
+
+
+BAD_FILES = ("text", "empty", "cut", "pickled", "other archive", "version", "format", "unknown class")
+BAD_CONTENTS = ("missing field", "unknown field", "missing array", "wrong shape", "wrong reference")
+
+
+@pytest.mark.parametrize("kind", [*BAD_FILES, *BAD_CONTENTS])
+def test_a_bad_file_gives_one_clear_error(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "plan.npz"
+    damaged(path, kind)
+    with pytest.raises(PlanFileError, match=r"plan\.npz"):
+        Solution.load(path)
+
+
+def test_files_of_plans_and_failures_are_not_confused(tmp_path: Path) -> None:
+    refused().save(tmp_path / "result.npz")
+    with pytest.raises(PlanFileError, match="holds no Solution but 'Infeasible'"):
+        Solution.load(tmp_path / "result.npz")
+    with pytest.raises(FileNotFoundError):
+        Solution.load(tmp_path / "missing.npz")
+
+
+def test_what_cannot_be_written_is_named_and_no_file_is_left(tmp_path: Path) -> None:
+    plan = dataclasses.replace(solved(), target=object())  # type: ignore[arg-type] # the wrong type is what is tested
+    with pytest.raises(PlanFileError, match="object"):
+        write_plan(tmp_path / "plan.npz", plan)
+    assert not (tmp_path / "plan.npz").exists()
+
+
+def test_planning_does_not_import_matplotlib() -> None:
+    code = "import sys, planners; print('matplotlib' in sys.modules, 'planners.drawing' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.strip() == "False False", result.stderr
