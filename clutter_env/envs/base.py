@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from assets.robots import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
-from clutter_env.envs.observation import Observer
+from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.errors import ActionError
 from clutter_env.rendering.cameras import Pictures
@@ -125,7 +126,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
         checked = checked_action(action, self.action_size)
-        self._check_started("step")
+        self._check_started("step()")
         self.measurements = self._drive(checked)
         reward, terminated = self._advance()
         if self.render_mode == "human":
@@ -157,6 +158,26 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self.world.data
 
     @property
+    def control_mode(self) -> str:
+        """What the numbers of an action mean, "joint" or "ee"."""
+        return self.config.control_mode
+
+    @property
+    def target(self) -> str:
+        """Name of the target object, "" without one.
+
+        Raises:
+            ActionError: `reset` has not been called.
+        """
+        self._check_started("target")
+        return self.world.names[self.target_slot] if self.target_slot >= 0 else ""
+
+    @property
+    def observation_layout(self) -> Mapping[str, EntryLayout]:
+        """Slices and columns of the observation's entries, by name; see `observation_layout`."""
+        return self._observer.layout
+
+    @property
     def target_slot(self) -> int:
         """Index of the target among the objects."""
         assert self.world.scene is not None
@@ -182,7 +203,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """
         if self._end_effector is not None:
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
-        self._check_started("joint_action")
+        self._check_started("joint_action()")
         return self.world.controller.action_towards(q_target, gripper_width, self._is_loaded)
 
     def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
@@ -201,7 +222,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         base, pose = np.asarray(base_target, float), np.asarray(T_world_tcp, float)
         if base.shape != (3,) or pose.shape != (4, 4) or not (np.isfinite(base).all() and np.isfinite(pose).all()):
             raise ActionError("ee_action takes base_target (3,) and T_world_tcp (4, 4), all finite")
-        self._check_started("ee_action")
+        self._check_started("ee_action()")
         controller = self.world.controller
         goal = np.concatenate((base, controller.state.target[_BASE:]))
         velocity = controller.velocity_towards(goal, self._is_loaded)[:_BASE]
@@ -215,7 +236,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def save_state(self) -> bytes:
         """Everything the future depends on: physics, controller, task, random generator."""
-        self._check_started("save_state")
+        self._check_started("save_state()")
         scene, control = self.world.scene, self.world.controller.state
         assert scene is not None
         memory = {
@@ -274,7 +295,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def _check_started(self, call: str) -> None:
         if not self._has_started:
-            raise ActionError(f"call reset() before {call}()")
+            raise ActionError(f"call reset() before {call}")
 
     @property
     def _is_loaded(self) -> bool:

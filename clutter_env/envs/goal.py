@@ -22,7 +22,7 @@ __all__ = ["GOAL_TOLERANCE", "GoalEnv", "PickEnv", "ReachEnv"]
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
 GOAL_BOUND = 16.0
-"""[m] Bound of goals in the world frame; far outside the arena."""
+"""[m] Bound of goals in the world frame; far outside the floor that the base may use."""
 
 REACH_LOW, REACH_HIGH = (0.50, -0.40, 0.85), (0.95, 0.40, 1.30)
 """[m] Box of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""
@@ -52,6 +52,11 @@ class GoalEnv(BaseEnv):
         self._goal = np.zeros(3)
         super().__init__(config)
 
+    @property
+    def goal(self) -> NDArray[np.float64]:
+        """The goal (3,) of this episode in the world frame [m]; a copy."""
+        return self._goal.copy()
+
     @abstractmethod
     def _achieved(self) -> NDArray[np.float64]:
         """The point (3,) that should come to the goal."""
@@ -79,7 +84,7 @@ class GoalEnv(BaseEnv):
         return {
             "observation": vector,
             "achieved_goal": self._achieved().copy(),
-            "desired_goal": self._goal.copy(),
+            "desired_goal": self.goal,
             **parts,
         }
 

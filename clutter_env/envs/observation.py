@@ -1,9 +1,8 @@
-"""What the agent sees: vectors relative to the robot's base, all finite and bounded, without any image."""
+"""What the agent observes: vectors relative to the robot's base, all finite and bounded, without any image."""
 
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import NamedTuple
 
 import mujoco
@@ -11,22 +10,33 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from clutter_env.envs.observation_layout import (
+    OBJECT_FIELDS,
+    OBSERVATION_LAYOUT,
+    Column,
+    EntryLayout,
+    entry_slices,
+    observation_layout,
+)
 from clutter_env.scene.layout import TableScene
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["OBJECT_FIELDS", "BaseFrame", "Observer", "base_frame"]
+__all__ = [
+    "OBJECT_FIELDS",
+    "OBSERVATION_LAYOUT",
+    "BaseFrame",
+    "Column",
+    "EntryLayout",
+    "Observer",
+    "base_frame",
+    "entry_slices",
+    "observation_layout",
+]
 
-POSITION_BOUND = 16.0
-"""[m] Clip of relative positions; the arena's diagonal is shorter."""
-JOINT_BOUND = 8.0
-"""[rad], [m] Clip of joint positions; wider than every joint's range."""
-VELOCITY_BOUND = 16.0
-"""[m/s], [rad/s] Clip of measured velocities; ordinary ones are a tenth of it."""
-
-OBJECT_FIELDS = (
-    "present", "is_target", "x", "y", "z", "qw", "qx", "qy", "qz", "half_x", "half_y", "half_z", "is_box", "held",
-)  # fmt: skip
-"""Columns of one object's row; a cylinder's half extents are radius, radius, half height."""
+_ROW = OBSERVATION_LAYOUT["objects"]
+_POSE = slice(_ROW["position"].start, _ROW["quaternion"].stop)
+_HELD = _ROW.index("held")
+_GOAL = OBSERVATION_LAYOUT["goal"]
 
 _0, _1, _C, _S, _MS, _HC, _HS, _MHS = range(8)
 _TURN = np.array(
@@ -67,33 +77,20 @@ class Observer:
     """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal"."""
 
     def __init__(self, world: World, num_slots: int, shows_objects: bool, shows_goal: bool) -> None:
-        joints = len(world.robot.drive_joints)
         self._num_slots = num_slots
-        self._sizes = {"robot": 4 + (joints - 3) + joints, "tcp": 7, "gripper": 2}
-        bounds = [
-            *(POSITION_BOUND, POSITION_BOUND, 1.0, 1.0),
-            *([JOINT_BOUND] * (joints - 3)),
-            *([VELOCITY_BOUND] * joints),
-            *([POSITION_BOUND] * 3 + [1.0] * 4),
-            *(1.0, 1.0),
-        ]
-        if shows_objects:
-            self._sizes["objects"] = num_slots * len(OBJECT_FIELDS)
-            bounds += _object_row_bounds() * num_slots
-        if shows_goal:
-            self._sizes["goal"] = 5
-            bounds += [POSITION_BOUND] * 4 + [1.0]
+        self.layout = observation_layout(world.robot)
+        names = ["robot", "tcp", "gripper", *["objects"] * shows_objects, *["goal"] * shows_goal]
+        self._slices = entry_slices(self.layout, names, num_slots)
+        rows = {name: num_slots if name == "objects" else 1 for name in names}
+        self._bounds = np.concatenate([np.tile(self.layout[name].bounds, rows[name]) for name in names])
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
-        self._bounds = np.array(bounds)
         self._constant = np.zeros_like(self._bounds)
         self._constant_scene: TableScene | None = None
-        edges = np.cumsum([0, *self._sizes.values()]).tolist()
-        self._slices = {name: slice(*edge) for name, edge in zip(self._sizes, pairwise(edges), strict=True)}
 
     @property
     def names(self) -> tuple[str, ...]:
         """The entries of an observation, in order."""
-        return tuple(self._sizes)
+        return tuple(self._slices)
 
     @property
     def bounds(self) -> NDArray[np.float32]:
@@ -126,13 +123,14 @@ class Observer:
         _fill_gripper(flat[self._slices["gripper"]], world)
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
-            rows[: len(measurements.poses), 2:9] = poses[1:]
+            rows[: len(measurements.poses), _POSE] = poses[1:]
             if measurements.held >= 0:
-                rows[measurements.held, 13] = 1.0
+                rows[measurements.held, _HELD] = 1.0
         if self._shows_goal:
             goal = flat[self._slices["goal"]]
-            goal[:3] = poses[1 + target, :3] - poses[0, :3]
-            goal[3:] = lift_left, hold_progress
+            goal[_GOAL["tcp_to_target"]] = poses[1 + target, :3] - poses[0, :3]
+            goal[_GOAL["lift_left"]] = lift_left
+            goal[_GOAL["hold_progress"]] = hold_progress
         np.minimum(np.maximum(flat, -self._bounds, out=flat), self._bounds, out=flat)
         small = flat.astype(np.float32)
         return {name: small[place] for name, place in self._slices.items()}
@@ -147,10 +145,6 @@ class Observer:
                 rows = self._constant[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
                 _fill_constant_columns(rows, world.scene, target)
         return self._constant
-
-
-def _object_row_bounds() -> list[float]:
-    return [1.0, 1.0, *[POSITION_BOUND] * 3, *[1.0] * 4, *[1.0] * 3, 1.0, 1.0]
 
 
 def _fill_robot(out: Vector, world: World, frame: BaseFrame) -> None:
@@ -176,11 +170,11 @@ def _fill_gripper(out: Vector, world: World) -> None:
 def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None:
     """Presence, target, size and shape of the objects; rows (num_slots, 14) of absent ones stay zero."""
     present = rows[: scene.num_objects]
-    present[:, 0] = 1.0
+    present[:, _ROW["present"]] = 1.0
     if target >= 0:
-        present[target, 1] = 1.0
-    present[:, 9:12] = scene.half_extents
-    present[:, 12] = scene.is_box
+        present[target, _ROW["is_target"]] = 1.0
+    present[:, _ROW["half_extents"]] = scene.half_extents
+    present[:, _ROW.index("is_box")] = scene.is_box
 
 
 def _tcp_pose(world: World) -> Vector:
