@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from clutter_env.cli.command import run_command
-from clutter_env.learning.demonstrations.dataset import write_json
 from clutter_env.learning.task import Task
 from clutter_env.learning.training.training import Run, train
+from clutter_env.reporting.json_file import write_json
 
 
 @dataclass(frozen=True)

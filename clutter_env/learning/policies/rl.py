@@ -20,10 +20,10 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from clutter_env.envs.observation import OBJECT_FIELDS
-from clutter_env.learning.demonstrations.dataset import write_json
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.features import NEAR_SCALES, OBJECTS_FROM, TCP
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
+from clutter_env.reporting.json_file import write_json
 
 __all__ = [
     "ALGORITHMS",

@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from torch.utils.tensorboard import SummaryWriter
 
 from clutter_env.learning.comparison.evaluation import held_out_seeds, success_rate
-from clutter_env.learning.demonstrations.dataset import Dataset, write_json
+from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.experts import make_expert
 from clutter_env.learning.errors import LearningError
@@ -37,6 +37,7 @@ from clutter_env.learning.task import Task
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of
 from clutter_env.learning.training.dagger import DaggerConfig, dagger
 from clutter_env.learning.training.imitation import BCRegularisation, Imitation, add_demonstrations
+from clutter_env.reporting.json_file import write_json
 
 __all__ = ["LEARNERS", "Run", "train"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ pytest.importorskip("sb3_contrib")
 from clutter_env.envs.observation import OBJECT_FIELDS  # noqa: E402
 from clutter_env.envs.skill import BODY_FIELDS  # noqa: E402
 from clutter_env.learning.comparison.evaluation import held_out_seeds, play  # noqa: E402
-from clutter_env.learning.demonstrations.collect import collect, demonstrate  # noqa: E402
+from clutter_env.learning.demonstrations.collect import collect  # noqa: E402
 from clutter_env.learning.demonstrations.dataset import Dataset, Job  # noqa: E402
 from clutter_env.learning.errors import LearningError, UnknownTask  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
@@ -25,7 +26,7 @@ from clutter_env.learning.policies.skill_policy import SkillNetwork  # noqa: E40
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
 from clutter_env.learning.training.training import Run, train  # noqa: E402
-from clutter_env.parallel.workers import LocalWorkers  # noqa: E402
+from clutter_env.parallel.jobs import run_jobs  # noqa: E402
 from planners.skills.geometry import DIRECTIONS  # noqa: E402
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")
@@ -37,9 +38,7 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four replayed demonstrations of Pick."""
     folder = tmp_path_factory.mktemp("demos") / "pick"
     job = Job(PICK, "pick", episodes=4)
-    workers = LocalWorkers(demonstrate, job, 2)
-    collect(job, Dataset.open_for(job, folder), workers)
-    workers.close()
+    collect(job, Dataset.open_for(job, folder), partial(run_jobs, workers=2))
     return folder
 
 
