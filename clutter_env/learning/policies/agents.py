@@ -10,14 +10,13 @@ import gymnasium as gym
 import numpy as np
 
 from clutter_env.learning.policies.policy import Policy
-from clutter_env.learning.policies.rl import ALGORITHMS, GOAL_ALGORITHMS, ScaledActions, load_model, training_env
-from clutter_env.learning.policies.runs import load_run
+from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, load_model, training_env
+from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 
-__all__ = ["CLONERS", "POLICY_FILE", "Agent", "load_agent", "model_agent"]
+__all__ = ["POLICY_FILE", "Agent", "load_agent", "model_agent"]
 
 Agent = Callable[[Any], Any]
 """From an observation to an action."""
-CLONERS = ("bc", "dagger")
 POLICY_FILE = "policy.pt"
 
 

@@ -22,6 +22,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from clutter_env.envs.observation import OBJECT_FIELDS
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.features import NEAR_SCALES, OBJECTS_FROM, TCP
+from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
 from clutter_env.reporting.json_file import write_json
 
@@ -39,8 +40,7 @@ __all__ = [
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
     {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
 )
-"""SAC and TQC learn goal environments with hindsight; PPO and MaskablePPO learn skills."""
-GOAL_ALGORITHMS = ("sac", "tqc")
+"""By name: the classes of `GOAL_ALGORITHMS` and `SKILL_ALGORITHMS`."""
 HISTORY_FILE = "history.json"
 _MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
 

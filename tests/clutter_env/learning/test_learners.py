@@ -25,7 +25,8 @@ from clutter_env.learning.policies.runs import load_run  # noqa: E402
 from clutter_env.learning.policies.skill_policy import SkillNetwork  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
-from clutter_env.learning.training.training import Run, train  # noqa: E402
+from clutter_env.learning.training.run import Run  # noqa: E402
+from clutter_env.learning.training.training import train  # noqa: E402
 from clutter_env.parallel.jobs import run_jobs  # noqa: E402
 from planners.skills.geometry import DIRECTIONS  # noqa: E402
 
@@ -49,11 +50,11 @@ def run(task: Task, algorithm: str, steps: int, directory: Path, **more: object)
 @pytest.mark.parametrize(("algorithm", "task"), [("sac", REACH), ("ppo", SKILL), ("maskable_ppo", SKILL)])
 def test_reinforcement_learns_saves_and_resumes(algorithm: str, task: Task, tmp_path: Path) -> None:
     steps = 300 if task is REACH else 512
-    history = train(run(task, algorithm, steps, tmp_path / "run"))
+    history = train(run(task, algorithm, steps, tmp_path / "run")).history
     assert [entry["steps"] for entry in history] == [steps]
     with pytest.raises(LearningError, match="--resume"):
         train(run(task, algorithm, steps, tmp_path / "run"))
-    history = train(run(task, algorithm, 2 * steps, tmp_path / "run"), resume=True)
+    history = train(run(task, algorithm, 2 * steps, tmp_path / "run"), resume=True).history
     assert [entry["steps"] for entry in history] == [steps, 2 * steps]
     env = task.make()
     assert play(env, load_agent(tmp_path / "run", env), held_out_seeds(1)[0]).steps > 0
@@ -67,7 +68,9 @@ def test_tqc_takes_demonstrations_into_its_buffer(demos: Path, tmp_path: Path) -
 
 def test_cloning_and_dagger_act(demos: Path, tmp_path: Path) -> None:
     train(run(PICK, "bc", 200, tmp_path / "bc", demonstrations=demos))
-    history = train(run(PICK, "dagger", 100, tmp_path / "dagger", demonstrations=demos, rounds=2, round_episodes=1))
+    history = train(
+        run(PICK, "dagger", 100, tmp_path / "dagger", demonstrations=demos, rounds=2, round_episodes=1)
+    ).history
     assert [entry["round"] for entry in history] == [0, 1, 2]
     assert 400 == history[0]["examples"] <= history[2]["examples"] <= 600
     env = PICK.make()
@@ -88,7 +91,7 @@ def test_an_algorithm_that_does_not_fit_is_refused(tmp_path: Path) -> None:
 def test_demonstrations_of_another_task_are_refused(demos: Path, tmp_path: Path) -> None:
     with pytest.raises(LearningError, match="not of clutter_env/Reach-v0"):
         train(run(REACH, "bc", 10, tmp_path / "run", demonstrations=demos))
-    with pytest.raises(LearningError, match="collect_demos"):
+    with pytest.raises(LearningError, match="clutter-env collect"):
         train(run(REACH, "bc", 10, tmp_path / "other"))
     with pytest.raises(LearningError, match="control_mode"):
         train(
