@@ -19,9 +19,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from clutter_env.envs.observation import OBJECT_FIELDS
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.features import NEAR_SCALES, OBJECTS_FROM, TCP
+from clutter_env.learning.policies.features import (
+    COS_YAW,
+    NEAR_SCALES,
+    OBJECT_ROW,
+    OBJECTS_FROM,
+    SIN_YAW,
+    TCP_POSITION,
+)
 from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
 from clutter_env.reporting.json_file import write_json
@@ -77,27 +83,27 @@ class GoalFeatures(BaseFeaturesExtractor):
     """`features.feature_vector` of a goal observation, for batches on torch."""
 
     def __init__(self, space: gym.spaces.Dict) -> None:
-        size = int(np.prod(space["observation"].shape))  # type: ignore[arg-type]
-        ways = 1 + (size > OBJECTS_FROM)
-        super().__init__(space, size + ways * 3 * (1 + len(NEAR_SCALES)))
+        (size,) = space["observation"].shape or (0,)
+        offsets = 1 + (size > OBJECTS_FROM)
+        super().__init__(space, size + offsets * 3 * (1 + len(NEAR_SCALES)))
 
     def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """(k, f)."""
+        """Features (k, f) of observations with entries (k, n)."""
         vector = observation["observation"].float()
-        way = (observation["desired_goal"] - observation["achieved_goal"]).float()
-        sine, cosine = vector[:, 2], vector[:, 3]
-        ahead = cosine * way[:, 0] + sine * way[:, 1]
-        left = cosine * way[:, 1] - sine * way[:, 0]
-        parts = [vector, *_near_and_far(torch.stack((ahead, left, way[:, 2]), dim=1))]
+        offset = (observation["desired_goal"] - observation["achieved_goal"]).float()
+        sine, cosine = vector[:, SIN_YAW], vector[:, COS_YAW]
+        ahead = cosine * offset[:, 0] + sine * offset[:, 1]
+        left = cosine * offset[:, 1] - sine * offset[:, 0]
+        parts = [vector, *_near_and_far(torch.stack((ahead, left, offset[:, 2]), dim=1))]
         if vector.shape[1] > OBJECTS_FROM:
-            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, len(OBJECT_FIELDS))
-            target = (rows[:, :, 2:5] * rows[:, :, 1:2]).sum(1)
-            parts += _near_and_far(target - vector[:, TCP])
+            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, OBJECT_ROW.size)
+            target = (rows[:, :, OBJECT_ROW["position"]] * rows[:, :, OBJECT_ROW["is_target"]]).sum(1)
+            parts += _near_and_far(target - vector[:, TCP_POSITION])
         return torch.cat(parts, dim=1)
 
 
-def _near_and_far(way: torch.Tensor) -> list[torch.Tensor]:
-    return [2 * way, *(torch.tanh(scale * way) for scale in NEAR_SCALES)]
+def _near_and_far(offset: torch.Tensor) -> list[torch.Tensor]:
+    return [2 * offset, *(torch.tanh(scale * offset) for scale in NEAR_SCALES)]
 
 
 def make_model(
