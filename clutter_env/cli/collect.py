@@ -98,6 +98,7 @@ def collect_with_bar(job: Job, dataset: Dataset, run: JobRunner) -> tuple[list[i
     with tqdm(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
 
         def report(outcome: Outcome) -> None:
+            """Show the outcome of a seed in the bar."""
             nonlocal made
             if outcome.content:
                 made += 1

@@ -38,7 +38,7 @@ class Arguments:
     ray: str = ""
     """Address of Ray ("auto", "local", …): train several seeds there instead of in processes of this machine."""
     out: Path | None = None
-    """Directory of the run, or of the runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
+    """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
     demos: Path | None = None
     """Dataset of `clutter-env collect`: cloned by bc and dagger, put in the replay buffer of sac and tqc."""
     demo_episodes: int | None = None

@@ -48,6 +48,7 @@ def run_jobs(
     limit = math.inf if limit_s is None else limit_s
 
     def start() -> Backend[J, R]:
+        """The place where the jobs run."""
         return RayTasks(function, limit, workers, ray) if ray else LocalProcesses(function, limit)
 
     return _results(start, iter(jobs), workers)

@@ -72,7 +72,7 @@ def train(run: Run, resume: bool = False) -> Trained:
 def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     """Stable-Baselines3, with checkpoints."""
     env = training_env(run.algorithm, run.task.make())
-    judge = run.task.make()
+    evaluation_env = run.task.make()
     is_resumed = resume and (run.directory / "model.zip").exists()
     if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
@@ -82,10 +82,11 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
         model = make_model(run.algorithm, env, run.seed, run.directory, has_demonstrations)
     callbacks: list[BaseCallback] = []
     if run.demonstrations is not None and isinstance(model, SAC | TQC):
-        callbacks.append(_take_demonstrations(run, model, env, is_new=not is_resumed))
+        callbacks.append(_use_demonstrations(run, model, env, is_new=not is_resumed))
 
     def evaluate(model: Any) -> dict[str, float]:
-        return {"success": _success(run, judge, model_agent(run.algorithm, model, judge))}
+        """Success at a checkpoint."""
+        return {"success": _success(run, evaluation_env, model_agent(run.algorithm, model, evaluation_env))}
 
     checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate)
     left = run.steps - model.num_timesteps
@@ -95,12 +96,12 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
         )
         save_model(model, run.directory)
     env.close()
-    judge.close()
+    evaluation_env.close()
     return checkpoints.history
 
 
-def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool) -> BCRegularisation:
-    """Fill a new model's replay buffer and let its actor begin with what the demonstrations do."""
+def _use_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool) -> BCRegularisation:
+    """Add the demonstrations to a new model's replay buffer, and let its actor imitate them first."""
     episodes = _episodes(run)
     imitation = Imitation(model, env, episodes)
     if is_new:
@@ -110,7 +111,7 @@ def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool)
 
 
 def _clone(run: Run) -> list[dict[str, float]]:
-    """Behaviour cloning or DAgger; begins anew when resumed, since it is short."""
+    """Behaviour cloning or DAgger; a resumed run starts again from the beginning, since it is short."""
     assert run.demonstrations is not None
     env = run.task.make()
     examples = examples_of(_episodes(run))
@@ -119,9 +120,11 @@ def _clone(run: Run) -> list[dict[str, float]]:
     with SummaryWriter(str(run.directory / "tensorboard")) as writer:
 
         def report_loss(step: int, loss: float) -> None:
+            """Log the loss of a gradient step."""
             writer.add_scalar("train/loss", loss, step)
 
         def report_round(index: int, policy: Policy, examples: Examples) -> None:
+            """Save and evaluate the policy of a round."""
             policy.save(run.directory / POLICY_FILE)
             history.append({"round": index, "examples": len(examples), "success": _success(run, env, policy.act)})
             write_json(run.directory / HISTORY_FILE, history)

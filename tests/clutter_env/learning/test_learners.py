@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,8 +44,8 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(task: Task, algorithm: str, steps: int, directory: Path, **more: object) -> Run:
-    return Run(task, algorithm, steps, directory, checkpoint_every=steps, evaluation_episodes=1, **more)  # type: ignore[arg-type]
+def run(task: Task, algorithm: str, steps: int, directory: Path, **more: Any) -> Run:
+    return Run(task, algorithm, steps, directory, checkpoint_every=steps, evaluation_episodes=1, **more)
 
 
 @pytest.mark.parametrize(("algorithm", "task"), [("sac", REACH), ("ppo", SKILL), ("maskable_ppo", SKILL)])
