@@ -17,7 +17,7 @@ from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
-from planners.strategies import STRATEGIES, strategy
+from planners.strategies import STRATEGIES
 
 __all__ = ["TableSettings", "failure_record", "run_trials", "summarise_table"]
 
@@ -47,8 +47,7 @@ class TableSettings:
         cap: number of clearances that an unsolved scene counts as in the censored mean.
 
     Raises:
-        ConfigError: a number that is not valid.
-        UnknownStrategy: no such strategy.
+        ConfigError: a number that is not valid, or an unknown strategy; the message lists the valid ones.
     """
 
     objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
@@ -63,7 +62,8 @@ class TableSettings:
 
     def __post_init__(self) -> None:
         for name in self.strategies:
-            strategy(name)
+            if name not in STRATEGIES:
+                raise ConfigError(f"no strategy {name!r}; known strategies: {', '.join(STRATEGIES)}")
         for count in self.objects:
             if count not in OBJECT_COUNTS:
                 raise ConfigError(f"objects={count} is not valid; valid numbers: {', '.join(map(str, OBJECT_COUNTS))}")
