@@ -1,18 +1,18 @@
 """Record five demonstrations that replay bit for bit, and read them back."""
 
+from functools import partial
 from pathlib import Path
 
-from clutter_env.learning.demonstrations.collect import collect, demonstrate
+from clutter_env.learning.demonstrations.collect import collect
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.task import Task
-from clutter_env.parallel.workers import LocalWorkers
+from clutter_env.parallel.jobs import run_jobs
 
 if __name__ == "__main__":
     job = Job(Task("clutter_env/Retrieve-o5-v0"), expert="lookahead", episodes=5)
     dataset = Dataset.open_for(job, Path("outputs/example_demos"))
-    workers = LocalWorkers(demonstrate, job, count=2)
-    collect(job, dataset, workers, report=lambda outcome: print("seed", outcome.seed, outcome.reason or "kept"))
-    workers.close()
+    run = partial(run_jobs, workers=2)
+    collect(job, dataset, run, report=lambda outcome: print("seed", outcome.seed, outcome.reason or "kept"))
 
     for episode in dataset:
         print(f"seed {episode.seed}: {len(episode)} steps, first skill {episode.skills[0]!r}")

@@ -1,4 +1,4 @@
-"""Compare two contenders on the same held-out scenes, with bootstrap intervals."""
+"""Compare two policies on the same held-out scenes, with 95% intervals."""
 
 from clutter_env.learning.comparison.evaluation import held_out_seeds, play
 from clutter_env.learning.comparison.tables import markdown, summarise
@@ -7,10 +7,10 @@ from clutter_env.learning.task import Task
 
 SCENES = 5
 env = Task("clutter_env/Skill-o10-v0").make()
-contenders = {"random": random_agent(env, seed=0), "greedy": greedy_agent(env)}
+policies = {"random": random_agent(env, seed=0), "greedy": greedy_agent(env)}
 rows = [
     summarise("o10", name, [[play(env, act, seed) for seed in held_out_seeds(SCENES)]], floors={}, seed=0)
-    for name, act in contenders.items()
+    for name, act in policies.items()
 ]
 print(markdown(rows))
 env.close()

@@ -1,15 +1,23 @@
-"""How every command starts: arguments from the command line, a clear message instead of a traceback for misuse."""
+"""What all commands share: reading their arguments, a clear message instead of a traceback for misuse.
+
+The modules of the commands import what they run inside their functions, so that `--help` appears at once.
+"""
 
 from __future__ import annotations
 
 import logging
+import shlex
 import sys
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import tyro
 
-__all__ = ["run_command"]
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["command_line", "run_command"]
 
 A = TypeVar("A")
 
@@ -22,8 +30,8 @@ def run_command(
     Args:
         name: of the command, for messages.
         arguments: dataclass of its arguments.
-        function: what it does.
-        text: its description, shown by `--help`.
+        function: called with them. A ValueError of it becomes the message with which the process ends.
+        text: description of the command, shown by `--help`.
         words: the command line without the command, that of the process if not given.
     """
     logging.basicConfig(format="%(message)s")
@@ -33,3 +41,24 @@ def run_command(
         sys.exit(f"clutter-env {name}: {problem}")
     except KeyboardInterrupt:
         sys.exit(f"clutter-env {name}: interrupted; run the same command again to go on")
+
+
+def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[str] = ()) -> str:
+    """The command that was given, to be shown beside its results: the arguments that are not the default.
+
+    Args:
+        name: of the command.
+        arguments: its arguments.
+        leave_out: names of arguments that the results do not depend on.
+    """
+    words = ["clutter-env", name]
+    for entry in fields(arguments):
+        value: Any = getattr(arguments, entry.name)
+        if entry.name in leave_out or value == entry.default:
+            continue
+        flag = entry.name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{flag}" if value else f"--no-{flag}")
+        else:
+            words += [f"--{flag}", *map(str, value if isinstance(value, tuple) else (value,))]
+    return shlex.join(words)

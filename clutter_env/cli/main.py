@@ -9,15 +9,16 @@ from collections.abc import Sequence
 __all__ = ["COMMANDS", "main"]
 
 COMMANDS = {
-    "episode": "one episode of the expert in physics, shown in full, or many counted",
-    "collect": "expert demonstrations that replay",
-    "train": "a policy, from rewards or from demonstrations",
-    "compare": "policies, baselines and the expert on the same held-out scenes",
-    "table": "strategies compared on scenes that need clearing (Table 1 of Lee & Kim 2019)",
-    "map": "the reachability map of a robot",
-    "benchmark": "speed, memory and rendering of the environments",
+    "episode": "run the expert in physics: one episode in full, or statistics of many",
+    "collect": "collect demonstrations of an expert that replay bit for bit",
+    "train": "train a policy, from rewards or from demonstrations",
+    "compare": "compare policies, baselines and the expert on the same held-out scenes",
+    "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
+    "map": "build the reachability map of a robot",
+    "benchmark": "measure speed, memory and rendering of the environments",
+    "warmup": "compile the planner's kernels, once on a machine",
 }
-"""Commands and what they make or show; each is the module of that name in this package."""
+"""The commands, each in the module of its name in this package, and what they do."""
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -25,6 +26,8 @@ def main(words: Sequence[str] | None = None) -> None:
     command, *rest = (sys.argv[1:] if words is None else words) or ["--help"]
     if command in ("-h", "--help"):
         print(_overview())
+    elif command == "--version":
+        print(_version())
     elif command in COMMANDS:
         importlib.import_module(f"clutter_env.cli.{command}").main(rest)
     else:
@@ -33,4 +36,13 @@ def main(words: Sequence[str] | None = None) -> None:
 
 def _overview() -> str:
     lines = "\n".join(f"  {name:<11}{text}" for name, text in COMMANDS.items())
-    return f"usage: clutter-env COMMAND [arguments]\n\n{lines}\n\nclutter-env COMMAND --help lists the arguments."
+    return (
+        f"usage: clutter-env COMMAND [arguments]\n       clutter-env --version\n\n{lines}\n\n"
+        "clutter-env COMMAND --help lists the arguments."
+    )
+
+
+def _version() -> str:
+    from importlib import metadata
+
+    return f"clutter-env {metadata.version('clutter-env')}"

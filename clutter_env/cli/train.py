@@ -1,22 +1,22 @@
-"""Train a policy, from rewards or from demonstrations; checkpoints, TensorBoard logs and resuming included.
+"""Train a policy, from rewards or from demonstrations, with checkpoints and TensorBoard logs.
 
-python scripts/train.py --env clutter_env/Reach-v0 --algorithm sac --steps 30000
-python scripts/train.py --env clutter_env/Skill-o10-v0 --algorithm maskable_ppo --steps 30000
-python scripts/train.py --env clutter_env/Pick-v0 --algorithm bc --steps 10000 --demos outputs/demos/pick
+clutter-env train --env clutter_env/Reach-v0 --algorithm sac --steps 30000
+clutter-env train --env clutter_env/Skill-o10-v0 --algorithm maskable_ppo --steps 30000 --seeds 3 --workers 2
+clutter-env train --env clutter_env/Pick-v0 --algorithm bc --steps 10000 --demos outputs/demos/pick
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from clutter_env.cli.command import run_command
-from clutter_env.learning.demonstrations.dataset import write_json
-from clutter_env.learning.task import Task
-from clutter_env.learning.training.training import Run, train
+
+if TYPE_CHECKING:
+    from clutter_env.learning.training.run import Run
+    from clutter_env.learning.training.training import Trained
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,17 @@ class Arguments:
     steps: int = 30_000
     """Steps of the environment; gradient steps of bc, and of each round of dagger."""
     seed: int = 0
-    """Of everything random."""
+    """Random seed; the first one of several."""
+    seeds: int = 1
+    """Number of seeds; each is a run of its own, in seed-N/ in the directory."""
+    workers: int = 2
+    """Number of seeds that are trained at a time."""
+    ray: str = ""
+    """Address of Ray ("auto", "local", …): train several seeds there instead of in processes of this machine."""
     out: Path | None = None
-    """Directory of the run; without it, outputs/runs/ALGORITHM-ENV-SEED."""
+    """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
     demos: Path | None = None
-    """Dataset of collect_demos.py: cloned by bc and dagger, put in the replay buffer of sac and tqc."""
+    """Dataset of `clutter-env collect`: cloned by bc and dagger, put in the replay buffer of sac and tqc."""
     demo_episodes: int | None = None
     """How many of its episodes to use; all by default."""
     imitation_steps: int = 10_000
@@ -44,55 +50,62 @@ class Arguments:
     reward_mode: Literal["sparse", "dense", ""] = ""
     """Reward mode; empty for the environment's own."""
     simulation: Literal["physics", "kinematic"] = "kinematic"
-    """Where Skill is learnt."""
+    """Whether Skill is learnt in physics or on the kinematic model."""
     geometric_mask: bool = False
     """Leave out skills without a free grasp while learning Skill."""
     rounds: int = 5
     """Rounds of dagger."""
     round_episodes: int = 10
-    """The learner's episodes in each."""
+    """Episodes of the learner in each round of dagger."""
     expert: str = ""
-    """Who corrects in dagger; empty for the one that the demonstrations are of."""
+    """Expert that corrects the learner in dagger; empty for the one of the demonstrations."""
     checkpoint_every: int = 5000
     """Steps between checkpoints."""
     evaluation_episodes: int = 20
     """Held-out scenes played at every checkpoint."""
     evaluation_steps: int = 600
-    """Where each of them is cut off."""
+    """Steps after which each of them is cut off."""
     resume: bool = False
-    """Go on from the last checkpoint."""
+    """Go on from the last checkpoint; all settings but --steps and --checkpoint-every must be the same."""
     json: Path | None = None
-    """Write the history to this file."""
+    """Write the histories of all runs to this file."""
 
 
 def run(arguments: Arguments) -> None:
-    """Train and say how it went."""
-    run = make_run(arguments)
-    started, started_cpu = time.perf_counter(), time.process_time()
-    history = train(run, arguments.resume)
-    wall_s, cpu_s = time.perf_counter() - started, time.process_time() - started_cpu
-    for entry in history:
-        print("  ".join(f"{name} {value:g}" for name, value in entry.items()))
-    print(f"{run.directory}: {wall_s:.0f} s, {cpu_s:.0f} s of CPU time")
+    """Train and print the histories."""
+    from clutter_env.learning.training.seeds import seeds_of, train_all
+    from clutter_env.reporting.json_file import write_json
+
+    runs = seeds_of(make_run(arguments), arguments.seeds)
+    trained = train_all(runs, arguments.workers, arguments.resume, arguments.ray, report=print_history)
     if arguments.json is not None:
-        write_json(arguments.json, {**run.describe(), "history": history, "wall_s": wall_s, "cpu_s": cpu_s})
+        write_json(arguments.json, [{**one.describe(), **asdict(end)} for one, end in zip(runs, trained, strict=True)])
+
+
+def print_history(run: Run, trained: Trained) -> None:
+    """Print success at every checkpoint, and the times."""
+    for entry in trained.history:
+        print("  ".join(f"{name} {value:g}" for name, value in entry.items()))
+    print(f"{run.directory}: {trained.wall_s:.0f} s, {trained.cpu_s:.0f} s of CPU time")
 
 
 def make_run(arguments: Arguments) -> Run:
     """The run that the arguments describe."""
-    keywords: dict[str, Any] = {}
-    if arguments.control_mode:
-        keywords["control_mode"] = arguments.control_mode
-    if arguments.reward_mode:
-        keywords["reward_mode"] = arguments.reward_mode
+    from clutter_env.learning.task import Task
+    from clutter_env.learning.training.run import Run
+
+    chosen = {"control_mode": arguments.control_mode, "reward_mode": arguments.reward_mode}
+    keywords: dict[str, Any] = {name: value for name, value in chosen.items() if value}
     if "/Skill" in arguments.env:
         keywords |= {"simulation": arguments.simulation, "geometric_mask": arguments.geometric_mask}
-    name = arguments.env.rpartition("/")[2].removesuffix("-v0").lower()
+    name = f"{arguments.algorithm}-{arguments.env.rpartition('/')[2].removesuffix('-v0').lower()}"
+    if arguments.seeds == 1:
+        name += f"-{arguments.seed}"
     return Run(
         task=Task(arguments.env, keywords),
         algorithm=arguments.algorithm,
         steps=arguments.steps,
-        directory=arguments.out or Path(f"outputs/runs/{arguments.algorithm}-{name}-{arguments.seed}"),
+        directory=arguments.out or Path("outputs/runs") / name,
         seed=arguments.seed,
         demonstrations=arguments.demos,
         episodes=arguments.demo_episodes,

@@ -1,1 +1,1 @@
-"""Demonstrations, cloned and reinforced policies, and their comparison with the expert; torch where it is needed."""
+"""Demonstrations, imitation and reinforcement learning, and comparison of policies with the expert."""

@@ -6,15 +6,15 @@ __all__ = ["CollectionError", "DatasetError", "LearningError", "UnknownExpert", 
 
 
 class LearningError(ValueError):
-    """Base of every exception raised here for misuse."""
+    """Base of all exceptions of this package."""
 
 
 class DatasetError(LearningError):
-    """A directory or file does not hold what was asked for; the message says what it holds."""
+    """A directory or file does not hold what is needed; the message says what it holds."""
 
 
 class CollectionError(LearningError, RuntimeError):
-    """Collecting had to stop: a full disk, workers that keep dying, seeds that run out. What is written stays valid."""
+    """The collection had to stop: full disk, workers that die, too many rejected seeds. Stored episodes stay valid."""
 
 
 class UnknownExpert(LearningError):

@@ -1,4 +1,4 @@
-"""What is to be done, as data: an environment id and its keyword arguments, the same in every process."""
+"""A task as data: an environment id and keyword arguments, the same in every process."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from clutter_env.learning.errors import UnknownTask
 __all__ = ["HELD_OUT", "Task", "family", "versions"]
 
 HELD_OUT = 1_000_000
-"""Seeds from here on are for evaluation: nothing is collected or trained on them."""
+"""Seeds from this one on are for evaluation: nothing is collected or trained on them."""
 
 _PACKAGES = ("clutter-env", "mujoco", "gymnasium", "numpy", "numba", "mink", "kairos-planner")
 
 
 @dataclass(frozen=True)
 class Task:
-    """An environment to make: its id and keyword arguments (JSON values)."""
+    """An environment id and keyword arguments (JSON values)."""
 
     env_id: str
     keywords: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, **more: Any) -> gym.Env:
-        """The environment; `more` keyword arguments win over the task's own.
+        """Make the environment; `more` keyword arguments replace those of the task.
 
         Raises:
             UnknownTask: no such environment, or it cannot be made with these keyword arguments.
@@ -46,27 +46,27 @@ class Task:
 
     @property
     def family(self) -> str:
-        """ "retrieve", "skill", "reach", "pick": what environments of one id but for its number have in common."""
+        """The family of the environment: "retrieve", "skill", "reach" or "pick"."""
         return family(self.env_id)
 
     def to_json(self) -> str:
-        """Text from which `from_json` makes an equal task."""
+        """The task as JSON text."""
         return json.dumps({"env_id": self.env_id, "keywords": dict(self.keywords)}, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Task:
-        """The task that `to_json` described."""
+        """The task that `to_json` wrote."""
         content = json.loads(text)
         return cls(content["env_id"], content["keywords"])
 
 
 def family(env_id: str) -> str:
-    """The family of an id: "retrieve" of clutter_env/Retrieve-o15-v0."""
+    """The family of an environment id: "retrieve" for clutter_env/Retrieve-o15-v0."""
     return env_id.rpartition("/")[2].partition("-")[0].lower()
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, the machine's architecture and every package that decides what an episode looks like."""
+    """Versions of Python and of every package that an episode depends on, and the architecture of the machine."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for package in _PACKAGES:
         try:

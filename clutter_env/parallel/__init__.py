@@ -1,1 +1,1 @@
-"""Work in parallel: processes of this machine, or Ray."""
+"""Jobs in parallel: one pool of workers, in processes of this machine or on Ray."""

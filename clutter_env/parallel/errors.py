@@ -4,4 +4,4 @@ __all__ = ["WorkerError"]
 
 
 class WorkerError(ValueError):
-    """Work that cannot be started: too few workers, or Ray is not installed."""
+    """Jobs cannot be started: too few workers, or Ray is not installed."""

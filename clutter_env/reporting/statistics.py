@@ -1,43 +1,100 @@
-"""Means with bootstrap intervals, over scenes and over training seeds."""
+"""Means and success rates with 95% intervals, over scenes and over training seeds; quantiles of times."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Interval", "bootstrap"]
+__all__ = ["Interval", "Times", "bootstrap", "success_interval", "times", "wilson"]
 
-RESAMPLES = 2000
+RESAMPLES = 4000
 LEVEL = 0.95
+Z = 1.959963984540054
+"""Quantile (1 + LEVEL) / 2 of the standard normal distribution."""
 
 
 class Interval(NamedTuple):
-    """A mean and the ends of its interval."""
+    """A mean and the ends of its 95% interval; NaN where there is nothing to average."""
 
     mean: float
     low: float
     high: float
 
     def __str__(self) -> str:
-        return f"{self.mean:.2f} [{self.low:.2f}, {self.high:.2f}]"
+        return "–" if math.isnan(self.mean) else f"{self.mean:.2f} [{self.low:.2f}, {self.high:.2f}]"
+
+
+class Times(NamedTuple):
+    """Median and 95th percentile of times [s]; NaN where there are none."""
+
+    median: float
+    p95: float
+
+
+NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
 
 
 def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> Interval:
-    """The mean over groups of their means, with a 95% percentile interval.
+    """The mean over groups of their means, with a percentile bootstrap interval.
 
     Args:
-        groups: one per training seed, each with one value per scene; empty groups do not count. Groups are resampled
-            first, then the scenes of each, so that the interval covers both kinds of chance.
+        groups: one per training seed (or only one), each with one value per scene; empty groups do not count. Groups
+            are resampled first, then the scenes of each, so that the interval covers both sources of variation.
         rng: for resampling.
     """
     arrays = [np.asarray(group, float) for group in groups if len(group)]
     if not arrays:
-        return Interval(float("nan"), float("nan"), float("nan"))
-    means = np.empty(RESAMPLES)
-    for k in range(RESAMPLES):
-        drawn = [arrays[i] for i in rng.integers(len(arrays), size=len(arrays))]
-        means[k] = np.mean([group[rng.integers(len(group), size=len(group))].mean() for group in drawn])
-    low, high = np.quantile(means, ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
-    return Interval(float(np.mean([group.mean() for group in arrays])), float(low), float(high))
+        return NO_INTERVAL
+    drawn = rng.integers(len(arrays), size=(RESAMPLES, len(arrays)))
+    means = np.empty(drawn.shape)
+    for index, values in enumerate(arrays):
+        places = drawn == index
+        means[places] = _resampled_means(values, int(places.sum()), rng)
+    low, high = np.quantile(means.mean(axis=1), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    return Interval(float(np.mean([values.mean() for values in arrays])), float(low), float(high))
+
+
+def _resampled_means(values: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Means (count,) of resamples with replacement."""
+    return values[rng.integers(len(values), size=(count, len(values)))].mean(axis=1)
+
+
+def wilson(successes: int, trials: int) -> Interval:
+    """A success rate with Wilson's score interval (Wilson 1927, JASA 22, pp. 209-212).
+
+    Unlike the bootstrap it does not shrink to a point when all trials succeed, or none.
+    """
+    if not trials:
+        return NO_INTERVAL
+    rate, share = successes / trials, Z * Z / trials
+    centre = (rate + share / 2) / (1 + share)
+    half = math.sqrt(share * (rate * (1 - rate) + share / 4)) / (1 + share)
+    return Interval(rate, min(max(centre - half, 0.0), rate), max(min(centre + half, 1.0), rate))
+
+
+def success_interval(runs: Sequence[Sequence[bool]], rng: np.random.Generator) -> Interval:
+    """The success rate of a policy.
+
+    One run: Wilson's interval over its scenes. Several runs, one per training seed, on the same scenes: the bootstrap
+    over seeds and scenes; where it is a point because all episodes succeed, or none, Wilson's interval with as many
+    trials as there are scenes (episodes of different seeds on one scene are not independent).
+    """
+    played = [run for run in runs if len(run)]
+    if len(played) == 1:
+        return wilson(sum(played[0]), len(played[0]))
+    found = bootstrap(played, rng)
+    if found.low < found.high or not played:
+        return found
+    scenes = max(map(len, played))
+    if found.mean in (0.0, 1.0):
+        return wilson(round(found.mean * scenes), scenes)
+    return found
+
+
+def times(values: Sequence[float]) -> Times:
+    """Median and 95th percentile of times [s]."""
+    return Times(*map(float, np.quantile(values, (0.5, 0.95)))) if len(values) else Times(math.nan, math.nan)

@@ -10,9 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from clutter_env.experiments.clearance_table.statistics import Interval, Row, Scenes, Times
+from clutter_env.experiments.clearance_table.statistics import Row, Scenes
+from clutter_env.experiments.clearance_table.table import TableSettings
+from clutter_env.reporting.statistics import Interval, Times
+from clutter_env.reporting.tables import NOTHING, markdown_section, number_text
 
-__all__ = ["PAPER", "PAPER_OBJECTS", "markdown", "plot"]
+__all__ = ["PAPER", "PAPER_OBJECTS", "markdown", "plot", "write_page"]
 
 PAPER_OBJECTS = (15, 20, 25, 30, 35, 40)
 PAPER = {
@@ -21,20 +24,43 @@ PAPER = {
 }
 """Table 1 of Lee & Kim 2019, by strategy, for `PAPER_OBJECTS`."""
 COLOURS = {"lookahead": "#0072b2", "ngr": "#009e73", "dogar": "#cc79a7", "srivastava": "#d55e00"}
-"""Told apart by the colour-blind too (Okabe & Ito)."""
+"""Of the palette of Okabe & Ito (2008), which colour-blind readers can tell apart as well."""
 GREY = "#777777"
 
 
-def markdown(scenes: Sequence[Scenes], rows: Sequence[Row], cap: int, is_physics: bool) -> str:
+def markdown(settings: TableSettings, scenes: Sequence[Scenes], rows: Sequence[Row]) -> str:
     """All tables, one after another."""
     strategies = list(dict.fromkeys(row.strategy for row in rows))
-    parts = [_table_1(rows, strategies), _success(rows), _paired(rows, strategies[0], cap)]
-    parts += [_planning_time(rows, is_physics), _causes(rows), _scene_table(scenes)]
+    parts = [_table_1(rows, strategies), _success(rows), _paired(rows, strategies[0], settings.cap)]
+    parts += [_planning_time(rows, settings.physics), _causes(rows), _scene_table(scenes)]
     return "\n".join(parts)
 
 
+def write_page(
+    settings: TableSettings, command: str, scenes: Sequence[Scenes], rows: Sequence[Row], page: Path
+) -> None:
+    """Write the Markdown page; its picture is at `picture_path(page)`."""
+    picture = picture_path(page)
+    plot(scenes, rows, picture)
+    kind = f'in physics, "{settings.control_mode}" mode' if settings.physics else "plans only"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(
+        f"# Clearance table ({kind})\n\n```sh\n{command}\n```\n\n"
+        f"Layout {settings.layout!r}. Each strategy is tried on the same scenes: resets of the environment, from seed "
+        f"{settings.seed} on, whose target is obstructed. Success rates have Wilson's 95% interval, all other means a "
+        "95% bootstrap interval over the scenes. How to read the columns: "
+        "[planners.md](planners.md#reading-the-clearance-table).\n\n"
+        f"![Clearance table]({picture.relative_to(page.parent)})\n\n{markdown(settings, scenes, rows)}"
+    )
+
+
+def picture_path(page: Path) -> Path:
+    """The picture of a page: in images/ beside it, under its name."""
+    return page.parent / "images" / f"{page.stem}.png"
+
+
 def _table_1(rows: Sequence[Row], strategies: Sequence[str]) -> str:
-    """As in the paper, its figures beside ours."""
+    """Table 1 of the paper, with our figures and its own."""
     cells = {(row.objects, row.strategy): row for row in rows}
     head = ["N", *(f"cleared: {name}" for name in strategies), "paper: Srivastava", "paper: NGR"]
     head += [f"twice: {name}" for name in strategies] + ["paper: Srivastava", "paper: NGR"]
@@ -43,17 +69,17 @@ def _table_1(rows: Sequence[Row], strategies: Sequence[str]) -> str:
         own = [cells.get((objects, name)) for name in strategies]
         lines.append(
             [str(objects)]
-            + ["–" if row is None else _interval(row.clearances) for row in own]
+            + [NOTHING if row is None else str(row.clearances) for row in own]
             + _of_paper("clearances", objects)
-            + ["–" if row is None else f"{row.duplicated.mean:.2f}" for row in own]
+            + [NOTHING if row is None else f"{row.duplicated.mean:.2f}" for row in own]
             + _of_paper("duplicated", objects)
         )
-    return _section("Table 1: objects cleared, and objects cleared twice or more", head, lines)
+    return markdown_section("Table 1: objects cleared, and objects cleared twice or more", head, lines)
 
 
 def _of_paper(figure: str, objects: int) -> list[str]:
     if objects not in PAPER_OBJECTS:
-        return ["–", "–"]
+        return [NOTHING, NOTHING]
     at = PAPER_OBJECTS.index(objects)
     return [f"{PAPER[figure][name][at]:g}" for name in ("srivastava", "ngr")]
 
@@ -65,16 +91,16 @@ def _success(rows: Sequence[Row]) -> str:
             str(row.objects),
             row.strategy,
             f"{row.solved} / {row.scenes}",
-            _interval(row.success),
-            _number(row.p_success, "{:.2g}"),
-            _interval(row.ratio),
-            _number(row.at_floor, "{:.0%}"),
-            _interval(row.replans),
+            str(row.success),
+            number_text(row.p_success, "{:.2g}"),
+            str(row.ratio),
+            number_text(row.at_floor, "{:.0%}"),
+            str(row.replans),
             str(row.crashed),
         ]
         for row in rows
     ]
-    return _section("Success and distance from the floor", head, lines)
+    return markdown_section("Success and distance from the floor", head, lines)
 
 
 def _paired(rows: Sequence[Row], reference: str, cap: int) -> str:
@@ -84,18 +110,18 @@ def _paired(rows: Sequence[Row], reference: str, cap: int) -> str:
             str(row.objects),
             row.strategy,
             str(row.both),
-            _number(row.both_clearances),
-            _number(row.both_reference),
-            _interval(row.difference),
-            _interval(row.censored),
+            number_text(row.both_clearances),
+            number_text(row.both_reference),
+            str(row.difference),
+            str(row.censored),
         ]
         for row in rows
     ]
-    return _section(f"Paired with {reference}, scene by scene", head, lines)
+    return markdown_section(f"Paired with {reference}, scene by scene", head, lines)
 
 
 def _planning_time(rows: Sequence[Row], is_physics: bool) -> str:
-    """Milliseconds; physics reports the sum over all plans of an episode only."""
+    """CPU times in milliseconds; in physics only the sum over all plans of an episode is known."""
     figures: dict[str, Callable[[Row], Times]] = {"whole solve": lambda row: row.total}
     if not is_physics:
         figures |= {
@@ -105,7 +131,7 @@ def _planning_time(rows: Sequence[Row], is_physics: bool) -> str:
         }
     head = ["N", "strategy", *figures]
     lines = [[str(row.objects), row.strategy, *(_times(figure(row)) for figure in figures.values())] for row in rows]
-    return _section("Planning time [CPU ms]: median (95th percentile)", head, lines)
+    return markdown_section("Planning time [CPU ms]: median (95th percentile)", head, lines)
 
 
 def _causes(rows: Sequence[Row]) -> str:
@@ -116,7 +142,7 @@ def _causes(rows: Sequence[Row]) -> str:
     ]
     if not lines:
         return "### Causes of failure\n\nNone failed.\n"
-    return _section("Causes of failure", ["N", "strategy", "causes"], lines)
+    return markdown_section("Causes of failure", ["N", "strategy", "causes"], lines)
 
 
 def _scene_table(scenes: Sequence[Scenes]) -> str:
@@ -135,33 +161,20 @@ def _scene_table(scenes: Sequence[Scenes]) -> str:
         [
             *map(str, (row.objects, row.seeds, row.free, row.obstructed, row.without_set, row.unreachable)),
             *map(str, (row.crashed, row.unproved)),
-            _interval(row.floor),
+            str(row.floor),
             _times(row.floor_time),
         ]
         for row in scenes
     ]
-    return _section("Scenes", head, lines)
-
-
-def _section(title: str, head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    table = [head, ["---"] * len(head), *lines]
-    return f"### {title}\n\n" + "".join(f"| {' | '.join(cells)} |\n" for cells in table)
-
-
-def _interval(value: Interval) -> str:
-    return "–" if np.isnan(value.mean) else f"{value.mean:.2f} [{value.low:.2f}, {value.high:.2f}]"
-
-
-def _number(value: float, pattern: str = "{:.2f}") -> str:
-    return "–" if np.isnan(value) else pattern.format(value)
+    return markdown_section("Scenes", head, lines)
 
 
 def _times(value: Times) -> str:
-    return "–" if np.isnan(value.median) else f"{1e3 * value.median:.3g} ({1e3 * value.p95:.3g})"
+    return NOTHING if np.isnan(value.median) else f"{1e3 * value.median:.3g} ({1e3 * value.p95:.3g})"
 
 
 def plot(scenes: Sequence[Scenes], rows: Sequence[Row], path: Path) -> None:
-    """Success, clearances, repeated clearances and planning time over the number of objects."""
+    """Draw success, clearances, repeated clearances and planning time over the number of objects."""
     figure = Figure(figsize=(11, 7.6), layout="constrained")
     success, clearances, duplicated, seconds = figure.subplots(2, 2).flat
     for strategy in dict.fromkeys(row.strategy for row in rows):
@@ -173,7 +186,9 @@ def plot(scenes: Sequence[Scenes], rows: Sequence[Row], path: Path) -> None:
     _paper_lines(clearances, "clearances")
     _paper_lines(duplicated, "duplicated")
     floors = sorted((scene.objects, scene.floor.mean) for scene in scenes)
-    clearances.plot(*zip(*floors, strict=True), color="black", linestyle=":", label="floor (exact minimum)")
+    clearances.plot(
+        *zip(*floors, strict=True), color="black", linestyle=":", label="floor (minimum number of clearances)"
+    )
     success.set(title="Share of obstructed scenes solved", ylim=(-0.02, 1.04))
     clearances.set(title="Objects cleared, scenes solved")
     duplicated.set(title="Objects cleared twice or more, scenes solved")

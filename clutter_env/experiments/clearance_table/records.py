@@ -1,14 +1,14 @@
-"""The file of trials behind a clearance table: append-only, one JSON object a line, so that a killed run goes on."""
+"""The file of trials of a clearance table: one JSON object per line, written as each trial ends."""
 
 from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt
+from clutter_env.reporting.json_file import json_text
 
 __all__ = ["OtherSettings", "Record", "Records"]
 
@@ -22,7 +22,7 @@ class OtherSettings(ValueError):
 
 
 class Records:
-    """What is known so far, by (objects, seed, strategy); of two records of one trial the later counts.
+    """The records in a file by (objects, seed, strategy); of two records of one trial the later one is valid.
 
     Raises:
         OtherSettings: the file was begun with other settings.
@@ -42,15 +42,13 @@ class Records:
             if header.get(name) != value
         ]
         if different:
-            raise OtherSettings(
-                f"{path} holds trials of other settings ({'; '.join(different)}); choose another --output"
-            )
+            raise OtherSettings(f"{path} holds trials of other settings ({'; '.join(different)}); choose another --out")
         for row in rows:
             self._keep(_restored(row))
 
     def add(self, record: Record) -> None:
-        """Keep it and write it; it survives whatever happens next."""
-        self._append(asdict(record))
+        """Add a record, and write it to the disk."""
+        self._append(record)
         self._keep(record)
 
     def get(self, objects: int, seed: int, strategy: str) -> Record | None:
@@ -58,7 +56,7 @@ class Records:
         return self._known.get((objects, seed, strategy))
 
     def assessments(self, objects: int) -> dict[int, Assessment]:
-        """By seed, ascending: the scenes with so many objects that have been assessed."""
+        """The assessed scenes with so many objects, by seed in ascending order."""
         return {
             seed: record
             for (count, seed, _), record in sorted(self._known.items())
@@ -66,22 +64,22 @@ class Records:
         }
 
     def attempts(self, objects: int, strategy: str, seeds: list[int]) -> dict[int, Attempt]:
-        """By seed: what a strategy made of these scenes, as far as it has tried."""
+        """The attempts of a strategy on these scenes, by seed, as far as they have been made."""
         found = {seed: self.get(objects, seed, strategy) for seed in seeds}
         return {seed: record for seed, record in found.items() if isinstance(record, Attempt)}
 
     def _keep(self, record: Record) -> None:
         self._known[record.objects, record.seed, record.strategy] = record
 
-    def _append(self, content: dict[str, Any]) -> None:
+    def _append(self, content: Record | dict[str, Any]) -> None:
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(content) + "\n")
+            file.write(json_text(content) + "\n")
             file.flush()
             os.fsync(file.fileno())
 
 
 def _whole_lines(path: Path) -> list[str]:
-    """The file's lines; one that a killed run left unfinished is cut off."""
+    """The lines of the file; a last line that a killed run left incomplete is removed from it."""
     text = path.read_text(encoding="utf-8")
     whole = text[: text.rfind("\n") + 1]
     if len(whole) < len(text):

@@ -1,55 +1,38 @@
-"""From trials to the rows of the clearance table: paired by scene, with bootstrap intervals."""
+"""From trials to the rows of the clearance table: paired by scene, with 95% intervals."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import binomtest
 
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
+from clutter_env.reporting.statistics import Interval, Times, bootstrap, times, wilson
 
-__all__ = ["CRASH", "Interval", "Row", "Scenes", "Times", "bootstrap", "make_row", "summarise_scenes"]
+__all__ = ["CRASH", "Row", "Scenes", "make_row", "mcnemar", "summarise_scenes"]
 
 CRASH = "crash"
-"""Cause of an attempt that ended in an exception or a dead process: no verdict about the strategy."""
-_RESAMPLES = 4000
-_LEVEL = 0.95
-
-
-class Interval(NamedTuple):
-    """A mean and the ends of its 95% bootstrap interval; NaN where there is nothing to average."""
-
-    mean: float
-    low: float
-    high: float
-
-
-class Times(NamedTuple):
-    """Median and 95th percentile of CPU times [s]."""
-
-    median: float
-    p95: float
+"""Cause of an attempt that ended in an exception or a dead process; it says nothing about the strategy."""
 
 
 @dataclass(frozen=True)
 class Scenes:
-    """The scenes with one number of objects.
+    """The scenes with one number of objects; "floor" is the minimum number of clearances of a scene.
 
     Attributes:
-        objects: on the table.
-        seeds: resets looked at.
-        obstructed: those where something must be cleared, and can be: what the strategies are tried on.
-        free: targets that nothing obstructs.
-        without_set: scenes for which the floor proves that there is no self-clearable set.
+        objects: number of objects on the table.
+        seeds: number of resets that were assessed.
+        obstructed: scenes with a floor of at least 1, on which the strategies are tried.
+        free: scenes whose target nothing obstructs.
+        without_set: scenes for which it is proved that no self-clearable set exists.
         unreachable: scenes whose target no grasp reaches.
         crashed: scenes that could not be assessed.
-        unproved: obstructed scenes whose floor is an upper bound only.
+        unproved: obstructed scenes whose floor is only an upper bound.
         floor: over the obstructed scenes with a proved floor.
-        floor_time: to compute it.
+        floor_time: CPU time of its computation.
     """
 
     objects: int
@@ -69,19 +52,28 @@ class Row:
     """One strategy on the obstructed scenes with one number of objects.
 
     Attributes:
-        objects, strategy: which.
-        scenes: attempts that ended by themselves.
-        crashed: attempts that did not; they count nowhere else.
-        solved: how many.
-        success: share of `scenes`.
-        clearances: over the solved scenes, as `duplicated` (objects cleared twice or more), `ratio` (clearances by
-            floor, where that is proved) and `at_floor` (share with exactly the floor).
-        both: scenes that the reference strategy solved too; on them, `both_clearances` and `both_reference`.
-        difference: clearances beyond the reference's, on those.
-        censored: clearances over all scenes, each counted as at most the cap, an unsolved one as the cap.
-        p_success: of McNemar's exact test for a difference in success from the reference, NaN for the reference.
+        objects: number of objects on the table.
+        strategy: its name.
+        scenes: number of attempts without those that crashed.
+        crashed: number of attempts that crashed; they are counted nowhere else.
+        solved: number of scenes solved.
+        success: share of `scenes` that are solved, with Wilson's interval.
+        clearances: objects cleared, over the solved scenes.
+        duplicated: objects cleared twice or more, over the solved scenes.
+        ratio: clearances divided by the floor, over the solved scenes with a proved floor.
+        at_floor: share of those scenes with exactly as many clearances as the floor.
+        both: number of scenes that the reference strategy solved too.
+        both_clearances: mean clearances of this strategy on those scenes.
+        both_reference: mean clearances of the reference strategy on those scenes.
+        difference: clearances minus those of the reference strategy, over those scenes.
+        censored: clearances over all scenes, each counted as at most the cap, and an unsolved scene as the cap.
+        p_success: p value of McNemar's exact test for a difference in success from the reference strategy; NaN for
+            the reference strategy itself.
         replans: over all scenes.
-        total, task, motion: CPU time of a solve; `task_call`: of one call of the task planner.
+        total: CPU time of a whole solve.
+        task: CPU time of the task planning in it.
+        motion: CPU time of the motion planning in it.
+        task_call: CPU time of one call of the task planner.
         causes: of failures, with counts.
     """
 
@@ -109,23 +101,8 @@ class Row:
     causes: Mapping[str, int]
 
 
-def bootstrap(values: Sequence[float], rng: np.random.Generator) -> Interval:
-    """The mean, and its interval by resampling the scenes."""
-    array = np.asarray(values, dtype=float)
-    if not len(array):
-        return Interval(np.nan, np.nan, np.nan)
-    means = array[rng.integers(len(array), size=(_RESAMPLES, len(array)))].mean(axis=1)
-    low, high = np.quantile(means, ((1 - _LEVEL) / 2, (1 + _LEVEL) / 2))
-    return Interval(float(array.mean()), float(low), float(high))
-
-
-def times(values: Sequence[float]) -> Times:
-    """Median and 95th percentile."""
-    return Times(*map(float, np.quantile(values, (0.5, 0.95)))) if len(values) else Times(np.nan, np.nan)
-
-
 def summarise_scenes(objects: int, found: Sequence[Assessment], seed: int) -> Scenes:
-    """Count the scenes by what the floor says about them."""
+    """Count the scenes with one number of objects by the result of their assessment; `seed` is of the bootstrap."""
     obstructed = [scene for scene in found if scene.is_obstructed]
     proved = [scene.floor for scene in obstructed if scene.proved and scene.floor is not None]
     causes = Counter(scene.cause for scene in found if scene.floor is None)
@@ -140,7 +117,7 @@ def summarise_scenes(objects: int, found: Sequence[Assessment], seed: int) -> Sc
         unreachable=unreachable,
         crashed=crashed,
         unproved=len(obstructed) - len(proved),
-        floor=bootstrap(proved, np.random.default_rng(seed)),
+        floor=bootstrap([proved], np.random.default_rng(seed)),
         floor_time=times([scene.floor_s for scene in found]),
     )
 
@@ -155,11 +132,11 @@ def make_row(
     """The row of one strategy.
 
     Args:
-        own: its attempts by seed, at least one.
-        reference: those of the strategy to compare with; may be `own` itself.
-        floors: proved floors by seed.
-        cap: clearances that an unsolved scene counts as.
-        seed: of the resampling.
+        own: its attempts by seed of the scene, at least one.
+        reference: those of the strategy that it is compared with; may be `own` itself.
+        floors: proved minimum numbers of clearances by seed of the scene.
+        cap: number of clearances that an unsolved scene counts as.
+        seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
     first = next(iter(own.values()))
@@ -173,18 +150,18 @@ def make_row(
         scenes=len(ended),
         crashed=len(own) - len(ended),
         solved=len(solved),
-        success=bootstrap([attempt.solved for attempt in ended.values()], rng),
-        clearances=bootstrap([len(attempt.clearances) for attempt in solved.values()], rng),
-        duplicated=bootstrap([attempt.duplicated for attempt in solved.values()], rng),
-        ratio=bootstrap(floored, rng),
+        success=wilson(len(solved), len(ended)),
+        clearances=bootstrap([[len(attempt.clearances) for attempt in solved.values()]], rng),
+        duplicated=bootstrap([[attempt.duplicated for attempt in solved.values()]], rng),
+        ratio=bootstrap([floored], rng),
         at_floor=float(np.mean([ratio <= 1 for ratio in floored])) if floored else np.nan,
         both=len(both),
         both_clearances=_mean([len(own[k].clearances) for k in both]),
         both_reference=_mean([len(reference[k].clearances) for k in both]),
-        difference=bootstrap([len(own[k].clearances) - len(reference[k].clearances) for k in both], rng),
-        censored=bootstrap([min(len(a.clearances), cap) if a.solved else cap for a in ended.values()], rng),
+        difference=bootstrap([[len(own[k].clearances) - len(reference[k].clearances) for k in both]], rng),
+        censored=bootstrap([[min(len(a.clearances), cap) if a.solved else cap for a in ended.values()]], rng),
         p_success=np.nan if own is reference else mcnemar(ended, reference),
-        replans=bootstrap([attempt.replans for attempt in ended.values()], rng),
+        replans=bootstrap([[attempt.replans for attempt in ended.values()]], rng),
         total=times([attempt.total_s for attempt in ended.values()]),
         task=times([attempt.task_planning_s for attempt in ended.values()]),
         motion=times([attempt.motion_planning_s for attempt in ended.values()]),
@@ -194,7 +171,10 @@ def make_row(
 
 
 def mcnemar(own: Mapping[int, Attempt], reference: Mapping[int, Attempt]) -> float:
-    """Exact two-sided p value that both solve equally many, from the scenes that only one of them solves."""
+    """Two-sided p value of McNemar's exact test that both strategies solve the same share of the scenes.
+
+    The test is binomial over the scenes that only one of the two solves; NaN if no scene was tried by both.
+    """
     shared = [(own[k].solved, reference[k].solved) for k in own if k in reference and reference[k].cause != CRASH]
     only_own = sum(mine and not theirs for mine, theirs in shared)
     only_reference = sum(theirs and not mine for mine, theirs in shared)

@@ -1,9 +1,9 @@
-"""One trial of the clearance table: a scene to be assessed, or a strategy to be tried on it, planned or in physics."""
+"""One trial of the clearance table: the assessment of a scene, or the attempt of a strategy on it."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
@@ -19,14 +19,24 @@ from planners.tamp.solution import Infeasible
 __all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "run_trial"]
 
 ASSESSMENT = "floor"
-"""The trial that finds out how many clearances a scene needs."""
+"""In place of a strategy: compute the minimum number of clearances of the scene."""
 _WARM_UP_SEED = 99_999
-"""Of a scene that is solved before anything is timed, so that compiling and loading do not count."""
+"""Seed of a scene that is solved before anything is timed, so that compilation and loading are not timed."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What to do: `strategy` is `ASSESSMENT` or one of the planner's; the scene is what the environment resets to."""
+    """What to do on one scene.
+
+    Attributes:
+        objects: number of objects on the table.
+        seed: of the environment's reset.
+        strategy: `ASSESSMENT`, or the name of a strategy of the planner.
+        layout: its name.
+        control_mode: "joint" or "ee".
+        physics: whether the expert executes the plan in physics.
+        time_limit: [s] of one solve.
+    """
 
     objects: int
     seed: int
@@ -44,9 +54,19 @@ class Trial:
 
 @dataclass(frozen=True)
 class Assessment:
-    """A scene: its target, and the floor under the clearances of any plan (None: no self-clearable set).
+    """A scene and its floor, the minimum number of clearances.
 
-    `cause` is "" or why there is no floor; "crash" if it could not be assessed, with the traceback in `detail`.
+    Attributes:
+        objects: number of objects on the table.
+        seed: of the environment's reset.
+        target: name of the target.
+        floor: None if there is no self-clearable set, or if the scene could not be assessed.
+        lower_bound: proved lower bound of the floor.
+        proved: whether `floor` is proved to be the minimum.
+        cause: "" or why there is no floor; "crash" if the scene could not be assessed.
+        detail: traceback of a crash.
+        floor_s: CPU time [s] of the computation.
+        strategy: `ASSESSMENT`.
     """
 
     objects: int
@@ -68,10 +88,27 @@ class Assessment:
 
 @dataclass(frozen=True)
 class Attempt:
-    """What a strategy made of a scene.
+    """The result of a strategy on a scene.
 
-    `cause` is "" for success, "crash" (traceback in `detail`), or a cause of failure. Times in CPU seconds, but
-    `wall_s`; `sim_s`, `deviations`, `fallen` only in physics, where `replans` are those after deviations.
+    Attributes:
+        objects: number of objects on the table.
+        seed: of the environment's reset.
+        strategy: its name.
+        solved: whether there is a plan; in physics, whether the environment reports success.
+        cause: "" for success, "crash", "killed", or the cause of the failure.
+        detail: more about it; the traceback of a crash.
+        clearances: names of the objects cleared, in order.
+        duplicated: number of objects cleared twice or more.
+        replans: in physics, only those after deviations.
+        task_plans: calls of the task planner.
+        task_planning_s: CPU time [s] of the task planner.
+        motion_planning_s: CPU time [s] of motion planning.
+        total_s: CPU time [s] of planning.
+        wall_s: wall time [s].
+        sim_s: simulated time [s], in physics.
+        steps: of the environment, in physics.
+        fallen: number of objects that have fallen, in physics.
+        deviations: what made the expert replan, in physics.
     """
 
     objects: int
@@ -91,15 +128,11 @@ class Attempt:
     sim_s: float = 0.0
     steps: int = 0
     fallen: int = 0
-    deviations: tuple[str, ...] = field(default=())
-
-    def as_json(self) -> dict[str, Any]:
-        """As JSON values."""
-        return asdict(self)
+    deviations: tuple[str, ...] = ()
 
 
 def run_trial(trial: Trial) -> Assessment | Attempt:
-    """Do it; the worker's first trial warms it up."""
+    """Run a trial; the first one of a process first compiles and loads what all need."""
     _warm_up(trial.layout, trial.control_mode)
     if trial.strategy == ASSESSMENT:
         return _assess(trial)
@@ -141,7 +174,7 @@ def _solve(trial: Trial) -> Attempt:
 
 
 def _execute(trial: Trial) -> Attempt:
-    """The expert in physics; the environment is the judge of success."""
+    """Let the expert execute its plans in physics."""
     env = _environment(trial.objects, trial.layout, trial.control_mode)
     _, info = env.reset(seed=trial.seed)
     before = time.perf_counter()
@@ -172,8 +205,8 @@ def _execute(trial: Trial) -> Attempt:
 
 
 def _cause(failure: str, steps: int) -> str:
-    """The kind of a failure; what is said after a colon or a semicolon is about the single case."""
-    return failure.partition(":")[0].partition(";")[0] or f"the environment saw no success in {steps} steps"
+    """The kind of a failure, without the details of the single case after a colon or a semicolon."""
+    return failure.partition(":")[0].partition(";")[0] or f"no success after {steps} steps"
 
 
 def _repeated(names: tuple[str, ...]) -> int:

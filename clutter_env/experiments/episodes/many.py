@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from clutter_env.experiments.clearance_table.statistics import CRASH, bootstrap, times
+from clutter_env.experiments.clearance_table.statistics import CRASH
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
-from clutter_env.parallel.processes import Crash, Killed, run_jobs
+from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.reporting.statistics import times, wilson
 
 __all__ = ["Episode", "counts_text", "play_many"]
 
@@ -62,16 +63,15 @@ def play_many(first: Trial, episodes: int, only_obstructed: bool, jobs: int, pat
 
 def counts_text(played: Sequence[Episode]) -> str:
     """Success rate with its 95% interval, clearances, times, causes of failure and deviations."""
-    rng = np.random.default_rng(0)
     ended = [entry for entry in played if entry.attempt.cause != CRASH]
     attempts = [entry.attempt for entry in ended]
     solved = [entry for entry in ended if entry.attempt.solved]
-    success = bootstrap([attempt.solved for attempt in attempts], rng)
+    success = wilson(len(solved), len(ended))
     floors = [entry for entry in solved if entry.floor is not None]
     planning = times([attempt.total_s for attempt in attempts])
     rows = {
         "episodes": f"{len(ended)}, and {len(played) - len(ended)} CRASHED",
-        "success": f"{len(solved)} of {len(ended)}: {success.mean:.2f} [{success.low:.2f}, {success.high:.2f}]",
+        "success": f"{len(solved)} of {len(ended)}: {success}",
         "objects cleared": f"{_mean([len(entry.attempt.clearances) for entry in solved]):.2f} on average",
         "minimum number of clearances": f"{_mean([entry.floor or 0 for entry in floors]):.2f} on average",
         "cleared twice or more": f"{sum(attempt.duplicated for attempt in attempts)} objects",

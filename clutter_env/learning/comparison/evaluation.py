@@ -1,4 +1,4 @@
-"""Playing held-out episodes, and what is measured in them: the same for every policy."""
+"""Held-out episodes of a policy or an expert, and their scores."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from clutter_env.learning.task import HELD_OUT
 __all__ = ["MOVED", "Score", "held_out_seeds", "play", "play_expert", "success_rate"]
 
 MOVED = 0.05
-"""[m] from where it stood: an object farther away in the end has been moved."""
+"""[m] An object that ends farther than this from its initial position has been moved."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """How one episode went.
+    """The score of one episode.
 
     Attributes:
         seed: of the scene.
-        is_success: at the end.
-        moved: objects other than the target that were moved.
-        fallen: objects that lie or have left the table.
+        is_success: whether the last step's info says success.
+        moved: number of objects other than the target that were moved; see `MOVED`.
+        fallen: number of objects that have toppled or left the table.
         steps: of the environment.
         sim_s: simulated time [s].
-        wall_s: time [s] that it took, planning and learning's inference included.
-        failure: why not, "" for success.
+        wall_s: wall time [s], with planning and the policy's inference.
+        failure: cause of the failure, "" for success.
     """
 
     seed: int
@@ -46,7 +46,7 @@ class Score:
 
 
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
-    """Seeds that nothing is trained on."""
+    """Seeds on which nothing is trained."""
     return range(first, first + count)
 
 
@@ -112,10 +112,10 @@ def _score(
 
 
 def _physics_env(env: gym.Env) -> Any:
-    """The simulated environment, also behind `Skill`."""
+    """The environment that simulates the physics: of `Skill` the one that it contains."""
     return getattr(env.unwrapped, "physics_env", env.unwrapped)
 
 
 def _positions(env: gym.Env) -> NDArray[np.float64]:
-    """Centres (n, 3) of the objects in the simulation."""
+    """Centres (n, 3) [m] of the objects in the simulation."""
     return np.array(_physics_env(env).measurements.poses[:, :3])

@@ -8,36 +8,36 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from clutter_env.learning.comparison.evaluation import Score
-from clutter_env.reporting.statistics import Interval, bootstrap
+from clutter_env.reporting.statistics import Interval, bootstrap, success_interval
+from clutter_env.reporting.tables import markdown_table, number_text
 
 __all__ = ["Row", "markdown", "plot", "summarise"]
 
-BESIDE = 0.3
-"""How far apart policies are drawn, in objects, so that none hides another."""
+OFFSET = 0.3
+"""[objects] Horizontal distance between the points of two policies, so that none hides another."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One policy in one scene_set: means with intervals; `moved` and `excess` over the scenes it solved.
+    """One policy on one set of scenes: means with 95% intervals.
 
     Attributes:
-        scene_set: "o15", "reach", ….
+        scene_set: "o15", "reach", …; see `scene_set_name`.
         policy: its name.
-        runs: training seeds.
-        episodes: played in all.
-        success: share of episodes.
-        moved: objects moved.
-        excess: objects moved beyond the floor.
+        runs: number of training seeds.
+        episodes: number of episodes of all runs.
+        success: share of the episodes; see `success_interval`.
+        moved: number of objects moved, over the scenes that the policy solved.
+        excess: `moved` minus the minimum number of clearances, over the solved scenes for which it is proved.
         steps: of the environment.
-        sim_s: [s].
-        wall_s: [s].
-        failures: causes with counts.
+        sim_s: simulated time [s].
+        wall_s: wall time [s].
+        failures: causes of failure with their counts.
     """
 
     scene_set: str
@@ -56,7 +56,15 @@ class Row:
 def summarise(
     scene_set: str, policy: str, runs: Sequence[Sequence[Score]], floors: Mapping[int, int | None], seed: int
 ) -> Row:
-    """The row of a policy's runs, one sequence of scores per training seed."""
+    """The row of one policy.
+
+    Args:
+        scene_set: name of the scenes.
+        policy: name of the policy.
+        runs: its scores, one sequence per training seed.
+        floors: minimum number of clearances by seed of the scene, None where it is not proved.
+        seed: of the bootstrap.
+    """
     rng = np.random.default_rng(seed)
     solved = [[score for score in run if score.is_success] for run in runs]
     return Row(
@@ -64,7 +72,7 @@ def summarise(
         policy=policy,
         runs=len(runs),
         episodes=sum(len(run) for run in runs),
-        success=bootstrap([[score.is_success for score in run] for run in runs], rng),
+        success=success_interval([[score.is_success for score in run] for run in runs], rng),
         moved=bootstrap([[score.moved for score in run] for run in solved], rng),
         excess=bootstrap([_excess(run, floors) for run in solved], rng),
         steps=bootstrap([[score.steps for score in run] for run in runs], rng),
@@ -75,56 +83,41 @@ def summarise(
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table; intervals are 95%, steps are of the environment (skills where a policy acts by skills)."""
-    head = (
-        "scenes",
-        "policy",
-        "runs × scenes",
-        "success",
-        "moved",
-        "moved - floor",
-        "steps",
-        "sim s",
-        "wall s",
-        "failures",
-    )
-    lines = [_line(head), _line(["---"] * len(head))]
-    for row in rows:
-        causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
-        lines.append(
-            _line(
-                (
-                    row.scene_set,
-                    row.policy,
-                    f"{row.runs} × {row.episodes // max(row.runs, 1)}",
-                    str(row.success),
-                    _text(row.moved),
-                    _text(row.excess),
-                    f"{row.steps.mean:.0f}",
-                    f"{row.sim_s.mean:.1f}",
-                    f"{row.wall_s.mean:.1f}",
-                    causes or "-",
-                )
-            )
-        )
-    return "\n".join(lines) + "\n"
+    """The table. Steps are of the environment: skills where a policy acts by skills."""
+    head = ["scenes", "policy", "runs × scenes", "success", "moved", "moved - floor"]
+    head += ["steps", "sim s", "wall s", "failures"]
+    return markdown_table(head, [_cells(row) for row in rows])
+
+
+def _cells(row: Row) -> list[str]:
+    causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
+    return [
+        row.scene_set,
+        row.policy,
+        f"{row.runs} × {row.episodes // max(row.runs, 1)}",
+        str(row.success),
+        str(row.moved),
+        str(row.excess),
+        number_text(row.steps.mean, "{:.0f}"),
+        number_text(row.sim_s.mean, "{:.1f}"),
+        number_text(row.wall_s.mean, "{:.1f}"),
+        causes or "none",
+    ]
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:
-    """Success and objects moved over the number of objects, with intervals; scene_sets without a number are left
-    out."""
+    """Draw success and objects moved over the number of objects, with intervals; other sets of scenes are left out."""
     counted = [row for row in rows if row.scene_set.startswith("o") and row.scene_set[1:].isdigit()]
     if not counted:
         return
-    mpl.use("Agg")
     figure = Figure(figsize=(10, 4.4), layout="constrained")
     panels = figure.subplots(1, 2)
     policies = list(dict.fromkeys(row.policy for row in counted))
-    for place, policy in enumerate(policies):
+    for index, policy in enumerate(policies):
         own = [row for row in counted if row.policy == policy]
-        numbers = np.array([int(row.scene_set[1:]) for row in own]) + BESIDE * (place - (len(policies) - 1) / 2)
-        _draw(panels[0], numbers, [row.success for row in own], policy, place)
-        _draw(panels[1], numbers, [row.moved for row in own], policy, place)
+        numbers = np.array([int(row.scene_set[1:]) for row in own]) + OFFSET * (index - (len(policies) - 1) / 2)
+        _draw(panels[0], numbers, [row.success for row in own], policy, index)
+        _draw(panels[1], numbers, [row.moved for row in own], policy, index)
     panels[0].set(title="success", ylim=(-0.03, 1.03))
     panels[1].set(title="objects moved, on solved scenes")
     panels[1].set_ylim(bottom=0)
@@ -136,23 +129,14 @@ def plot(rows: Sequence[Row], path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def _draw(axes: Any, numbers: NDArray[np.float64], values: Sequence[Interval], label: str, place: int) -> None:
-    """One policy's line; where it solved nothing, there is no point."""
+def _draw(axes: Any, numbers: NDArray[np.float64], values: Sequence[Interval], label: str, index: int) -> None:
+    """Draw the points of one policy; there is none where it solved no scene."""
     means, low, high = (np.array(column) for column in zip(*values, strict=True))
-    marker, colour = "osD^vPX"[place % 7], f"C{place % 10}"
-    axes.errorbar(
-        numbers, means, yerr=np.stack((means - low, high - means)), marker=marker, color=colour, capsize=3, label=label
-    )
+    marker, colour = "osD^vPX"[index % 7], f"C{index % 10}"
+    lengths = np.maximum((means - low, high - means), 0.0)
+    axes.errorbar(numbers, means, yerr=lengths, marker=marker, color=colour, capsize=3, label=label)
 
 
 def _excess(run: Sequence[Score], floors: Mapping[int, int | None]) -> list[float]:
     known = [(score.moved, floors.get(score.seed)) for score in run]
     return [moved - floor for moved, floor in known if floor is not None]
-
-
-def _text(interval: Interval) -> str:
-    return "-" if np.isnan(interval.mean) else str(interval)
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"

@@ -1,1 +1,1 @@
-"""Demonstrations: recorded, kept if they replay, stored and exported."""
+"""Demonstrations: record, replay, store and export episodes of an expert."""

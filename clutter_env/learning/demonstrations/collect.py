@@ -1,4 +1,4 @@
-"""Collecting demonstrations: seeds upwards, in parallel, each kept if it replays in a fresh process."""
+"""Collection of demonstrations: seeds in ascending order, in parallel, each kept if it replays in a new process."""
 
 from __future__ import annotations
 
@@ -6,31 +6,42 @@ import errno
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import record
 from clutter_env.learning.demonstrations.episode_file import write_episode
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.learning.demonstrations.experts import expert_names, make_expert
 from clutter_env.learning.demonstrations.replay import replay_in_fresh_process
-from clutter_env.learning.errors import CollectionError
-from clutter_env.parallel.workers import WorkerDied, Workers
+from clutter_env.learning.errors import CollectionError, LearningError, UnknownExpert
+from clutter_env.learning.task import HELD_OUT, Task
+from clutter_env.parallel.jobs import Crash, Killed
 
-__all__ = ["Outcome", "collect", "demonstrate"]
+__all__ = ["JobRunner", "Outcome", "collect", "demonstrate", "make_job"]
 
 MAX_DEATHS = 3
-"""Times that the worker of one seed may die before the collection stops."""
-PATIENCE = 30
-"""Rejected seeds allowed beyond four for every episode kept; more means that something is wrong."""
+"""The collection stops when the worker of one seed has died so many times."""
+MAX_REJECTED, MAX_REJECTED_PER_KEPT = 30, 4
+"""The collection stops with more than 30 rejected seeds, plus 4 for every episode kept: the task or the expert is
+probably wrong."""
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a seed: the episode's file as bytes, or the reason why there is none."""
+    """The result of one seed.
+
+    Attributes:
+        seed: of the scene.
+        content: the episode's file; empty if there is none.
+        reason: why there is none; "" if there is one.
+        steps: of the episode.
+    """
 
     seed: int
     content: bytes = b""
@@ -38,8 +49,47 @@ class Outcome:
     steps: int = 0
 
 
+class JobRunner(Protocol):
+    """Runs `demonstrate` on seeds in parallel: `run_jobs` with its number of workers chosen."""
+
+    def __call__(
+        self, function: Callable[[int], Outcome], jobs: Iterable[int | None]
+    ) -> Iterator[tuple[int, Outcome | Crash | Killed]]:
+        """Pairs of seed and result; see `run_jobs`."""
+        ...
+
+
+def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0) -> Job:
+    """A job that can be collected.
+
+    Args:
+        task: environment and keyword arguments.
+        expert: one of `expert_names`; "" for the first.
+        episodes: successful episodes wanted, at least 1.
+        first_seed: from 0 to `HELD_OUT` - 1.
+
+    Raises:
+        LearningError: a value out of its range.
+        UnknownTask: no such environment, or not with these keyword arguments.
+        UnknownExpert: no such expert for this environment; the message lists the known ones.
+    """
+    if episodes < 1:
+        raise LearningError(f"episodes={episodes} is not valid; it must be at least 1")
+    if not 0 <= first_seed < HELD_OUT:
+        raise LearningError(f"seed={first_seed} is not valid; it must be from 0 to {HELD_OUT - 1}")
+    task.make().close()
+    known = expert_names(task.env_id)
+    if not known:
+        raise UnknownExpert(
+            f"no expert acts in {task.env_id}; collect in the Retrieve environment with as many objects"
+        )
+    if expert and expert not in known:
+        raise UnknownExpert(f"no expert {expert!r} for {task.env_id}; known ones: {', '.join(known)}")
+    return Job(task, expert or known[0], episodes, first_seed)
+
+
 def demonstrate(job: Job, seed: int) -> Outcome:
-    """Record one episode and replay it in a fresh process; runs in a worker.
+    """Record one episode and replay it in a new process; runs in a worker.
 
     Raises:
         OSError: no space for a temporary file.
@@ -67,72 +117,97 @@ def demonstrate(job: Job, seed: int) -> Outcome:
 
 
 def collect(
-    job: Job, dataset: Dataset, workers: Workers[Outcome], report: Callable[[Outcome], None] = lambda _: None
+    job: Job, dataset: Dataset, run: JobRunner, report: Callable[[Outcome], None] = lambda _: None
 ) -> list[int]:
-    """Demonstrate seed after seed until the dataset has all its episodes; the seeds that make it up.
+    """Demonstrate seeds in ascending order until the dataset has all its episodes.
 
-    Never more seeds are under way than episodes are missing, so that none is made in vain.
+    Never more seeds are in progress than episodes are missing, so that no episode is made in vain.
 
     Args:
         job: what to collect.
-        dataset: where to; what it has already is not made again.
-        workers: run `demonstrate`.
+        dataset: where to; seeds that it has decided already are not tried again.
+        run: for example `partial(run_jobs, workers=2)`.
         report: called with every outcome.
+
+    Returns:
+        The seeds of the dataset.
 
     Raises:
         CollectionError: a full disk, a worker that dies again and again, or far too many rejected seeds.
     """
-    pending: set[int] = set()
-    deaths: Counter[int] = Counter()
-    seed = job.first_seed
-    kept = rejected = 0
-    while True:
-        while len(pending) < workers.count and kept + len(pending) < job.episodes:
-            if dataset.has_episode(seed):
-                kept += 1
-            elif dataset.is_decided(seed):
-                rejected += 1
-            else:
-                workers.submit(seed)
-                pending.add(seed)
-            seed += 1
-        if not pending:
-            break
-        for done, outcome in workers.wait():
-            if isinstance(outcome, WorkerDied):
-                deaths[done] += 1
-                _give_up_on_deaths(done, deaths[done], outcome)
-                workers.submit(done)
-                continue
-            pending.remove(done)
-            _store(dataset, outcome)
-            kept, rejected = kept + bool(outcome.content), rejected + (not outcome.content)
-            report(outcome)
-        if rejected > PATIENCE + 4 * kept:
-            reasons = Counter(reason.splitlines()[0] for reason in dataset.reasons().values()).most_common(3)
-            raise CollectionError(f"{rejected} seeds rejected and only {kept} kept; most often: {reasons}")
+    progress = _Progress(job, dataset)
+    for seed, result in run(partial(demonstrate, job), progress.seeds_to_try()):
+        if isinstance(result, Outcome):
+            progress.finish(result)
+            report(result)
+        else:
+            progress.try_again(seed, result)
     chosen = dataset.chosen_seeds(job)
     assert chosen is not None
     dataset.finish(chosen)
     return chosen
 
 
-def _store(dataset: Dataset, outcome: Outcome) -> None:
-    try:
-        if outcome.content:
-            dataset.put(outcome.seed, outcome.content)
-        else:
-            dataset.reject(outcome.seed, outcome.reason)
-    except OSError as problem:
-        raise CollectionError(
-            f"seed {outcome.seed} could not be stored in {dataset.directory}: {problem.strerror}; every episode stored "
-            "before is whole; make room and run the same command again"
-        ) from problem
+class _Progress:
+    """Which seeds are kept, rejected, in progress, and to be tried again because their worker died."""
 
+    def __init__(self, job: Job, dataset: Dataset) -> None:
+        self._job, self._dataset = job, dataset
+        self._kept = self._rejected = 0
+        self._in_progress: set[int] = set()
+        self._again: list[int] = []
+        self._deaths: Counter[int] = Counter()
 
-def _give_up_on_deaths(seed: int, count: int, death: WorkerDied) -> None:
-    if death.is_final or count >= MAX_DEATHS:
-        raise CollectionError(
-            f"the worker of seed {seed} ended {count} times ({death.cause}); out of memory, or killed? Every episode "
-            "stored before is whole; run the same command again to go on, with fewer --workers if memory is short"
-        )
+    def seeds_to_try(self) -> Iterator[int | None]:
+        """Undecided seeds in ascending order; None while those in progress may be all that are needed."""
+        seed = self._job.first_seed
+        while True:
+            if self._again:
+                yield self._again.pop()
+            elif self._kept + len(self._in_progress) >= self._job.episodes:
+                if not self._in_progress:
+                    return
+                yield None
+            elif self._dataset.has_episode(seed):
+                self._kept += 1
+                seed += 1
+            elif self._dataset.is_decided(seed):
+                self._rejected += 1
+                seed += 1
+            else:
+                self._in_progress.add(seed)
+                seed += 1
+                yield seed - 1
+
+    def finish(self, outcome: Outcome) -> None:
+        """Store the outcome of a seed."""
+        self._in_progress.remove(outcome.seed)
+        try:
+            if outcome.content:
+                self._dataset.put(outcome.seed, outcome.content)
+                self._kept += 1
+            else:
+                self._dataset.reject(outcome.seed, outcome.reason)
+                self._rejected += 1
+        except OSError as problem:
+            raise CollectionError(
+                f"seed {outcome.seed} could not be stored in {self._dataset.directory}: {problem.strerror}; every "
+                "episode stored before is complete; free some space and run the same command again"
+            ) from problem
+        if self._rejected > MAX_REJECTED + MAX_REJECTED_PER_KEPT * self._kept:
+            reasons = Counter(reason.splitlines()[0] for reason in self._dataset.reasons().values()).most_common(3)
+            raise CollectionError(f"{self._rejected} seeds rejected and only {self._kept} kept; most often: {reasons}")
+
+    def try_again(self, seed: int, problem: Crash | Killed) -> None:
+        """Note that a seed's worker died."""
+        stored = "every episode stored before is complete; run the same command again to go on"
+        if isinstance(problem, Crash) and problem.is_final:
+            raise CollectionError(f"seed {seed} could not be demonstrated: {problem.summary}; {stored}")
+        self._deaths[seed] += 1
+        if self._deaths[seed] >= MAX_DEATHS:
+            cause = problem.summary if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
+            raise CollectionError(
+                f"the worker of seed {seed} ended {self._deaths[seed]} times ({cause}); out of memory, or killed? "
+                f"{stored}, with fewer --workers if memory is short"
+            )
+        self._again.append(seed)

@@ -1,19 +1,18 @@
-"""A directory of demonstrations: one file per episode, named by its seed, and a record of what was tried in vain.
+"""A directory of demonstrations: one file per episode, named by its seed, and one per seed without a demonstration.
 
-    dataset.json            the job: task, expert, how many episodes, first seed, versions
+    dataset.json            the job: task, expert, first seed, versions
     episodes/seed_N.hdf5    an episode that succeeded and replays
-    rejected/seed_N.json    a seed without a demonstration, and why
-    index.json              once complete: the seeds in the dataset, in order
+    rejected/seed_N.json    a seed without a demonstration, and the reason
+    index.json              once the collection is complete: the seeds of the dataset, in order
 
-A seed is decided when it has one of the two files. The dataset is the first `episodes` seeds, counted upwards, that
-have a demonstration: the same set however many processes worked on it and however often they were killed.
+A seed is decided when it has an episode or a rejection. The dataset is the first `episodes` seeds, in ascending order,
+that have an episode: the same set for every number of processes and of interruptions.
 """
 
 from __future__ import annotations
 
 import fcntl
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.episode_file import read_episode
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.task import Task, versions
+from clutter_env.reporting.json_file import json_text, write_atomically, write_json
 
 __all__ = ["Dataset", "Job"]
 
@@ -41,23 +41,23 @@ class Job:
     options: Mapping[str, Any] | None = None
 
     def identity(self) -> dict[str, Any]:
-        """All that decides what an episode of a seed looks like, as JSON values."""
-        content = {"task": json.loads(self.task.to_json()), "expert": self.expert, "first_seed": self.first_seed}
-        return {**content, "options": self.options, "versions": versions()}
+        """Everything that determines the episode of a seed, as JSON values."""
+        content = {"task": self.task, "expert": self.expert, "first_seed": self.first_seed}
+        return dict(json.loads(json_text({**content, "options": self.options, "versions": versions()})))
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A directory of demonstrations; see the module."""
+    """A directory of demonstrations; see the module's docstring."""
 
     directory: Path
 
     @classmethod
     def open_for(cls, job: Job, directory: Path) -> Dataset:
-        """The directory, made or continued, for this job.
+        """The dataset of a job in a directory, which is made if it does not exist.
 
         Raises:
-            DatasetError: the directory holds something else; the message says what.
+            DatasetError: the directory holds other files, or the episodes of another job; the message says which.
         """
         dataset = cls(directory)
         described = directory / _JOB
@@ -79,7 +79,7 @@ class Dataset:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other collections out of the directory; the system lets go of the lock when the process ends.
+        """Keep other collections out of the directory; the system releases the lock when the process ends.
 
         Raises:
             DatasetError: another process is collecting into the directory.
@@ -101,33 +101,33 @@ class Dataset:
         return self.episodes_directory / f"seed_{seed:07d}.hdf5"
 
     def put(self, seed: int, content: bytes) -> None:
-        """Store the file of a seed's episode: whole, or not at all.
+        """Store the file of a seed's episode, completely or not at all.
 
         Raises:
-            OSError: the disk is full or cannot be written; what was stored before stays.
+            OSError: the disk is full or cannot be written; the files stored before stay.
         """
         write_atomically(self.episode_path(seed), content)
 
     def reject(self, seed: int, reason: str) -> None:
-        """Record that a seed gave no demonstration."""
+        """Store the reason why a seed has no demonstration."""
         write_json(self._rejected_path(seed), {"seed": seed, "reason": reason})
 
     def is_decided(self, seed: int) -> bool:
-        """Whether nothing remains to be done for a seed."""
+        """Whether a seed has an episode or a rejection."""
         return self.has_episode(seed) or self._rejected_path(seed).exists()
 
     def has_episode(self, seed: int) -> bool:
-        """Whether there is a demonstration of that seed."""
+        """Whether a seed has an episode."""
         return self.episode_path(seed).exists()
 
     def reasons(self) -> dict[int, str]:
-        """Why seeds were rejected."""
+        """The reasons of the rejected seeds, by seed."""
         files = sorted((self.directory / _REJECTED).glob("seed_*.json"))
         entries = [json.loads(file.read_text()) for file in files]
         return {entry["seed"]: entry["reason"] for entry in entries}
 
     def chosen_seeds(self, job: Job) -> list[int] | None:
-        """The dataset's seeds once they are known: all seeds up to the last of them are decided; None before."""
+        """The seeds of the dataset; None until all seeds up to the last of them are decided."""
         chosen: list[int] = []
         seed = job.first_seed
         while len(chosen) < job.episodes:
@@ -139,24 +139,24 @@ class Dataset:
         return chosen
 
     def finish(self, seeds: Sequence[int]) -> None:
-        """Write down which seeds make up the dataset."""
+        """Store the seeds of the complete dataset."""
         write_json(self.directory / _INDEX, {"seeds": list(seeds)})
 
     @property
     def seeds(self) -> list[int]:
-        """The seeds of a finished dataset.
+        """The seeds of a complete dataset.
 
         Raises:
-            DatasetError: the directory holds no dataset, or an unfinished one.
+            DatasetError: the directory holds no dataset, or an incomplete one.
         """
         index = self.directory / _INDEX
         if not index.exists():
-            raise DatasetError(f"{self.directory} holds no finished dataset: run collect_demos.py to its end")
+            raise DatasetError(f"{self.directory} holds no complete dataset; run `clutter-env collect` until it ends")
         return list(json.loads(index.read_text())["seeds"])
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What `Job.identity` said when the dataset was begun."""
+        """`Job.identity` of the job for which the directory was made."""
         return dict(json.loads((self.directory / _JOB).read_text()))
 
     def __iter__(self) -> Iterator[Episode]:
@@ -169,21 +169,3 @@ class Dataset:
 
     def _rejected_path(self, seed: int) -> Path:
         return self.directory / _REJECTED / f"seed_{seed:07d}.json"
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file: whole, or not at all."""
-    write_atomically(path, json.dumps(content, indent=1).encode())
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that appears under its name once it is on the disk; an old one stays until then."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""One episode: recorded while an expert acts, played again from its seed and actions alone."""
+"""One episode: recorded while an expert acts, and replayed from its seed and actions alone."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from clutter_env.learning.task import Task, versions
 __all__ = ["Episode", "ReplayResult", "record", "replay"]
 
 PHYSICS_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-"""Time, positions, velocities, activations: what `mj_setState` needs to show a step again."""
+"""Time, positions, velocities, activations: the state with which `mj_setState` restores a step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """What happened, T steps long.
+    """An episode of T steps.
 
     Attributes:
-        task: where.
-        seed: given to reset; with `options` and `actions` it determines all the rest.
+        task: environment and keyword arguments.
+        seed: given to reset; seed, `options` and `actions` determine everything else.
         options: given to reset.
         observations: by name, (T + 1, ...) each.
         actions: (T, n).
         rewards: (T,).
-        terminated, truncated: of the last step.
+        terminated: flag of the last step.
+        truncated: flag of the last step.
         is_success: (T + 1,) flags of the infos.
         num_fallen: (T + 1,) counts of the infos.
         states: (T + 1, s) MuJoCo's full physics state.
-        skills: T names of what the expert was doing.
+        skills: names (T) of the skill that each action belongs to.
         plan: the expert's plan as text.
         report: the expert's report, JSON values.
-        versions: of all that decides what an episode looks like.
+        versions: of all packages that the episode depends on.
     """
 
     task: Task
@@ -68,7 +69,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Whether a replay showed the same again; `first_difference` is the step from which it did not, -1 for none."""
+    """Whether a replay was identical and successful; `first_difference` is the first step that differed, or -1."""
 
     is_identical: bool
     is_success: bool
@@ -78,7 +79,7 @@ class ReplayResult:
 def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping[str, Any] | None = None) -> Episode:
     """Reset with the seed and let the expert act until the episode ends or the expert is done.
 
-    Actions are rounded to the action space's float32 before they are used, so that what is stored is what was done.
+    Actions are rounded to the action space's float32 before they are executed, as they are stored.
     """
     observation, info = env.reset(seed=seed, options=None if options is None else dict(options))
     expert.reset()
@@ -117,7 +118,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
 
 
 def replay(episode: Episode) -> ReplayResult:
-    """Make the environment anew, reset it with the seed, repeat the actions, and compare every bit."""
+    """Repeat the actions in a new environment and compare observations and rewards bit for bit."""
     env = episode.task.make()
     try:
         observation, info = env.reset(
@@ -135,14 +136,14 @@ def replay(episode: Episode) -> ReplayResult:
 
 
 def _same(episode: Episode, step: int, observation: Mapping[str, NDArray[Any]]) -> bool:
-    """Whether an observation is bit for bit that of the episode's step."""
+    """Whether an observation equals that of a step of the episode, bit for bit."""
     return observation.keys() == episode.observations.keys() and all(
         np.asarray(value).tobytes() == episode.observations[name][step].tobytes() for name, value in observation.items()
     )
 
 
 def _physics_state(env: gym.Env) -> NDArray[np.float64]:
-    model, data = env.unwrapped.model, env.unwrapped.data  # type: ignore[attr-defined]
+    model, data = env.get_wrapper_attr("model"), env.get_wrapper_attr("data")
     state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
     mujoco.mj_getState(model, data, state, PHYSICS_STATE)
     return state

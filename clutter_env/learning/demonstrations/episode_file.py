@@ -1,4 +1,4 @@
-"""One episode as one HDF5 file, in the layout of a Minari episode, with what Minari does not ask for beside it.
+"""One episode as one HDF5 file: the layout of a Minari episode, and further data that Minari does not need.
 
     observations/…  actions  rewards  terminations  truncations  infos/{is_success, num_fallen, state, skill}
     expert/{plan, report, skills}  attributes: id, seed, total_steps, options, task, versions
@@ -41,13 +41,13 @@ def read_episode(path: Path) -> Episode:
     """The episode in that file.
 
     Raises:
-        DatasetError: there is no such file, or it is no episode.
+        DatasetError: there is no such file, or it holds no episode.
     """
     try:
         with h5py.File(path, "r") as file:
             return _read(file)
     except (OSError, KeyError) as problem:
-        raise DatasetError(f"{path} is no episode of this package: {problem}") from problem
+        raise DatasetError(f"{path} holds no episode of this package: {problem}") from problem
 
 
 def _write(file: h5py.File, episode: Episode) -> None:

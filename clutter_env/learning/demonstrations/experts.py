@@ -1,9 +1,7 @@
-"""Experts behind one interface: the task and motion planner, and scripts for the goal environments."""
+"""Experts with one interface: the task and motion planner, and the scripts."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -15,18 +13,19 @@ from numpy.typing import NDArray
 from clutter_env.learning.demonstrations.scripted import SCRIPTS
 from clutter_env.learning.errors import UnknownExpert
 from clutter_env.learning.task import family
+from clutter_env.reporting.json_file import json_values
 
-__all__ = ["Expert", "expert_names", "make_expert"]
+__all__ = ["Expert", "expert_keywords", "expert_names", "make_expert"]
 
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
-"""Strategies of the planner; known here without importing it."""
+"""The strategies of the planner, which takes long to import."""
 
-PATIENCE = 400
+MAX_SCRIPT_STEPS = 400
 """Steps after which a script gives up; it needs about a hundred."""
 
 
 class Expert(Protocol):
-    """Acts in one environment, which it may look into."""
+    """Acts in one environment; it may read the state of the simulation."""
 
     @property
     def done(self) -> bool:
@@ -35,12 +34,12 @@ class Expert(Protocol):
 
     @property
     def skill(self) -> str:
-        """Name of what the last action belonged to."""
+        """Name of the skill that the last action belongs to."""
         ...
 
     @property
     def plan_text(self) -> str:
-        """The plan, one action a line."""
+        """The plan, one action per line."""
         ...
 
     @property
@@ -49,7 +48,7 @@ class Expert(Protocol):
         ...
 
     def reset(self) -> None:
-        """Take up the episode that the environment has just begun."""
+        """Start with the episode for which the environment has just been reset."""
         ...
 
     def act(self) -> NDArray[Any]:
@@ -58,18 +57,27 @@ class Expert(Protocol):
 
 
 def expert_names(env_id: str) -> tuple[str, ...]:
-    """The experts that know an environment; none acts by skills."""
+    """The experts of an environment, the default one first; none acts in the Skill environments."""
     kind = family(env_id)
     if kind == "skill":
         return ()
-    return (kind,) if kind in SCRIPTS else (*STRATEGY_NAMES, "front")
+    return (kind,) if kind in SCRIPTS else (*STRATEGY_NAMES, "scripted")
+
+
+def expert_keywords(name: str) -> dict[str, Any]:
+    """Keyword arguments with which an environment must be made for an expert."""
+    return {"control_mode": "ee"} if name in SCRIPTS else {}
 
 
 def make_expert(env: gym.Env, name: str = "") -> Expert:
-    """An expert for an environment: a strategy of the planner, or the script of a goal environment; "" is the first.
+    """An expert for an environment.
+
+    Args:
+        env: made with `gym.make`.
+        name: one of `expert_names`; "" for the first.
 
     Raises:
-        UnknownExpert: no such expert for this environment; the message lists those there are.
+        UnknownExpert: no such expert for this environment; the message lists the known ones.
     """
     assert env.spec is not None
     known = expert_names(env.spec.id)
@@ -86,42 +94,44 @@ def make_expert(env: gym.Env, name: str = "") -> Expert:
 
 
 class ScriptedExpert:
-    """One of `SCRIPTS`: a function from the environment to its next action, with the name of the phase it is in.
+    """An expert that follows one of `SCRIPTS`.
 
     Raises:
-        UnknownExpert: the environment is not controlled by the hand's velocity.
+        UnknownExpert: the environment is not controlled by the velocity of the gripper.
     """
 
     def __init__(self, env: gym.Env, name: str) -> None:
-        if env.unwrapped.config.control_mode != "ee":  # type: ignore[attr-defined]
+        base_env: Any = env.unwrapped
+        if base_env.config.control_mode != "ee":
             raise UnknownExpert(f"the script {name!r} needs control_mode='ee'")
-        self._env, self._name = env, name
+        self._env, self._name = base_env, name
+        self._steps = 0
         self.skill = ""
         self.done = False
         self.plan_text = name
         self.report_values: Mapping[str, Any] = {}
 
     def reset(self) -> None:
-        """Begin anew."""
-        self._script = SCRIPTS[self._name](self._env.unwrapped)
+        """Start with the episode for which the environment has just been reset."""
         self._steps = 0
         self.done = False
 
     def act(self) -> NDArray[Any]:
         """The next action."""
         self._steps += 1
-        self.done = self._steps >= PATIENCE
-        self.skill, action = self._script()
+        self.done = self._steps >= MAX_SCRIPT_STEPS
+        self.skill, action = SCRIPTS[self._name](self._env)
         return action
 
 
 class PlannerExpert:
-    """`planners.TampExpert`, imported when it is first needed.
+    """`planners.TampExpert` without a time limit.
 
-    It gives up after so many task plans and clearances, not by the clock: a loaded machine finds the same plans.
+    It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
     """
 
     def __init__(self, env: gym.Env, strategy: str) -> None:
+        # The scripts do without the planner and its compiled kernels.
         from planners.execution.expert import ExpertConfig, TampExpert
 
         self._expert = TampExpert(env, strategy=strategy, config=ExpertConfig(planning_s=math.inf))
@@ -133,7 +143,7 @@ class PlannerExpert:
 
     @property
     def skill(self) -> str:
-        """The action and the phase of its motion, such as "PickUp object_03: lift"."""
+        """The symbolic action and the phase of its motion, such as "PickUp object_03: lift"."""
         return str(self._expert.phase)
 
     @property
@@ -144,17 +154,12 @@ class PlannerExpert:
     @property
     def report_values(self) -> Mapping[str, Any]:
         """`EpisodeReport` as JSON values."""
-        return json_values(self._expert.report)
+        return dict(json_values(self._expert.report))
 
     def reset(self) -> None:
-        """Plan for the episode that has just begun."""
+        """Plan for the episode for which the environment has just been reset."""
         self._expert.reset()
 
     def act(self) -> NDArray[Any]:
         """The next action."""
         return np.asarray(self._expert.act())
-
-
-def json_values(value: Any) -> dict[str, Any]:
-    """A dataclass as JSON values; what JSON does not know becomes text."""
-    return dict(json.loads(json.dumps(dataclasses.asdict(value), default=str)))

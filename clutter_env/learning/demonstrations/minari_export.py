@@ -1,4 +1,4 @@
-"""A finished dataset as a Minari dataset, written in Minari's own layout.
+"""A complete dataset as a Minari dataset, written in Minari's own layout.
 
 `minari.load_dataset` and `MinariDataset(path)` read it; writing does not need Minari's `[create]` extra (jax), nor
 Minari itself.
@@ -16,9 +16,10 @@ import gymnasium as gym
 import h5py
 from gymnasium import spaces
 
-from clutter_env.learning.demonstrations.dataset import Dataset, write_json
+from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.task import Task
+from clutter_env.reporting.json_file import write_json
 
 __all__ = ["MINARI_VERSION", "export_minari"]
 
@@ -26,20 +27,22 @@ MINARI_VERSION = "0.5.3"
 """The version of Minari whose layout this is."""
 
 
-def export_minari(dataset: Dataset, root: Path, dataset_id: str, about: str = "", replace: bool = False) -> Path:
+def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: bool = False) -> Path:
     """Write the dataset below `root` (Minari's own is $MINARI_DATASETS_PATH or ~/.minari/datasets); its directory.
 
     Args:
-        dataset: finished.
+        dataset: complete.
         root: directory of Minari datasets.
-        dataset_id: such as "clutter_env/retrieve-o15-v0".
-        about: a description.
+        dataset_id: such as "clutter_env/retrieve-o15-v0"; "" for the environment's id in lower case.
         replace: whether a dataset of that name is replaced.
 
     Raises:
-        DatasetError: there is a dataset of that name already, or `dataset` is not finished.
+        DatasetError: there is a dataset of that name already, or `dataset` is not complete.
     """
     seeds = dataset.seeds
+    env_id = str(dataset.identity["task"]["env_id"])
+    dataset_id = dataset_id or env_id.lower()
+    about = f"{len(seeds)} demonstrations of {env_id}; every one replays bit for bit from its seed and actions."
     final = root / dataset_id
     if final.exists() and not replace:
         raise DatasetError(f"{final} exists; choose another dataset id or remove it")

@@ -1,4 +1,4 @@
-"""Replay an episode in this process: `python -m clutter_env.learning.demonstrations.replay FILE` prints JSON."""
+"""Replay of an episode in a new process: `python -m clutter_env.learning.demonstrations.replay FILE` prints JSON."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["replay_in_fresh_process"]
 
 
 def replay_in_fresh_process(path: Path) -> ReplayResult:
-    """Replay an episode's file in a Python process started for it.
+    """Replay the file of an episode in a new Python process.
 
     Raises:
-        LearningError: that process failed; the message ends with what it said.
+        LearningError: that process failed; the message ends with its last output.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(part for part in sys.path if part)}
     command = [sys.executable, "-m", "clutter_env.learning.demonstrations.replay", str(path)]

@@ -1,1 +1,1 @@
-"""Policies: networks, features, baselines, and agents loaded from training runs."""
+"""Policies: networks, features, baselines, and those of training runs."""

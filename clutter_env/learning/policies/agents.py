@@ -1,4 +1,4 @@
-"""Anything that acts, behind one interface, whatever trained it: loaded from the directory of its training run."""
+"""Trained policies of all algorithms with one interface, loaded from the directories of their training runs."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ import gymnasium as gym
 import numpy as np
 
 from clutter_env.learning.policies.policy import Policy
-from clutter_env.learning.policies.rl import ALGORITHMS, GOAL_ALGORITHMS, ScaledActions, load_model, training_env
-from clutter_env.learning.policies.runs import load_run
+from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, load_model, training_env
+from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 
-__all__ = ["CLONERS", "POLICY_FILE", "Agent", "load_agent", "model_agent"]
+__all__ = ["POLICY_FILE", "Agent", "load_agent", "model_agent"]
 
 Agent = Callable[[Any], Any]
-"""From an observation to an action."""
-CLONERS = ("bc", "dagger")
+"""From an observation to the action."""
 POLICY_FILE = "policy.pt"
 
 
 def load_agent(directory: Path, env: gym.Env) -> Agent:
-    """The trained policy, to act in an environment of the task it was trained for.
+    """The policy of a training run, for an environment of the task that it was trained on.
 
     Raises:
         LearningError: the directory holds no trained policy.
@@ -34,14 +33,15 @@ def load_agent(directory: Path, env: gym.Env) -> Agent:
 
 
 def model_agent(algorithm: str, model: Any, env: gym.Env) -> Agent:
-    """A Stable-Baselines3 model as an agent in `env`: the most probable action, in the environment's own scale.
+    """A Stable-Baselines3 model as a policy in `env`: the most probable action, in the scale of the environment.
 
-    Masks leave out attempts that have just failed, never what geometry forbids.
+    Action masks exclude skills that have just failed, but not skills without a free grasp.
     """
     assert algorithm in ALGORITHMS
     scaled = ScaledActions(env) if algorithm in GOAL_ALGORITHMS else None
 
     def act(observation: Any) -> Any:
+        """The most probable action."""
         if algorithm == "maskable_ppo":
             masks = env.get_wrapper_attr("action_masks")(geometric=False)
             action, _ = model.predict(observation, deterministic=True, action_masks=masks)

@@ -1,4 +1,4 @@
-"""Contenders that need no training: what a learner must beat."""
+"""Policies without training, with which learnt ones are compared."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ __all__ = ["BASELINES", "greedy_agent", "random_agent"]
 
 BASELINES = ("random", "greedy")
 _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
-"""Directions, those from the robot's side first."""
+"""Indices of the approach directions, those from the robot's side first."""
 
 
 def random_agent(env: gym.Env, seed: int) -> Callable[[Any], Any]:
-    """Any action; of skills, any that is worth trying."""
+    """A policy that draws actions uniformly; in Skill, among those that have not just failed."""
     rng = np.random.default_rng(seed)
     space = env.action_space
 
     def act(_: Any) -> Any:
+        """A random action."""
         if isinstance(space, gym.spaces.Box):
             return rng.uniform(space.low, space.high).astype(np.float32)
         masks = env.get_wrapper_attr("action_masks")(geometric=False)
@@ -32,21 +33,22 @@ def random_agent(env: gym.Env, seed: int) -> Callable[[Any], Any]:
 
 
 def greedy_agent(env: gym.Env) -> Callable[[Any], Any]:
-    """Take the target; while that fails, clear what stands nearest to it, from the robot's side first.
+    """A policy that takes the target; while that fails, it clears the nearest object, from the robot's side first.
 
     Raises:
         LearningError: the environment has no skills.
     """
     if not isinstance(env.action_space, gym.spaces.Discrete):
         raise LearningError("the greedy baseline acts by skills; compare it on a Skill or Retrieve environment")
-    skills = env.unwrapped
+    skills: Any = env.unwrapped
 
     def act(_: Any) -> int:
-        masks = skills.action_masks(geometric=False)  # type: ignore[attr-defined]
+        """The first skill in this order that has not just failed."""
+        masks = skills.action_masks(geometric=False)
         if masks[-1]:
             return len(masks) - 1
-        bodies = skills.scene.objects  # type: ignore[attr-defined]
-        target = skills.scene.body(skills.target)  # type: ignore[attr-defined]
+        bodies = skills.scene.objects
+        target = skills.scene.body(skills.target)
         near = np.argsort([np.linalg.norm(body.position[:2] - target.position[:2]) for body in bodies])
         per_object = (len(masks) - 1) // len(bodies)
         wanted = (int(i) * per_object + d for i in near for d in _FRONT_FIRST)

@@ -1,4 +1,4 @@
-"""A network that acts: features in, an action in [-1, 1] out."""
+"""The network of cloned policies: from features to an action in [-1, 1]."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["Policy"]
 
 
 class Policy(nn.Module):
-    """Three linear layers between features and a squashed action.
+    """Three linear layers from features to an action, which tanh squashes into [-1, 1].
 
-    The features are taken as they are. Normalising them by their deviation in the data blows up those that hardly vary
-    in it, and they drown the rest once they do: clones of `Pick` then succeed less often.
+    The features are not normalised. Division by their standard deviation in the data enlarges features that hardly vary
+    there, so that they dominate the others when they do vary: clones of `Pick` then succeed less often.
     """
 
     def __init__(self, num_features: int, num_actions: int, width: int = 256) -> None:
@@ -42,7 +42,7 @@ class Policy(nn.Module):
         return np.asarray(action.numpy(), np.float32)
 
     def save(self, path: Path) -> None:
-        """Write shape and weights; the file is whole or absent."""
+        """Write shape and weights; the file is complete, or the old one stays."""
         part = path.with_name(f".{path.name}.part")
         torch.save({"shape": self.shape, "weights": self.state_dict()}, part)
         part.replace(path)
@@ -52,7 +52,7 @@ class Policy(nn.Module):
         """The policy that `save` wrote.
 
         Raises:
-            DatasetError: there is none.
+            DatasetError: there is no such file.
         """
         if not path.exists():
             raise DatasetError(f"there is no policy at {path}")

@@ -1,4 +1,4 @@
-"""Reinforcement learning with Stable-Baselines3: models made, fed with demonstrations, saved whole and resumed."""
+"""Reinforcement learning with Stable-Baselines3: models are made, saved completely, and resumed."""
 
 from __future__ import annotations
 
@@ -19,11 +19,18 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from clutter_env.envs.observation import OBJECT_FIELDS
-from clutter_env.learning.demonstrations.dataset import write_json
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.features import NEAR_SCALES, OBJECTS_FROM, TCP
+from clutter_env.learning.policies.features import (
+    COS_YAW,
+    NEAR_SCALES,
+    OBJECT_ROW,
+    OBJECTS_FROM,
+    SIN_YAW,
+    TCP_POSITION,
+)
+from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
+from clutter_env.reporting.json_file import write_json
 
 __all__ = [
     "ALGORITHMS",
@@ -39,37 +46,36 @@ __all__ = [
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
     {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
 )
-"""SAC and TQC learn goal environments with hindsight; PPO and MaskablePPO learn skills."""
-GOAL_ALGORITHMS = ("sac", "tqc")
+"""By name: the classes of `GOAL_ALGORITHMS` and `SKILL_ALGORITHMS`."""
 HISTORY_FILE = "history.json"
 _MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
 
 BASE_SCALE, TURN_SCALE = 0.1, 0.2
-"""Shares of the greatest base velocity and hand turning rate that a learner's full action asks for. Goals are within
-the arm's reach; at full speed the noise of exploration drives the base away."""
+"""Shares of the greatest velocity of the base, and of the greatest turning rate of the gripper, that a full action of a
+learner commands. Goals are within the arm's reach; at full speed the noise of exploration drives the base away."""
 
 
 class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
-    """Slows the base and the turning of the hand."""
+    """Scales the actions of a learner, so that base and gripper turn and move more slowly."""
 
     def __init__(self, env: gym.Env) -> None:
         super().__init__(env)
         self.scale = np.ones(env.action_space.shape or (), np.float32)
         self.scale[:3] = BASE_SCALE
-        if env.unwrapped.config.control_mode == "ee":  # type: ignore[attr-defined]
+        if env.get_wrapper_attr("control_mode") == "ee":
             self.scale[6:9] = TURN_SCALE
 
     def action(self, action: Any) -> Any:
-        """What the environment is told."""
+        """The environment's action for an action of the learner."""
         return action * self.scale
 
     def reverse_action(self, action: Any) -> Any:
-        """What a learner would have had to say; as near as it can."""
+        """The action of the learner for an action of the environment, clipped to its range."""
         return np.clip(action / self.scale, -1.0, 1.0)
 
 
 def training_env(name: str, env: gym.Env) -> gym.Env:
-    """The environment as an algorithm sees it."""
+    """The environment with the action scale of an algorithm."""
     return ScaledActions(env) if name in GOAL_ALGORITHMS else env
 
 
@@ -77,27 +83,27 @@ class GoalFeatures(BaseFeaturesExtractor):
     """`features.feature_vector` of a goal observation, for batches on torch."""
 
     def __init__(self, space: gym.spaces.Dict) -> None:
-        size = int(np.prod(space["observation"].shape))  # type: ignore[arg-type]
-        ways = 1 + (size > OBJECTS_FROM)
-        super().__init__(space, size + ways * 3 * (1 + len(NEAR_SCALES)))
+        (size,) = space["observation"].shape or (0,)
+        offsets = 1 + (size > OBJECTS_FROM)
+        super().__init__(space, size + offsets * 3 * (1 + len(NEAR_SCALES)))
 
     def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """(k, f)."""
+        """Features (k, f) of observations with entries (k, n)."""
         vector = observation["observation"].float()
-        way = (observation["desired_goal"] - observation["achieved_goal"]).float()
-        sine, cosine = vector[:, 2], vector[:, 3]
-        ahead = cosine * way[:, 0] + sine * way[:, 1]
-        left = cosine * way[:, 1] - sine * way[:, 0]
-        parts = [vector, *_near_and_far(torch.stack((ahead, left, way[:, 2]), dim=1))]
+        offset = (observation["desired_goal"] - observation["achieved_goal"]).float()
+        sine, cosine = vector[:, SIN_YAW], vector[:, COS_YAW]
+        ahead = cosine * offset[:, 0] + sine * offset[:, 1]
+        left = cosine * offset[:, 1] - sine * offset[:, 0]
+        parts = [vector, *_near_and_far(torch.stack((ahead, left, offset[:, 2]), dim=1))]
         if vector.shape[1] > OBJECTS_FROM:
-            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, len(OBJECT_FIELDS))
-            target = (rows[:, :, 2:5] * rows[:, :, 1:2]).sum(1)
-            parts += _near_and_far(target - vector[:, TCP])
+            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, OBJECT_ROW.size)
+            target = (rows[:, :, OBJECT_ROW["position"]] * rows[:, :, OBJECT_ROW["is_target"]]).sum(1)
+            parts += _near_and_far(target - vector[:, TCP_POSITION])
         return torch.cat(parts, dim=1)
 
 
-def _near_and_far(way: torch.Tensor) -> list[torch.Tensor]:
-    return [2 * way, *(torch.tanh(scale * way) for scale in NEAR_SCALES)]
+def _near_and_far(offset: torch.Tensor) -> list[torch.Tensor]:
+    return [2 * offset, *(torch.tanh(scale * offset) for scale in NEAR_SCALES)]
 
 
 def make_model(
@@ -108,13 +114,13 @@ def make_model(
     Args:
         name: of the algorithm.
         env: where it will learn.
-        seed: of everything random.
+        seed: random seed.
         log: directory for TensorBoard.
-        has_demonstrations: whether SAC or TQC should stay near to some: they explore little then. Without any they
-            explore freely, and their learning rate falls so that what they have found settles.
+        has_demonstrations: whether SAC or TQC stays close to demonstrations, and therefore explores little. Without
+            demonstrations it explores more, and its learning rate falls so that the policy converges.
 
     Raises:
-        LearningError: no such algorithm; the message lists those there are.
+        LearningError: no such algorithm; the message lists the known ones.
     """
     if name not in ALGORITHMS:
         raise LearningError(f"no algorithm {name!r}; known ones: {', '.join(ALGORITHMS)}")
@@ -129,7 +135,7 @@ def make_model(
 
 
 def save_model(model: BaseAlgorithm, directory: Path) -> None:
-    """Write model and replay buffer; each file is whole or the old one stays."""
+    """Write model and replay buffer; each file is complete, or the old one stays."""
     directory.mkdir(parents=True, exist_ok=True)
     part = directory / f".part.{os.getpid()}.zip"
     model.save(part)
@@ -156,7 +162,7 @@ def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = Fal
 
 
 class Checkpoints(BaseCallback):
-    """Calls `evaluate` and saves the model every so many steps; keeps the history of an interrupted run."""
+    """Evaluates and saves the model at regular intervals; continues the history of an interrupted run."""
 
     def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
         super().__init__()
@@ -180,7 +186,7 @@ class Checkpoints(BaseCallback):
 
 
 def _falling_rate(share_left: float) -> float:
-    """The learning rate when so much of the run is left."""
+    """The learning rate for the share of the run that is left."""
     return 1e-3 * (0.1 + 0.9 * share_left)
 
 

@@ -1,20 +1,27 @@
-"""What a training run writes about itself; read without torch."""
+"""What a training run records about itself, and the names of the algorithms; read without torch."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from clutter_env.learning.errors import LearningError
 
-__all__ = ["RUN_FILE", "load_run"]
+__all__ = ["CLONERS", "GOAL_ALGORITHMS", "RUN_FILE", "SKILL_ALGORITHMS", "differences", "load_run"]
 
 RUN_FILE = "run.json"
+GOAL_ALGORITHMS = ("sac", "tqc")
+"""Learn the goal environments from rewards, with hindsight."""
+SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
+"""Learn the Skill environments from rewards."""
+CLONERS = ("bc", "dagger")
+"""Learn from an expert."""
 
 
 def load_run(directory: Path) -> dict[str, Any]:
-    """What was trained there: algorithm, task, seed, steps.
+    """The record of a training run: algorithm, task, seed, steps, settings.
 
     Raises:
         LearningError: the directory holds no training run.
@@ -23,3 +30,18 @@ def load_run(directory: Path) -> dict[str, Any]:
     if not path.exists():
         raise LearningError(f"{directory} holds no training run ({RUN_FILE} is missing)")
     return dict(json.loads(path.read_text()))
+
+
+def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two records of a run, in words, such as "seed: 0 there, 1 now".
+
+    Groups of values (mappings) that the first record lacks are not compared: runs of earlier versions lack some.
+    """
+    found = []
+    for name in dict.fromkeys((*there, *now)):
+        old, new = there.get(name), now.get(name)
+        if isinstance(new, Mapping):
+            found += differences(old, new) if isinstance(old, Mapping) else []
+        elif old != new:
+            found.append(f"{name}: {old!r} there, {new!r} now")
+    return found

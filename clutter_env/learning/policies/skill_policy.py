@@ -1,4 +1,4 @@
-"""A policy for `Skill`: one network for all objects, which looks at each with its neighbours and the target."""
+"""A policy for `Skill`: one network for all objects, each described with its neighbours and the target."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ __all__ = ["MaskableSkillPolicy", "SkillNetwork", "SkillPolicy"]
 
 WIDTH = 64
 NEIGHBOUR_SCALE = 10.0
-"""[1/m] Offsets of neighbours are resolved to centimetres."""
+"""[1/m] Offsets of neighbours are scaled so that centimetres are resolved."""
 
 _SMALL = 0.01
-"""Deviation of the last layers' first weights."""
+"""Standard deviation of the initial weights of the last layers."""
 _ROW = len(BODY_FIELDS) + DIRECTIONS
 _GLOBALS = 2
 _PRESENT, _IS_TARGET, _X, _Y = (BODY_FIELDS.index(name) for name in ("present", "is_target", "x", "y"))
 
 
 class SkillNetwork(nn.Module):
-    """Logits and value features from the flat observation; renumbering the objects renumbers the logits.
+    """Logits and value features of the flat observation; a permutation of the objects permutes the logits.
 
-    Every object is described by its own row, the sum over its neighbours of what a small network says about each pair,
-    and the same description of the target.
+    Every object is described by its own row, by the sum over its neighbours of the output of a small network for each
+    pair, and by the same description of the target.
     """
 
     def __init__(self, num_objects: int) -> None:
@@ -44,8 +44,8 @@ class SkillNetwork(nn.Module):
         self.whole = _layers(_ROW + 2 * WIDTH + _GLOBALS, WIDTH, WIDTH)
         self.take = nn.Linear(WIDTH, 1)
 
-    def start_even(self) -> None:
-        """Begin with taking the target as likely as all clearing together, and no preference among that."""
+    def initialise_heads(self) -> None:
+        """Start with equal probabilities: one half for taking the target, the rest shared by all clearing skills."""
         for head in (self.clear, self.take):
             nn.init.normal_(head.weight, std=_SMALL)
             nn.init.zeros_(head.bias)
@@ -57,10 +57,10 @@ class SkillNetwork(nn.Module):
         rest = observation[:, -_GLOBALS:]
         bodies = torch.cat((rows, self._neighbours(rows)), dim=2)
         target = (bodies * rows[:, :, _IS_TARGET, None]).sum(1)
-        seen = self._embed(bodies, target, rest)
-        everything = seen.mean(1)
+        embedded = self._embed(bodies, target, rest)
+        everything = embedded.mean(1)
         whole = self.whole(torch.cat((target, everything, rest), dim=1))
-        logits = torch.cat((self.clear(seen).flatten(1), self.take(whole)), dim=1)
+        logits = torch.cat((self.clear(embedded).flatten(1), self.take(whole)), dim=1)
         return logits, whole
 
     def forward_actor(self, observation: torch.Tensor) -> torch.Tensor:
@@ -89,33 +89,30 @@ class SkillNetwork(nn.Module):
         return self.body(torch.cat((bodies, aim, torch.tanh(offset), common), dim=2))
 
 
-class _OneForAll:
-    """Puts `SkillNetwork` where Stable-Baselines3 has separate networks; its logits are the distribution's."""
+class _SkillPolicyMixin:
+    """Replaces the separate networks of Stable-Baselines3 by `SkillNetwork`, whose logits are those of the policy."""
 
     action_space: Any
     optimizer_class: Any
     optimizer_kwargs: Any
+    parameters: Any
 
     def _build_mlp_extractor(self) -> None:
         self.mlp_extractor = SkillNetwork((int(self.action_space.n) - 1) // DIRECTIONS)
 
     def _build(self, lr_schedule: Any) -> None:
-        super()._build(lr_schedule)  # type: ignore[misc]
+        super()._build(lr_schedule)  # type: ignore[misc]  # a mixin: the class beside it has _build
         self.action_net = nn.Identity()
-        self.mlp_extractor.start_even()
-        self.optimizer = self.optimizer_class(
-            self.parameters(),  # type: ignore[attr-defined]
-            lr=lr_schedule(1),
-            **self.optimizer_kwargs,
-        )
+        self.mlp_extractor.initialise_heads()
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
 
-class SkillPolicy(_OneForAll, ActorCriticPolicy):
-    """For PPO."""
+class SkillPolicy(_SkillPolicyMixin, ActorCriticPolicy):
+    """The policy of PPO on Skill."""
 
 
-class MaskableSkillPolicy(_OneForAll, MaskableActorCriticPolicy):
-    """For MaskablePPO."""
+class MaskableSkillPolicy(_SkillPolicyMixin, MaskableActorCriticPolicy):
+    """The policy of MaskablePPO on Skill."""
 
 
 def _layers(inputs: int, width: int, outputs: int) -> nn.Sequential:

@@ -1,4 +1,4 @@
-"""Behaviour cloning: what the expert did, as regression."""
+"""Behaviour cloning: regression of the expert's actions on the observations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["CloneConfig", "Examples", "clone", "examples_of"]
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """What to do where: `features` (k, f) and `actions` (k, a)."""
+    """Pairs of features (k, f) and actions (k, a)."""
 
     features: NDArray[np.float32]
     actions: NDArray[np.float32]
@@ -33,7 +33,15 @@ class Examples:
 
 @dataclass(frozen=True)
 class CloneConfig:
-    """How to fit: gradient steps, examples per step, first learning rate (it falls to zero), layer width, seed."""
+    """Settings of the regression.
+
+    Attributes:
+        steps: gradient steps.
+        batch: examples in each step.
+        learning_rate: the first one; it falls to zero along a cosine.
+        width: of the hidden layers.
+        seed: random seed.
+    """
 
     steps: int = 10_000
     batch: int = 512
@@ -46,7 +54,7 @@ def examples_of(episodes: Iterable[Episode]) -> Examples:
     """All steps of the episodes.
 
     Raises:
-        DatasetError: there are none.
+        DatasetError: there are no episodes.
     """
     features, actions = [], []
     for episode in episodes:
@@ -63,13 +71,13 @@ def clone(
     policy: Policy | None = None,
     report: Callable[[int, float], None] = lambda *_: None,
 ) -> Policy:
-    """A policy that does what the examples do.
+    """Fit a policy to examples.
 
     Args:
         examples: to imitate.
-        config: how to fit.
-        policy: where to start; a new one without it. It is changed.
-        report: called with the step and the loss now and then.
+        config: settings.
+        policy: is changed; a new one if not given.
+        report: called with the step and the loss every 500 steps.
     """
     torch.manual_seed(config.seed)
     features, actions = torch.from_numpy(examples.features), torch.from_numpy(examples.actions)

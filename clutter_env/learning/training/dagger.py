@@ -1,9 +1,11 @@
-"""DAgger: the learner acts, the expert takes over, and the learner is taught what it did.
+"""DAgger: the learner acts, the expert takes over, and the learner imitates the expert's part.
 
-The learner acts for a random while from the start of an episode, the expert from there to the end, and only if that
-succeeds is it learnt from: rolling in with the learner and out with the expert, as in Ross & Bagnell 2014. To ask the
-expert at every step of the learner's what it would do (Ross, Gordon & Bagnell 2011) is no use where it plans, and made
-the clones of scripts worse: what it says where the learner is stuck drowns what leads to the goal.
+The learner acts for a random number of steps from the start of an episode, then the expert acts until the end; its part
+becomes examples only if the episode succeeds. This is roll-in with the learner and roll-out with the expert, as in Ross
+& Bagnell 2014 (Reinforcement and imitation learning via interactive no-regret learning). The original DAgger (Ross,
+Gordon & Bagnell 2011) asks the expert for its action at every step of the learner. That does not suit an expert that
+plans, and it made the clones of scripts worse: the many examples of states in which the learner is stuck outweigh those
+that lead to the goal.
 """
 
 from __future__ import annotations
@@ -24,15 +26,15 @@ __all__ = ["DaggerConfig", "dagger", "take_over"]
 
 @dataclass(frozen=True)
 class DaggerConfig:
-    """Rounds of acting and learning, episodes in each, and how to fit after each."""
+    """Number of rounds, episodes of the learner in each, and settings of the regression after each."""
 
     rounds: int = 5
     episodes: int = 10
     fit: CloneConfig = field(default_factory=CloneConfig)
 
 
-LONGEST_LEAD = 150
-"""Steps for which the learner acts at most; at most half of an episode, so that the expert has time for its part."""
+MAX_LEARNER_STEPS = 150
+"""The learner acts for at most so many steps, and for at most half of an episode, which leaves time for the expert."""
 
 
 def dagger(
@@ -46,12 +48,12 @@ def dagger(
     """The policy after the last round.
 
     Args:
-        env: where both act.
+        env: in which both act.
         expert: for that environment.
-        examples: the expert's own episodes, to begin with.
+        examples: of the demonstrations.
         seeds: of the learner's episodes, `rounds * episodes` of them.
-        config: how long.
-        report: called after every fit with the round's number (0: before the first), the policy and all examples.
+        config: settings.
+        report: called after every fit with the round's number (0 before the first round), policy and all examples.
     """
     rng = np.random.default_rng(config.fit.seed)
     policy = clone(examples, config.fit)
@@ -65,10 +67,10 @@ def dagger(
 
 
 def take_over(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.random.Generator) -> Examples:
-    """Corrections from one episode; none where the expert does not succeed."""
+    """The examples of the expert's part of one episode; none if the episode does not succeed."""
     observation, info = env.reset(seed=seed)
     is_over = False
-    for _ in range(int(rng.integers(_longest_lead(env)))):
+    for _ in range(int(rng.integers(_max_learner_steps(env)))):
         observation, _, terminated, truncated, info = env.step(policy.act(observation))
         is_over = terminated or truncated
         if is_over:
@@ -89,6 +91,6 @@ def take_over(env: gym.Env, expert: Expert, policy: Policy, seed: int, rng: np.r
     )
 
 
-def _longest_lead(env: gym.Env) -> int:
+def _max_learner_steps(env: gym.Env) -> int:
     limit = env.spec.max_episode_steps if env.spec is not None else None
-    return LONGEST_LEAD if limit is None else min(LONGEST_LEAD, max(limit // 2, 1))
+    return MAX_LEARNER_STEPS if limit is None else min(MAX_LEARNER_STEPS, max(limit // 2, 1))

@@ -1,4 +1,4 @@
-"""Demonstrations for SAC and TQC: in the replay buffer, and as what the actor should not forget."""
+"""Demonstrations for SAC and TQC: in the replay buffer, and as regularisation of the actor."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from clutter_env.learning.policies.rl import ScaledActions
 __all__ = ["BCRegularisation", "Imitation", "add_demonstrations"]
 
 BATCH = 256
-"""Steps of the demonstrations in one step of imitation."""
+"""Steps of the demonstrations in one gradient step of imitation."""
 LEARNING_RATE, LATER_RATE = 1e-3, 1e-4
-"""Of imitation, before and while the values are learnt."""
+"""Learning rates of imitation, before and during reinforcement learning."""
 DEVIATION = 0.15
-"""Of the actor's first actions, before they are squashed into [-1, 1]."""
-ONLY_CRITICS = 1 / 3
-"""Share of the run during which the actor is held."""
-TRUST = 0.03
-"""How far the actor goes along with the critics from then on."""
+"""Initial standard deviation of the actor's actions, before tanh squashes them into [-1, 1]."""
+CRITICS_ONLY_SHARE = 1 / 3
+"""Share of the run during which only the critics learn."""
+ACTOR_STEP_SCALE = 0.03
+"""Factor by which the steps of the actor are shortened from then on."""
 
 
 def add_demonstrations(model: OffPolicyAlgorithm, env: gym.Env, episodes: Sequence[Episode]) -> int:
-    """Put every transition of the episodes into the model's replay buffer, to be relabelled like its own; how many."""
+    """Add every transition of the episodes to the replay buffer, to be relabelled by hindsight; their number."""
     buffer = model.replay_buffer
     assert buffer is not None
     assert isinstance(env, ScaledActions)
@@ -58,9 +58,9 @@ def add_demonstrations(model: OffPolicyAlgorithm, env: gym.Env, episodes: Sequen
 
 
 class Imitation:
-    """Regression of an actor's mean on what the demonstrations do.
+    """Regression of an actor's mean action on the demonstrations.
 
-    It has an optimiser of its own: beside the gradients of the values, which are far greater, Adam would hardly move.
+    It has its own optimiser: the gradients of the critics are much larger, and Adam scales its steps by all gradients.
     """
 
     def __init__(self, model: SAC | TQC, env: gym.Env, episodes: Sequence[Episode]) -> None:
@@ -75,7 +75,7 @@ class Imitation:
         self._wanted = torch.from_numpy(env.reverse_action(np.concatenate([episode.actions for episode in episodes])))
 
     def begin(self, steps: int) -> None:
-        """Take so many steps, and let the actor explore near what it was shown instead of anywhere."""
+        """Take gradient steps, then let the actor explore with a standard deviation of `DEVIATION`."""
         for _ in range(steps):
             self.step(LEARNING_RATE)
         spread = self._model.actor.log_std
@@ -97,12 +97,13 @@ class Imitation:
 
 
 class BCRegularisation(BaseCallback):
-    """Keeps the actor near what it was shown while it learns.
+    """Keeps the actor close to the demonstrations during reinforcement learning.
 
-    Left to itself, SAC forgets the demonstrations within 2,000 steps: its values are still wrong where the actor leads
-    next. So for the first third of the run only the critics learn; then the actor's own steps count for `TRUST` of
-    their length, each beside a step of imitation. (A term for imitation in the actor's loss is from Nair et al. 2018,
-    Overcoming exploration in reinforcement learning with demonstrations, section V.)
+    Without it SAC forgets the demonstrations within 2,000 steps, because its critics are still wrong for the states
+    that the changed actor visits. So only the critics learn during the first `CRITICS_ONLY_SHARE` of the run; then each
+    step of the actor is shortened by `ACTOR_STEP_SCALE` and followed by a step of imitation. (Nair et al. 2018,
+    Overcoming exploration in reinforcement learning with demonstrations, section V, has an imitation term in the loss
+    of the actor instead.)
     """
 
     def __init__(self, imitation: Imitation, steps: int) -> None:
@@ -113,11 +114,11 @@ class BCRegularisation(BaseCallback):
         self._before = self._actor()
 
     def _on_step(self) -> bool:
-        trust = 0.0 if self.num_timesteps < self._steps * ONLY_CRITICS else TRUST
+        scale = 0.0 if self.num_timesteps < self._steps * CRITICS_ONLY_SHARE else ACTOR_STEP_SCALE
         with torch.no_grad():
             for before, now in zip(self._before, self.model.policy.actor.parameters(), strict=True):
-                now.copy_(before + trust * (now - before))
-        if trust > 0:
+                now.copy_(before + scale * (now - before))
+        if scale > 0:
             self.logger.record("train/imitation_loss", self._imitation.step(LATER_RATE))
         self._before = self._actor()
         return True

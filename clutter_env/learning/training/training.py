@@ -1,11 +1,10 @@
-"""Training runs: one directory each, which holds all that is needed to go on or to act."""
+"""Training: one directory per run, with all that is needed to resume it, or to act with its policy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -16,15 +15,13 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from torch.utils.tensorboard import SummaryWriter
 
 from clutter_env.learning.comparison.evaluation import held_out_seeds, success_rate
-from clutter_env.learning.demonstrations.dataset import Dataset, write_json
+from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.experts import make_expert
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.agents import CLONERS, POLICY_FILE, model_agent
+from clutter_env.learning.policies.agents import POLICY_FILE, model_agent
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import (
-    ALGORITHMS,
-    GOAL_ALGORITHMS,
     HISTORY_FILE,
     Checkpoints,
     load_model,
@@ -32,105 +29,50 @@ from clutter_env.learning.policies.rl import (
     save_model,
     training_env,
 )
-from clutter_env.learning.policies.runs import RUN_FILE
-from clutter_env.learning.task import Task
+from clutter_env.learning.policies.runs import CLONERS
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of
 from clutter_env.learning.training.dagger import DaggerConfig, dagger
 from clutter_env.learning.training.imitation import BCRegularisation, Imitation, add_demonstrations
+from clutter_env.learning.training.run import Run
+from clutter_env.reporting.json_file import write_json
 
-__all__ = ["LEARNERS", "Run", "train"]
+__all__ = ["Trained", "train"]
 
-LEARNERS = (*ALGORITHMS, *CLONERS)
-FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        **dict.fromkeys(GOAL_ALGORITHMS, ("reach", "pick")),
-        **dict.fromkeys(set(ALGORITHMS) - set(GOAL_ALGORITHMS), ("skill",)),
-        **dict.fromkeys(CLONERS, ("retrieve", "reach", "pick")),
-    }
-)
-"""The families of environments that each algorithm learns on."""
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""
 
 
 @dataclass(frozen=True)
-class Run:
-    """What to train and how long.
+class Trained:
+    """A run that has ended: its history (success on held-out scenes), wall time [s] and CPU time [s]."""
 
-    Attributes:
-        task: where to learn.
-        algorithm: one of `LEARNERS`.
-        steps: of the environment; gradient steps of "bc"; gradient steps per round of "dagger".
-        directory: of the run.
-        seed: of everything random.
-        demonstrations: dataset to learn from; needed by "bc" and "dagger", put in the replay buffer of "sac" and "tqc".
-        episodes: of the dataset to use; None for all.
-        imitation_steps: gradient steps for which the actor of "sac" and "tqc" first imitates the demonstrations.
-        rounds, round_episodes: of "dagger".
-        expert: who corrects in "dagger"; "" for the one that the demonstrations are of.
-        checkpoint_every: steps between checkpoints; cloning has one at its end, DAgger one after every round.
-        evaluation_episodes, evaluation_steps: held-out scenes played at every checkpoint, and where each is cut off.
-    """
-
-    task: Task
-    algorithm: str
-    steps: int
-    directory: Path
-    seed: int = 0
-    demonstrations: Path | None = None
-    episodes: int | None = None
-    imitation_steps: int = 10_000
-    rounds: int = 5
-    round_episodes: int = 10
-    expert: str = ""
-    checkpoint_every: int = 5000
-    evaluation_episodes: int = 20
-    evaluation_steps: int = 600
-
-    def check(self) -> None:
-        """Raise LearningError for a combination that makes no sense."""
-        if self.algorithm not in LEARNERS:
-            raise LearningError(f"no algorithm {self.algorithm!r}; known ones: {', '.join(LEARNERS)}")
-        if self.task.family not in FAMILIES[self.algorithm]:
-            fitting = ", ".join(name for name in LEARNERS if self.task.family in FAMILIES[name])
-            raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}")
-        if self.algorithm in CLONERS and self.demonstrations is None:
-            raise LearningError(f"{self.algorithm} needs demonstrations: collect some with collect_demos.py")
-        if min(self.steps, self.checkpoint_every, self.evaluation_episodes) < 1:
-            raise LearningError("steps, checkpoint_every and evaluation_episodes must be at least 1")
-
-    def describe(self) -> dict[str, Any]:
-        """What `runs.load_run` will find."""
-        task = {"env_id": self.task.env_id, "keywords": dict(self.task.keywords)}
-        return {"algorithm": self.algorithm, "task": task, "steps": self.steps, "seed": self.seed}
+    history: list[dict[str, float]]
+    wall_s: float
+    cpu_s: float
 
 
-def train(run: Run, resume: bool = False) -> list[dict[str, float]]:
-    """Train; success on held-out scenes after every so many steps.
+def train(run: Run, resume: bool = False) -> Trained:
+    """Train in this process.
 
     Args:
         run: what to train.
         resume: go on from the last checkpoint, if there is one, until `run.steps` in all.
 
     Raises:
-        LearningError: see `Run.check` and `Task.make`; or the directory holds a run already and is not to be resumed.
+        LearningError: see `Run.check`; nothing is written then.
     """
-    run.task.make().close()
-    run.check()
+    started, started_cpu = time.perf_counter(), time.process_time()
+    run.check(resume)
     torch.set_num_threads(1)
-    if (run.directory / RUN_FILE).exists() and not resume:
-        raise LearningError(
-            f"{run.directory} holds a training run; --resume goes on with it, or choose another directory"
-        )
-    run.directory.mkdir(parents=True, exist_ok=True)
-    write_json(run.directory / RUN_FILE, run.describe())
-    return _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
+    run.write_record()
+    history = _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
+    return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
 
 
 def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     """Stable-Baselines3, with checkpoints."""
     env = training_env(run.algorithm, run.task.make())
-    judge = run.task.make()
+    evaluation_env = run.task.make()
     is_resumed = resume and (run.directory / "model.zip").exists()
     if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
@@ -140,10 +82,11 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
         model = make_model(run.algorithm, env, run.seed, run.directory, has_demonstrations)
     callbacks: list[BaseCallback] = []
     if run.demonstrations is not None and isinstance(model, SAC | TQC):
-        callbacks.append(_take_demonstrations(run, model, env, is_new=not is_resumed))
+        callbacks.append(_use_demonstrations(run, model, env, is_new=not is_resumed))
 
     def evaluate(model: Any) -> dict[str, float]:
-        return {"success": _success(run, judge, model_agent(run.algorithm, model, judge))}
+        """Success at a checkpoint."""
+        return {"success": _success(run, evaluation_env, model_agent(run.algorithm, model, evaluation_env))}
 
     checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate)
     left = run.steps - model.num_timesteps
@@ -153,12 +96,12 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
         )
         save_model(model, run.directory)
     env.close()
-    judge.close()
+    evaluation_env.close()
     return checkpoints.history
 
 
-def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool) -> BCRegularisation:
-    """Fill a new model's replay buffer and let its actor begin with what the demonstrations do."""
+def _use_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool) -> BCRegularisation:
+    """Add the demonstrations to a new model's replay buffer, and let its actor imitate them first."""
     episodes = _episodes(run)
     imitation = Imitation(model, env, episodes)
     if is_new:
@@ -168,7 +111,7 @@ def _take_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool)
 
 
 def _clone(run: Run) -> list[dict[str, float]]:
-    """Behaviour cloning or DAgger; begins anew when resumed, since it is short."""
+    """Behaviour cloning or DAgger; a resumed run starts again from the beginning, since it is short."""
     assert run.demonstrations is not None
     env = run.task.make()
     examples = examples_of(_episodes(run))
@@ -177,9 +120,11 @@ def _clone(run: Run) -> list[dict[str, float]]:
     with SummaryWriter(str(run.directory / "tensorboard")) as writer:
 
         def report_loss(step: int, loss: float) -> None:
+            """Log the loss of a gradient step."""
             writer.add_scalar("train/loss", loss, step)
 
         def report_round(index: int, policy: Policy, examples: Examples) -> None:
+            """Save and evaluate the policy of a round."""
             policy.save(run.directory / POLICY_FILE)
             history.append({"round": index, "examples": len(examples), "success": _success(run, env, policy.act)})
             write_json(run.directory / HISTORY_FILE, history)

@@ -1,21 +1,19 @@
-"""The clearance table: its statistics on small cases, its file of trials, its processes, and one small run."""
+"""The clearance table: its statistics on small cases, its file of trials, and one small run."""
 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+import planners.strategies
+from clutter_env.cli.table import STRATEGIES, main
 from clutter_env.experiments.clearance_table.records import OtherSettings, Records
-from clutter_env.experiments.clearance_table.statistics import CRASH, bootstrap, make_row, summarise_scenes
+from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
-from clutter_env.parallel.processes import Crash, Killed, run_jobs
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -29,15 +27,6 @@ def attempt(seed: int, cleared: int | None, strategy: str = "ngr", cause: str = 
 
 def table(*attempts: Attempt) -> dict[int, Attempt]:
     return {entry.seed: entry for entry in attempts}
-
-
-def test_a_bootstrap_interval_encloses_the_mean_and_shrinks_with_more_scenes() -> None:
-    rng = np.random.default_rng(0)
-    few, many = (bootstrap(rng.normal(5.0, 1.0, size), rng) for size in (20, 2000))
-    assert few.low < few.mean < few.high
-    assert many.high - many.low < 0.3 * (few.high - few.low)
-    assert bootstrap([3, 3, 3], rng) == (3, 3, 3)
-    assert np.isnan(bootstrap([], rng).mean)
 
 
 def test_rows_pair_by_scene_and_count_unsolved_scenes_at_the_cap() -> None:
@@ -96,31 +85,21 @@ def test_records_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
         Records(path, {"layout": "dense"})
 
 
-def behave(how: str) -> str:
-    """A job that does what it is told."""
-    if how == "raise":
-        raise RuntimeError("as told")
-    if how == "die":
-        os._exit(3)
-    if how == "hang":
-        time.sleep(60)
-    return how
+def test_strategies_that_solve_all_are_not_certain_to() -> None:
+    own = table(*(attempt(seed, 1) for seed in range(20)))
+    success = make_row(own, own, {}, cap=10, seed=0).success
+    assert success.mean == success.high == 1.0
+    assert success.low == pytest.approx(0.839, abs=1e-3)
 
 
-def test_jobs_that_crash_or_hang_do_not_stop_the_others() -> None:
-    jobs = ["one", "raise", "die", "hang", "two"]
-    results = dict(run_jobs(behave, jobs, count=2, limit_s=20.0))
-    assert (results["one"], results["two"]) == ("one", "two")
-    assert isinstance(results["raise"], Crash)
-    assert "RuntimeError: as told" in results["raise"].detail
-    assert results["die"] == Crash("the process ended with exit code 3")
-    assert results["hang"] == Killed(20.0)
+def test_the_command_knows_all_strategies() -> None:
+    assert tuple(planners.strategies.STRATEGIES) == STRATEGIES
 
 
 @pytest.mark.slow
 def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) -> None:
     command = [sys.executable, "scripts/clearance_table.py", "--objects", "15", "--strategies", "lookahead", "ngr"]
-    command += ["--scenes", "2", "--jobs", "1", "--output", str(tmp_path)]
+    command += ["--scenes", "2", "--workers", "1", "--out", str(tmp_path)]
     command += ["--markdown", str(tmp_path / "docs" / "t.md")]
     for _ in range(2):
         result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=600)
@@ -133,10 +112,9 @@ def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) ->
     assert (tmp_path / "docs" / "images" / "t.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("wrong", [["--objects", "16"], ["--strategies", "best"], ["--scenes", "0"]])
+@pytest.mark.parametrize(
+    "wrong", [["--objects", "16"], ["--strategies", "best"], ["--scenes", "0"], ["--workers", "0"]]
+)
 def test_wrong_arguments_are_named(wrong: list[str], tmp_path: Path) -> None:
-    command = [sys.executable, "scripts/clearance_table.py", *wrong, "--output", str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert result.returncode != 0
-    assert "Traceback" not in result.stderr
-    assert wrong[0] in result.stderr or wrong[1] in result.stderr
+    with pytest.raises(SystemExit, match=f"{wrong[0].removeprefix('--')}.*{wrong[1]}|{wrong[1]}.*strateg"):
+        main([*wrong, "--out", str(tmp_path)])

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from clutter_env.learning.comparison.evaluation import play_expert
-from clutter_env.learning.demonstrations.collect import Outcome, collect, demonstrate
+from clutter_env.learning.demonstrations.collect import Outcome, collect
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import Episode, record, replay
 from clutter_env.learning.demonstrations.experts import expert_names, make_expert
 from clutter_env.learning.errors import CollectionError, DatasetError, UnknownExpert
 from clutter_env.learning.task import Task
-from clutter_env.parallel.workers import LocalWorkers, WorkerDied
+from clutter_env.parallel.jobs import Crash, Killed, run_jobs
 
 pytest.importorskip("h5py")
 from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
@@ -32,23 +34,25 @@ def episode() -> Episode:
 
 
 class Here:
-    """Workers that work at once, in this process; seeds listed in `deaths` die that often first."""
+    """Runs jobs in this process, `count` of them at a time, the last one first; seeds in `deaths` die so often."""
 
-    def __init__(self, job: Job, count: int = 2, deaths: dict[int, int] | None = None) -> None:
-        self.job, self.count, self.deaths, self.done = job, count, dict(deaths or {}), []
+    def __init__(self, count: int = 2, deaths: dict[int, int] | None = None, end: Crash | Killed | None = None) -> None:
+        self.count, self.deaths = count, dict(deaths or {})
+        self.end = end or Crash("the process ended with exit code -9")
 
-    def submit(self, seed: int) -> None:
-        self.done.append(seed)
-
-    def wait(self) -> list:
-        seed = self.done.pop()
-        if self.deaths.get(seed, 0) > 0:
-            self.deaths[seed] -= 1
-            return [(seed, WorkerDied("killed"))]
-        return [(seed, outcome_of(seed))]
-
-    def close(self) -> None:
-        pass
+    def __call__(self, _: object, jobs: Iterable[int | None]) -> Iterator[tuple[int, Outcome | Crash | Killed]]:
+        waiting, running = iter(jobs), []
+        while True:
+            while len(running) < self.count and (seed := next(waiting, None)) is not None:
+                running.append(seed)
+            if not running:
+                return
+            seed = running.pop()
+            if self.deaths.get(seed, 0) > 0:
+                self.deaths[seed] -= 1
+                yield seed, self.end
+            else:
+                yield seed, outcome_of(seed)
 
 
 def outcome_of(seed: int) -> Outcome:
@@ -56,12 +60,12 @@ def outcome_of(seed: int) -> Outcome:
     return Outcome(seed, reason="no success: blocked") if seed % 3 == 1 else Outcome(seed, content=b"episode")
 
 
-def test_the_script_retrieves_from_the_front() -> None:
+def test_the_script_retrieves() -> None:
     env = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"}).make()
-    score = play_expert(env, make_expert(env, "front"), seed=0)
+    score = play_expert(env, make_expert(env, "scripted"), seed=0)
     assert score.is_success
     with pytest.raises(UnknownExpert, match="ee"):
-        make_expert(Task("clutter_env/Retrieve-o1-v0").make(), "front")
+        make_expert(Task("clutter_env/Retrieve-o1-v0").make(), "scripted")
     with pytest.raises(UnknownExpert, match="Retrieve"):
         make_expert(Task("clutter_env/Skill-o5-v0").make())
 
@@ -111,7 +115,7 @@ def test_an_unknown_expert_is_refused() -> None:
 def test_the_dataset_is_the_first_seeds_that_succeed(tmp_path: Path, count: int) -> None:
     job = Job(PICK, "pick", episodes=5)
     dataset = Dataset.open_for(job, tmp_path / "d")
-    assert collect(job, dataset, Here(job, count)) == [0, 2, 3, 5, 6] == dataset.seeds
+    assert collect(job, dataset, Here(count)) == [0, 2, 3, 5, 6] == dataset.seeds
     assert sorted(dataset.reasons()) == [1, 4]
 
 
@@ -126,8 +130,8 @@ def test_an_interrupted_collection_goes_on(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        collect(job, dataset, Here(job), stop)
-    collect(job, Dataset.open_for(job, tmp_path / "d"), Here(job), lambda outcome: made.append(outcome.seed))
+        collect(job, dataset, Here(), stop)
+    collect(job, Dataset.open_for(job, tmp_path / "d"), Here(), lambda outcome: made.append(outcome.seed))
     assert sorted(made) == [0, 1, 2, 3, 4, 5, 6]
     assert dataset.seeds == [0, 2, 3, 5, 6]
 
@@ -135,9 +139,16 @@ def test_an_interrupted_collection_goes_on(tmp_path: Path) -> None:
 def test_a_dead_worker_is_forgiven_thrice_at_most(tmp_path: Path) -> None:
     job = Job(PICK, "pick", episodes=3)
     dataset = Dataset.open_for(job, tmp_path / "d")
-    assert collect(job, dataset, Here(job, deaths={0: 2})) == [0, 2, 3]
+    assert collect(job, dataset, Here(deaths={0: 2})) == [0, 2, 3]
     with pytest.raises(CollectionError, match="seed 0 ended 3 times"):
-        collect(job, Dataset.open_for(job, tmp_path / "e"), Here(job, deaths={0: 3}))
+        collect(job, Dataset.open_for(job, tmp_path / "e"), Here(deaths={0: 3}))
+
+
+def test_no_room_in_a_worker_ends_the_collection_at_once(tmp_path: Path) -> None:
+    job = Job(PICK, "pick", episodes=3)
+    full = Crash("Traceback ...\nOSError: [Errno 28] No space left on device", is_final=True)
+    with pytest.raises(CollectionError, match=r"seed 1 .*No space left on device"):
+        collect(job, Dataset.open_for(job, tmp_path / "d"), Here(deaths={1: 1}, end=full))
 
 
 def test_a_full_disk_says_so_and_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,7 +160,7 @@ def test_a_full_disk_says_so_and_leaves_nothing_half_written(tmp_path: Path, mon
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(CollectionError, match="No space left"):
-        collect(job, dataset, Here(job))
+        collect(job, dataset, Here())
     assert list(dataset.episodes_directory.iterdir()) == []
 
 
@@ -170,29 +181,10 @@ def test_two_collections_do_not_share_a_directory(tmp_path: Path) -> None:
         pass
 
 
-def end_the_process(_: None, seed: int) -> int:
-    import os
-
-    if seed == 1:
-        os._exit(9)
-    return seed
-
-
-def test_a_worker_that_dies_is_replaced() -> None:
-    workers: LocalWorkers[int] = LocalWorkers(end_the_process, None, 1)
-    workers.submit(1)
-    assert isinstance(workers.wait()[0][1], WorkerDied)
-    workers.submit(2)
-    assert workers.wait() == [(2, 2)]
-    workers.close()
-
-
 def test_collect_and_export_with_processes(tmp_path: Path) -> None:
     job = Job(PICK, "pick", episodes=2)
     dataset = Dataset.open_for(job, tmp_path / "d")
-    workers = LocalWorkers(demonstrate, job, 2)
-    seeds = collect(job, dataset, workers)
-    workers.close()
+    seeds = collect(job, dataset, partial(run_jobs, workers=2))
     assert [episode.seed for episode in dataset] == seeds
     folder = export_minari(dataset, tmp_path / "minari", "clutter_env/pick-v0")
     with pytest.raises(DatasetError, match="exists"):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ pytest.importorskip("sb3_contrib")
 from clutter_env.envs.observation import OBJECT_FIELDS  # noqa: E402
 from clutter_env.envs.skill import BODY_FIELDS  # noqa: E402
 from clutter_env.learning.comparison.evaluation import held_out_seeds, play  # noqa: E402
-from clutter_env.learning.demonstrations.collect import collect, demonstrate  # noqa: E402
+from clutter_env.learning.demonstrations.collect import collect  # noqa: E402
 from clutter_env.learning.demonstrations.dataset import Dataset, Job  # noqa: E402
 from clutter_env.learning.errors import LearningError, UnknownTask  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
@@ -24,8 +26,9 @@ from clutter_env.learning.policies.runs import load_run  # noqa: E402
 from clutter_env.learning.policies.skill_policy import SkillNetwork  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
-from clutter_env.learning.training.training import Run, train  # noqa: E402
-from clutter_env.parallel.workers import LocalWorkers  # noqa: E402
+from clutter_env.learning.training.run import Run  # noqa: E402
+from clutter_env.learning.training.training import train  # noqa: E402
+from clutter_env.parallel.jobs import run_jobs  # noqa: E402
 from planners.skills.geometry import DIRECTIONS  # noqa: E402
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")
@@ -37,24 +40,22 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four replayed demonstrations of Pick."""
     folder = tmp_path_factory.mktemp("demos") / "pick"
     job = Job(PICK, "pick", episodes=4)
-    workers = LocalWorkers(demonstrate, job, 2)
-    collect(job, Dataset.open_for(job, folder), workers)
-    workers.close()
+    collect(job, Dataset.open_for(job, folder), partial(run_jobs, workers=2))
     return folder
 
 
-def run(task: Task, algorithm: str, steps: int, directory: Path, **more: object) -> Run:
-    return Run(task, algorithm, steps, directory, checkpoint_every=steps, evaluation_episodes=1, **more)  # type: ignore[arg-type]
+def run(task: Task, algorithm: str, steps: int, directory: Path, **more: Any) -> Run:
+    return Run(task, algorithm, steps, directory, checkpoint_every=steps, evaluation_episodes=1, **more)
 
 
 @pytest.mark.parametrize(("algorithm", "task"), [("sac", REACH), ("ppo", SKILL), ("maskable_ppo", SKILL)])
 def test_reinforcement_learns_saves_and_resumes(algorithm: str, task: Task, tmp_path: Path) -> None:
     steps = 300 if task is REACH else 512
-    history = train(run(task, algorithm, steps, tmp_path / "run"))
+    history = train(run(task, algorithm, steps, tmp_path / "run")).history
     assert [entry["steps"] for entry in history] == [steps]
     with pytest.raises(LearningError, match="--resume"):
         train(run(task, algorithm, steps, tmp_path / "run"))
-    history = train(run(task, algorithm, 2 * steps, tmp_path / "run"), resume=True)
+    history = train(run(task, algorithm, 2 * steps, tmp_path / "run"), resume=True).history
     assert [entry["steps"] for entry in history] == [steps, 2 * steps]
     env = task.make()
     assert play(env, load_agent(tmp_path / "run", env), held_out_seeds(1)[0]).steps > 0
@@ -68,7 +69,9 @@ def test_tqc_takes_demonstrations_into_its_buffer(demos: Path, tmp_path: Path) -
 
 def test_cloning_and_dagger_act(demos: Path, tmp_path: Path) -> None:
     train(run(PICK, "bc", 200, tmp_path / "bc", demonstrations=demos))
-    history = train(run(PICK, "dagger", 100, tmp_path / "dagger", demonstrations=demos, rounds=2, round_episodes=1))
+    history = train(
+        run(PICK, "dagger", 100, tmp_path / "dagger", demonstrations=demos, rounds=2, round_episodes=1)
+    ).history
     assert [entry["round"] for entry in history] == [0, 1, 2]
     assert 400 == history[0]["examples"] <= history[2]["examples"] <= 600
     env = PICK.make()
@@ -89,7 +92,7 @@ def test_an_algorithm_that_does_not_fit_is_refused(tmp_path: Path) -> None:
 def test_demonstrations_of_another_task_are_refused(demos: Path, tmp_path: Path) -> None:
     with pytest.raises(LearningError, match="not of clutter_env/Reach-v0"):
         train(run(REACH, "bc", 10, tmp_path / "run", demonstrations=demos))
-    with pytest.raises(LearningError, match="collect_demos"):
+    with pytest.raises(LearningError, match="clutter-env collect"):
         train(run(REACH, "bc", 10, tmp_path / "other"))
     with pytest.raises(LearningError, match="control_mode"):
         train(

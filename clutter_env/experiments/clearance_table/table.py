@@ -1,0 +1,185 @@
+"""The clearance table: find obstructed scenes, try every strategy on each of them, and summarise."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from tqdm import tqdm
+
+from clutter_env import OBJECT_COUNTS
+from clutter_env.errors import ConfigError
+from clutter_env.experiments.clearance_table.records import Record, Records
+from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
+from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
+from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from planners.strategies import STRATEGIES
+
+__all__ = ["TableSettings", "failure_record", "run_trials", "summarise_table"]
+
+logger = logging.getLogger(__name__)
+
+_SOLVE_LIMITS = 6
+"""A trial is killed after so many times the planner's own time limit."""
+_EPISODE_LIMITS = 60
+"""An episode in physics is killed after so many times the planner's own time limit."""
+_RESETS_PER_SCENE = 50
+"""Resets that are assessed for each obstructed scene wanted, before giving up."""
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """What the table shows.
+
+    Attributes:
+        objects: numbers of objects on the table, the target among them.
+        strategies: names; the others are compared with the first one.
+        scenes: number of obstructed scenes for each number of objects.
+        seed: first seed of the scenes.
+        layout: its name.
+        physics: whether the expert executes its plans in physics, where the environment decides about success.
+        control_mode: "joint" or "ee".
+        time_limit: [s] of one solve.
+        cap: number of clearances that an unsolved scene counts as in the censored mean.
+
+    Raises:
+        ConfigError: a number that is not valid, or an unknown strategy; the message lists the valid ones.
+    """
+
+    objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
+    strategies: tuple[str, ...] = field(default_factory=lambda: tuple(STRATEGIES))
+    scenes: int = 100
+    seed: int = 100_000
+    layout: str = "paper"
+    physics: bool = False
+    control_mode: Literal["joint", "ee"] = "joint"
+    time_limit: float = 20.0
+    cap: int = 20
+
+    def __post_init__(self) -> None:
+        for name in self.strategies:
+            if name not in STRATEGIES:
+                raise ConfigError(f"no strategy {name!r}; known strategies: {', '.join(STRATEGIES)}")
+        for count in self.objects:
+            if count not in OBJECT_COUNTS:
+                raise ConfigError(f"objects={count} is not valid; valid numbers: {', '.join(map(str, OBJECT_COUNTS))}")
+        if self.scenes < 1:
+            raise ConfigError(f"scenes={self.scenes} is not valid; it must be at least 1")
+
+    def trial(self, objects: int, seed: int, name: str) -> Trial:
+        """One trial under these settings."""
+        return Trial(objects, seed, name, self.layout, self.control_mode, self.physics, self.time_limit)
+
+    @property
+    def of_trials(self) -> dict[str, Any]:
+        """The settings that all trials in one file have in common."""
+        names = ("layout", "physics", "control_mode", "time_limit")
+        return {name: getattr(self, name) for name in names}
+
+
+def run_trials(settings: TableSettings, records: Records, workers: int, retry_crashes: bool = False) -> None:
+    """Make all trials that are not in the records yet; each is added to them as soon as it ends.
+
+    Args:
+        settings: of the table.
+        records: of earlier trials.
+        workers: number of processes.
+        retry_crashes: make the trials again that crashed.
+    """
+    trials = _Trials(settings, records, workers, retry_crashes)
+    for objects in settings.objects:
+        missing = (settings.trial(objects, seed, ASSESSMENT) for seed in trials.seeds_to_assess(objects))
+        with tqdm(desc=f"scenes with {objects} objects", unit="reset") as bar:
+            for _ in trials.make(missing):
+                bar.update()
+                bar.set_postfix(obstructed=len(_table_seeds(settings, records, objects)))
+    trials.try_strategies()
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """The trials of one table, made in parallel."""
+
+    settings: TableSettings
+    records: Records
+    workers: int
+    retry_crashes: bool
+
+    def seeds_to_assess(self, objects: int) -> Iterator[int]:
+        """Seeds that have not been assessed, in ascending order, until there are enough obstructed scenes."""
+        settings = self.settings
+        for seed in itertools.count(settings.seed):
+            if len(_table_seeds(settings, self.records, objects, before=seed)) >= settings.scenes:
+                return
+            if seed - settings.seed >= settings.scenes * _RESETS_PER_SCENE:
+                logger.warning("too few obstructed scenes with %d objects: stopped at seed %d", objects, seed)
+                return
+            if self._is_missing(self.records.get(objects, seed, ASSESSMENT)):
+                yield seed
+
+    def try_strategies(self) -> None:
+        """Try every strategy on every scene of the table."""
+        trials = [
+            self.settings.trial(objects, seed, name)
+            for objects in self.settings.objects
+            for seed in _table_seeds(self.settings, self.records, objects)
+            for name in self.settings.strategies
+        ]
+        missing = [trial for trial in trials if self._is_missing(self.records.get(*trial.key))]
+        causes: Counter[str] = Counter()
+        with tqdm(desc="strategies", total=len(trials), initial=len(trials) - len(missing), unit="trial") as bar:
+            for record in self.make(iter(missing)):
+                causes[record.cause or "solved"] += 1
+                bar.update()
+                bar.set_postfix_str(", ".join(f"{cause} {count}" for cause, count in causes.most_common(3)))
+
+    def make(self, trials: Iterator[Trial]) -> Iterator[Record]:
+        """Make trials in parallel; each record is stored before the next trial is taken."""
+        limit_s = self.settings.time_limit * (_EPISODE_LIMITS if self.settings.physics else _SOLVE_LIMITS)
+        for trial, result in run_jobs(run_trial, trials, self.workers, limit_s):
+            record = failure_record(trial, result) if isinstance(result, Crash | Killed) else result
+            self.records.add(record)
+            yield record
+
+    def _is_missing(self, record: Record | None) -> bool:
+        return record is None or (self.retry_crashes and record.cause == CRASH)
+
+
+def failure_record(trial: Trial, result: Crash | Killed) -> Record:
+    """The record of a trial that crashed or was killed."""
+    cause = CRASH if isinstance(result, Crash) else "killed"
+    detail = result.detail if isinstance(result, Crash) else f"did not end within {result.seconds:.0f} s"
+    kind = Assessment if trial.strategy == ASSESSMENT else Attempt
+    return kind(objects=trial.objects, seed=trial.seed, strategy=trial.strategy, cause=cause, detail=detail)
+
+
+def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Scenes], list[Row]]:
+    """The scenes and the strategies' rows, from the trials there are."""
+    scenes, rows = [], []
+    for objects in settings.objects:
+        seeds = _table_seeds(settings, records, objects)
+        if not seeds:
+            continue
+        found = {
+            seed: scene for seed, scene in records.assessments(objects).items() if settings.seed <= seed <= seeds[-1]
+        }
+        floors = {seed: scene.floor for seed, scene in found.items() if scene.proved and scene.floor}
+        scenes.append(summarise_scenes(objects, list(found.values()), settings.seed))
+        reference = records.attempts(objects, settings.strategies[0], seeds)
+        for name in settings.strategies:
+            own = reference if name == settings.strategies[0] else records.attempts(objects, name, seeds)
+            if own:
+                rows.append(make_row(own, reference, floors, settings.cap, settings.seed))
+    return scenes, rows
+
+
+def _table_seeds(settings: TableSettings, records: Records, objects: int, before: int | None = None) -> list[int]:
+    """The seeds of the table's scenes: the first obstructed ones among those assessed, all below `before`."""
+    found = records.assessments(objects)
+    last = max(found, default=settings.seed) if before is None else before - 1
+    seeds = [seed for seed, scene in found.items() if scene.is_obstructed and settings.seed <= seed <= last]
+    return seeds[: settings.scenes]

@@ -1,0 +1,55 @@
+"""JSON files and Markdown tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from clutter_env.reporting.json_file import json_text, write_json
+from clutter_env.reporting.statistics import Interval
+from clutter_env.reporting.tables import markdown_table, number_text
+
+
+@dataclass(frozen=True)
+class Entry:
+    name: str
+    share: Interval
+    path: Path
+
+
+def test_json_has_no_nan_and_knows_our_types(tmp_path: Path) -> None:
+    entry = Entry("a", Interval(math.nan, -math.inf, 1.0), Path("x/y"))
+    write_json(tmp_path / "new" / "f.json", {"entry": entry, 3: MappingProxyType({"n": np.float64("nan")})})
+    content = json.loads((tmp_path / "new" / "f.json").read_text(), parse_constant=pytest.fail)
+    share = {"mean": None, "low": None, "high": 1.0}
+    assert content == {"entry": {"name": "a", "share": share, "path": "x/y"}, "3": {"n": None}}
+    assert json_text((np.arange(2), np.bool_(True), None)) == "[[0, 1], true, null]"
+    with pytest.raises(TypeError, match="object"):
+        json_text({"a": object()})
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "f.json"
+    write_json(path, 1)
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_json(path, 2)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["f.json"]
+    assert path.read_text() == "1"
+
+
+def test_tables_have_as_many_cells_as_their_head() -> None:
+    assert markdown_table(["a", "b"], [["1", "2"]]) == "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
+    assert number_text(math.nan) == number_text(None) == "–"
+    with pytest.raises(ValueError, match="1 cells"):
+        markdown_table(["a", "b"], [["1"]])

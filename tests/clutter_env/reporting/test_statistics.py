@@ -1,0 +1,57 @@
+"""Intervals: what they cover, and that they do not shrink to a point where all trials succeed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from clutter_env.reporting.statistics import bootstrap, success_interval, times, wilson
+
+
+def test_bootstrap_intervals_enclose_their_mean_and_shrink_with_data() -> None:
+    rng = np.random.default_rng(0)
+    few, many = (bootstrap([rng.normal(5.0, 1.0, size)], rng) for size in (20, 2000))
+    assert few.low < few.mean < few.high
+    assert many.high - many.low < 0.3 * (few.high - few.low)
+    assert bootstrap([[3, 3, 3]], rng) == (3, 3, 3)
+    assert math.isnan(bootstrap([], rng).mean)
+    assert str(bootstrap([[]], rng)) == "–"
+
+
+def test_bootstrap_intervals_cover_the_spread_over_training_seeds() -> None:
+    rng = np.random.default_rng(0)
+    alike = bootstrap([[0.5, 0.5]] * 3, rng)
+    spread = bootstrap([[0.0, 0.0], [0.5, 0.5], [1.0, 1.0]], rng)
+    assert alike.low == alike.high == 0.5
+    assert spread.low < 0.3
+    assert spread.high > 0.7
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (10, 10), (7, 10), (100, 100), (1, 3)])
+def test_wilson_is_that_of_scipy(successes: int, trials: int) -> None:
+    theirs = binomtest(successes, trials).proportion_ci(method="wilson")
+    ours = wilson(successes, trials)
+    assert ours == pytest.approx((successes / trials, theirs.low, theirs.high))
+    assert 0 <= ours.low <= ours.mean <= ours.high <= 1
+
+
+def test_success_of_all_is_no_certainty() -> None:
+    rng = np.random.default_rng(0)
+    assert success_interval([[True] * 50], rng).low == pytest.approx(0.929, abs=1e-3)
+    assert success_interval([[True] * 50] * 3, rng) == wilson(50, 50)
+    assert success_interval([[False] * 50] * 3, rng).high == pytest.approx(0.071, abs=1e-3)
+    assert math.isnan(success_interval([], rng).mean)
+
+
+def test_several_seeds_are_resampled_as_well_as_scenes() -> None:
+    rng = np.random.default_rng(0)
+    apart = success_interval([[True] * 20, [False] * 20], rng)
+    assert (apart.low, apart.mean, apart.high) == (0.0, 0.5, 1.0)
+
+
+def test_times_of_nothing_are_not_numbers() -> None:
+    assert times([1.0, 2.0, 3.0]).median == 2.0
+    assert math.isnan(times([]).p95)
