@@ -18,7 +18,8 @@ from irm.arm.kinematics import PRISMATIC, ArmChain, inverse
 from irm.arm.numerical import random_seeds, solve
 from irm.errors import QueryError
 from irm.maps.orientation_index import rotation
-from irm.queries.placement import BasePlacement, as_positions
+from irm.queries.arguments import as_positions
+from irm.queries.placement import BasePlacement
 
 __all__ = ["ConfigurationSearch", "IsFree", "NotVerified", "Verified", "configurations", "hand_poses", "verify"]
 

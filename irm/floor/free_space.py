@@ -28,7 +28,7 @@ DEFAULT_MARGIN = 2.0
 _MAX_CELLS = 25_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FreeSpace:
     """The part of the floor where the base's centre may be.
 

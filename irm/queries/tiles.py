@@ -37,6 +37,7 @@ class Tiles(NamedTuple):
     `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
     (keys + 1,) bases. Per ring, best first: `ring_base`, the base, and `ring_radius`, its distance from the hand [m];
     per key `ring_first` (keys + 1,) rings, and `ring_skip` (keys, b): the first ring that reaches b `RING_WIDTH` far.
+    `torso_lower`, `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
     """
 
     x: Singles
@@ -57,6 +58,8 @@ class Tiles(NamedTuple):
     ring_radius: Singles
     ring_first: Integers
     ring_skip: Integers
+    torso_lower: float
+    torso_upper: float
 
 
 def invert_map(rm: ReachabilityMap) -> Tiles:
@@ -76,10 +79,10 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
     rings = _rings(voxel[order], key[order], keys, np.hypot(bases[0], bases[1]), bases[3])
     base_first = np.searchsorted(key[order], np.arange(keys + 1))
-    result = Tiles._make([*bases, rm.flags[order], *tiles, base_first, *rings])
-    for array in result:
+    arrays = [*bases, rm.flags[order], *tiles, base_first, *rings]
+    for array in arrays:
         array.setflags(write=False)
-    return result
+    return Tiles._make([*arrays, *grid.torso_range])
 
 
 def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:

@@ -19,9 +19,10 @@ from irm.arm.kinematics import ArmChain
 from irm.checks.verification import Verified, hand_poses, verify
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
+from irm.queries.arguments import YAW_STEP
 from irm.queries.inverse import InverseReachabilityMap
 from irm.queries.keys import base_turns, find_key, flat_key
-from irm.queries.placement import YAW_STEP, BasePlacement
+from irm.queries.placement import BasePlacement
 
 __all__ = ["draw_placement"]
 
