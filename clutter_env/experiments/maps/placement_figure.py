@@ -12,8 +12,8 @@ from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.room import Room
-from clutter_env.experiments.maps.stage import Cup, Stage, View
+from clutter_env.experiments.maps.base_quality import CollisionModel
+from clutter_env.experiments.maps.map_renderer import Cup, MapRenderer, View
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
 from irm.checks.verification import Verified, hand_poses, verify
@@ -56,11 +56,11 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
     free = inverse_map.query(hand, yaw_range=YAWS, free_space=floor, k=5)
     chosen = _verified(robot, free, hand)
     place = Cup((*cup, TABLE_HEIGHT + CUP_HALF_HEIGHT), half_height=CUP_HALF_HEIGHT)
-    stage = Stage(robot, (PIXELS, PIXELS), furniture(TABLE), place)
+    renderer = MapRenderer(robot, (PIXELS, PIXELS), furniture(TABLE), place)
     above = View((0.0, 0.0, 1.0), 6.0, 90.0, -90.0, 2 * REACH)
-    robot_above = stage.picture(chosen.base, chosen.configurations[0], above, show_floor=False)
-    beside = stage.picture(chosen.base, chosen.configurations[0], View((-0.2, 0.1, 0.65), 3.2, 68.0, -28.0))
-    stage.close()
+    robot_above = renderer.picture(chosen.base, chosen.configurations[0], above, show_floor=False)
+    beside = renderer.picture(chosen.base, chosen.configurations[0], View((-0.2, 0.1, 0.65), 3.2, 68.0, -28.0))
+    renderer.close()
     figure = Figure(figsize=(13.0, 6.0), layout="constrained")
     plan, photograph = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     _draw_plan(plan, everywhere, floor, chosen, cup, robot_above, colours)
@@ -102,9 +102,9 @@ def _candidates(inverse_map: InverseReachabilityMap, hand: Floats) -> _Candidate
 
 def _verified(robot: RobotSpec, bases: BasePlacement, hand: Floats) -> Verified:
     """The best base from which the arm reaches without touching the table."""
-    room = Room(robot, TABLE)
+    model = CollisionModel(robot, TABLE)
     found = verify(
-        ArmChain.from_robot(robot), bases, lambda rank: hand_poses(hand, bases.approach_yaw[rank]), room.is_free
+        ArmChain.from_robot(robot), bases, lambda rank: hand_poses(hand, bases.approach_yaw[rank]), model.is_free
     )
     if not isinstance(found, Verified):
         raise ValueError(f"no base serves a cup at {hand[:2]}; choose one nearer to the table's edge")

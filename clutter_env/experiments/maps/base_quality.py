@@ -17,7 +17,7 @@ from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
 
-__all__ = ["PATH", "Room", "Targets", "floor_of", "measure_targets"]
+__all__ = ["PATH", "CollisionModel", "Targets", "floor_of", "measure_targets"]
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Targets:
     verified: int
 
 
-class Room:
+class CollisionModel:
     """Robot, floor and furniture in a MuJoCo model of its own; the robot may collide with itself."""
 
     def __init__(self, robot: RobotSpec, layout: Layout) -> None:
@@ -106,7 +106,7 @@ def measure_targets(robot: RobotSpec, layout_name: str, count: int, with_path: b
     With the path, approach and lift as well: one configuration after another, none far from the one before.
     """
     layout = LAYOUTS[layout_name]
-    room, floor, chain = Room(robot, layout), floor_of(robot, layout), ArmChain.from_robot(robot)
+    model, floor, chain = CollisionModel(robot, layout), floor_of(robot, layout), ArmChain.from_robot(robot)
     inverse_map = InverseReachabilityMap(cached_map(robot, orientations=266, pitches=(0.0,), heights=(0.7, 1.2)))
     rng = np.random.default_rng(seed)
     half = np.array([layout.depth / 2 - EDGE, layout.width / 2 - EDGE])
@@ -124,7 +124,7 @@ def measure_targets(robot: RobotSpec, layout_name: str, count: int, with_path: b
         def hands(rank: int, target: Floats = target, yaws: Floats = yaws) -> ArrayLike:
             return hand_poses(target + _turned(offsets, yaws[rank]), yaws[rank])
 
-        match verify(chain, placement, hands, room.is_free, limit=BEST):
+        match verify(chain, placement, hands, model.is_free, limit=BEST):
             case Verified(rank=rank):
                 verified += 1
                 first += rank == 0

@@ -13,7 +13,7 @@ from assets.robots import RobotSpec
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import Box
 
-__all__ = ["Arrows", "Cup", "Stage", "View"]
+__all__ = ["Arrows", "Cup", "MapRenderer", "View"]
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Cup(NamedTuple):
     half_height: float = 0.05
 
 
-class Stage:
+class MapRenderer:
     """Draws one robot among furniture; close it when done."""
 
     def __init__(

@@ -1,0 +1,77 @@
+"""JSON files that are complete or absent, of dataclasses and numbers that JSON itself does not know."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+__all__ = ["json_text", "json_values", "write_atomically", "write_json"]
+
+
+def json_values(value: Any) -> Any:
+    """A value in terms of dict, list, str, int, float, bool and None.
+
+    Dataclasses and named tuples become objects, arrays become lists, paths become text. NaN and infinity become null,
+    because JSON has no such numbers.
+
+    Raises:
+        TypeError: JSON has nothing for a value of that type.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: json_values(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return json_values(value._asdict())
+    if isinstance(value, Mapping):
+        return {str(name): json_values(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [json_values(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return json_values(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    raise TypeError(f"JSON has nothing for {value!r} of type {type(value).__name__}")
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """JSON text of a value; see `json_values`."""
+    return json.dumps(json_values(value), indent=indent, allow_nan=False)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file, see `json_values` and `write_atomically`; missing directories are made.
+
+    Raises:
+        OSError: the disk is full or cannot be written.
+        TypeError: JSON has nothing for a value.
+    """
+    text = json_text(value, indent=1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, text.encode())
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file that gets its name once all of it is on the disk; an old file of that name stays until then.
+
+    Raises:
+        OSError: the disk is full or cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
