@@ -1,4 +1,4 @@
-"""Pictures of a robot's maps, like Figs. 1 and 2 of the paper: what the arm reaches, both inverse maps, and an answer.
+"""Figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, and base poses.
 
 Blue is high manipulability and red is low, as in the paper.
 """
@@ -29,11 +29,11 @@ Floats = NDArray[np.float64]
 COLOURS = "turbo_r"
 BLACK = np.array([0.05, 0.05, 0.05, 1.0])
 COARSE: dict[str, Any] = {"voxel": 0.15, "orientations": 26}
-"""The map of Fig. 1: few enough arrows to see between them."""
+"""The map of Fig. 1: coarse, so that the arrows do not hide each other."""
 PANEL = (480, 440)
-"""Pixels of one picture of Fig. 1."""
+"""Size of one picture of Fig. 1 in pixels."""
 SIDE, PIXELS = 2.4, 640
-"""[m] shown by a slice, and its pixels."""
+"""Edge of a slice [m], and in pixels."""
 
 
 def draw_figures(robot: RobotSpec, folder: Path, cup: tuple[float, float], dpi: int) -> list[Path]:
@@ -71,9 +71,9 @@ def draw_maps(robot: RobotSpec) -> Figure:
     renderer = MapRenderer(robot, PANEL)
     far_half = rm.positions[:, 1] > 0
     p, R = rm.positions, _rotations(rm)
-    hands = Arrows(p[far_half], R[far_half, :, 0], colours[far_half], 0.10, 0.008)
+    tcps = Arrows(p[far_half], R[far_half, :, 0], colours[far_half], 0.10, 0.008)
     view = View((0.25, 0.3, 0.88), 3.5, 110.0, -18.0)
-    pictures = [renderer.picture(np.zeros(3), home, view, [hands])]
+    pictures = [renderer.picture(np.zeros(3), home, view, [tcps])]
     for bases in (_bases_of_equation_4(rm, colours), _bases_of_equation_5(rm, colours)):
         pictures.append(renderer.picture(np.zeros(3), home, bases.view, bases.arrows, show_robot=False))
     renderer.close()
@@ -82,25 +82,25 @@ def draw_maps(robot: RobotSpec) -> Figure:
 
 @dataclass(frozen=True)
 class _Bases:
-    """What a picture of an inverse map shows, and from where."""
+    """Arrows of an inverse map, and the view of its picture."""
 
     arrows: tuple[Arrows, ...]
     view: View
 
 
 def _rotations(rm: ReachabilityMap) -> Floats:
-    """(n, 3, 3) of the hand at every pose."""
+    """(n, 3, 3) TCP orientation of every pose."""
     return np.array([rotation(*angles) for angles in rm.grid.orientations.angles])[rm.indices()[1]]
 
 
 def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
-    """T_base = T_eff⁻¹ around one hand, here 1 m above the floor tiles; the half before the hand is cut away."""
+    """T_base = T_eff⁻¹ around one TCP pose, drawn in the air; the half in front of it is left out."""
     R = _rotations(rm)
     place = -np.einsum("nji,nj->ni", R, rm.positions)
     far = place[:, 1] > 0
-    hand = Arrows(np.zeros((1, 3)), np.eye(3)[:1], BLACK[None], 0.4, 0.03)
+    tcp = Arrows(np.zeros((1, 3)), np.eye(3)[:1], BLACK[None], 0.4, 0.03)
     bases = Arrows(place[far], R[far, 0, :], colours[far], 0.12, 0.009)
-    return _Bases((_raised(bases), _raised(hand)), View((-0.1, 0.3, 1.2), 5.0, 110.0, -14.0))
+    return _Bases((_raised(bases), _raised(tcp)), View((-0.1, 0.3, 1.2), 5.0, 110.0, -14.0))
 
 
 def _raised(arrows: Arrows) -> Arrows:
@@ -108,7 +108,7 @@ def _raised(arrows: Arrows) -> Arrows:
 
 
 def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
-    """T_base = Rz(-γ), Rz(π - γ) (x, y, 0), the hand R(0, β, α) at (0, 0, z); good bases over bad ones."""
+    """T_base = Rz(-γ), Rz(π - γ) (x, y, 0) for the TCP R(0, β, α) at (0, 0, z); arrows of high μ are drawn on top."""
     x, y, z = rm.positions.T
     yaw, pitch, _ = rm.yaw_pitch_roll.T
     order = np.argsort(rm.manipulability)
@@ -119,16 +119,16 @@ def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
     keys = np.unique(np.column_stack([z, pitch]).round(6), axis=0)
     tails = np.column_stack([np.zeros((len(keys), 2)), keys[:, 0]])
     points = np.column_stack([np.cos(keys[:, 1]), np.zeros(len(keys)), -np.sin(keys[:, 1])])
-    hands = Arrows(tails, points, np.tile(BLACK, (len(keys), 1)), 0.12, 0.008)
+    tcps = Arrows(tails, points, np.tile(BLACK, (len(keys), 1)), 0.12, 0.008)
     bases = Arrows(place, ahead, colours, 0.10, 0.008)
-    return _Bases((bases, hands), View((0.0, 0.0, 0.78), 3.4, 110.0, -28.0))
+    return _Bases((bases, tcps), View((0.0, 0.0, 0.78), 3.4, 110.0, -28.0))
 
 
 def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
     titles = (
-        "(a) reachability map (equation 3):\nhand poses, the half at the robot's left",
-        "(b) inverse map (equation 4):\nbases around one hand (black), the far half",
-        "(c) inverse map (equation 5):\nbases on the floor, hands (black) by height and pitch",
+        "(a) reachability map (equation 3):\nTCP poses, the half on the robot's left",
+        "(b) inverse map (equation 4):\nbases around one TCP pose (black), the far half",
+        "(c) inverse map (equation 5):\nbases on the floor, TCP poses (black) by height and pitch",
     )
     figure = Figure(figsize=(13.2, 4.4), layout="constrained")
     axes = figure.subplots(1, len(pictures))
@@ -142,7 +142,7 @@ def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
 
 
 def draw_slices(robot: RobotSpec) -> Figure:
-    """Two slices through the reachability map: share of orientations D, and best μ, with the robot."""
+    """Slices through the reachability map: D in a vertical plane, and D and best μ at the height of a table."""
     rm = cached_map(robot)
     renderer = MapRenderer(robot, (PIXELS, PIXELS))
     base, home, grid = np.zeros(3), np.array(robot.home), rm.grid
@@ -182,7 +182,7 @@ def draw_slices(robot: RobotSpec) -> Figure:
 
 
 def _table_height(rm: ReachabilityMap, robot: RobotSpec) -> float:
-    """A hand height above a table."""
+    """A TCP height above a table."""
     return min(rm.grid.top, 0.75 + robot.grasp_height)
 
 
