@@ -1,10 +1,10 @@
-"""Where may the base stand so that the hand reaches? Reachability maps and their inverse.
+"""Where may the base stand so that the arm reaches a TCP pose? Reachability maps and their inverse.
 
 Example:
     from assets.robots import FETCH
-    from irm import FreeSpace, InverseReachabilityMap, ReachabilityMap
+    from irm import FreeSpace, InverseReachabilityMap, cached_map
 
-    inverse_map = InverseReachabilityMap(ReachabilityMap.build(FETCH))
+    inverse_map = InverseReachabilityMap(cached_map(FETCH))  # built at the first call
     floor = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=FETCH.base_radius)
     placement = inverse_map.query((0.1, 0.0, 0.85), yaw_range=(-0.8, 0.8), free_space=floor, k=5)
     print(placement.status, placement.poses)
@@ -12,7 +12,7 @@ Example:
 
 from irm.arm.kinematics import ArmChain
 from irm.checks.classification import classify, predict
-from irm.checks.verification import NotVerified, Verified, hand_poses, verify
+from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
@@ -36,7 +36,7 @@ __all__ = [
     "Verified",
     "cached_map",
     "classify",
-    "hand_poses",
     "predict",
+    "tcp_poses",
     "verify",
 ]

@@ -1,4 +1,4 @@
-"""What can be misused in this package; expected failures are values (`Status.NO`), not exceptions."""
+"""Errors for misuse of this package; expected failures are values (`Status.NO`), not exceptions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class ReachabilityError(ValueError):
 
 
 class ChainError(ReachabilityError):
-    """The robot's chain does not have the structure that was asked of it."""
+    """The robot's chain does not have the required structure."""
 
 
 class MapFileError(ReachabilityError):
@@ -22,4 +22,4 @@ class MapMismatchError(ReachabilityError):
 
 
 class QueryError(ReachabilityError):
-    """A query that has no meaning: not a number, an empty range, a wrong shape."""
+    """A query that has no meaning: not a number, an empty range, a wrong shape, an unknown keyword."""

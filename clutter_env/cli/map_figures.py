@@ -1,4 +1,5 @@
-"""Pictures of a robot's maps, like Figs. 1 and 2 of the paper: what the arm reaches, both inverse maps, and an answer.
+"""Draw the figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, slices,
+and the base poses for a cup on a table.
 
 Blue is high manipulability and red is low, as in the paper.
 """
@@ -8,34 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
-
-from assets.robots import RobotSpec, robot
 from clutter_env.cli.command import run_command
-from clutter_env.experiments.maps.placement_figure import draw_placement
-from clutter_env.experiments.maps.stage import Arrows, Stage, View
-from irm.maps.cache import cached_map
-from irm.maps.orientation_index import rotation
-from irm.maps.reachability import ReachabilityMap
-
-Floats = NDArray[np.float64]
-
-COLOURS = "turbo_r"
-BLACK = np.array([0.05, 0.05, 0.05, 1.0])
-COARSE: dict[str, Any] = {"voxel": 0.15, "orientations": 26}
-"""The map of Fig. 1: few enough arrows to see between them."""
-PANEL = (480, 440)
-"""Pixels of one picture of Fig. 1."""
-SIDE, PIXELS = 2.4, 640
-"""[m] shown by a slice, and its pixels."""
 
 
 @dataclass(frozen=True)
@@ -43,173 +18,22 @@ class Arguments:
     """Command line."""
 
     robot: str = "fetch"
+    """Name of a robot, or module:NAME of a RobotSpec."""
     output: Path = Path("docs/images")
     """Folder of the pictures."""
     cup: tuple[float, float] = (0.1, 0.3)
-    """[m] of the cup on the table: from its middle, away from the robot and to the left."""
+    """Position of the cup on the table, from its middle: away from the robot, and to the left [m]."""
     dpi: int = 90
+    """Resolution of the pictures."""
 
 
 def run(arguments: Arguments) -> None:
-    """Draw, save."""
-    specification = robot(arguments.robot)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    figures = {
-        "irm_maps.png": draw_maps(specification),
-        "irm_slices.png": draw_slices(specification),
-        "irm_placement.png": draw_placement(specification, arguments.cup, COLOURS),
-    }
-    for name, figure in figures.items():
-        figure.savefig(arguments.output / name, dpi=arguments.dpi, pil_kwargs={"optimize": True})
-        print(f"picture: {arguments.output / name}")
+    """Draw and save the figures."""
+    from clutter_env.experiments.maps.figures import draw_figures
+    from clutter_env.experiments.maps.model_check import robot_by_name
 
-
-def draw_maps(specification: RobotSpec) -> Figure:
-    """Fig. 1: the reachability map, and its inverse by equation 4 and by equation 5."""
-    rm = ReachabilityMap.build(specification, **COARSE)
-    scale = Normalize(0, float(rm.manipulability.max()))
-    colours = np.asarray(colormaps[COLOURS](scale(rm.manipulability)))
-    home = np.array(specification.home)
-    stage = Stage(specification, PANEL)
-    far_half = rm.positions[:, 1] > 0
-    p, R = rm.positions, _rotations(rm)
-    hands = Arrows(p[far_half], R[far_half, :, 0], colours[far_half], 0.10, 0.008)
-    view = View((0.25, 0.3, 0.88), 3.5, 110.0, -18.0)
-    pictures = [stage.picture(np.zeros(3), home, view, [hands])]
-    for bases in (_bases_of_equation_4(rm, colours), _bases_of_equation_5(rm, colours)):
-        pictures.append(stage.picture(np.zeros(3), home, bases.view, bases.arrows, show_robot=False))
-    stage.close()
-    return _panels(pictures, scale)
-
-
-@dataclass(frozen=True)
-class _Bases:
-    """What a picture of an inverse map shows, and from where."""
-
-    arrows: tuple[Arrows, ...]
-    view: View
-
-
-def _rotations(rm: ReachabilityMap) -> Floats:
-    """(n, 3, 3) of the hand at every pose."""
-    return np.array([rotation(*angles) for angles in rm.grid.orientations.angles])[rm.indices()[1]]
-
-
-def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
-    """T_base = T_eff⁻¹ around one hand, here 1 m above the floor tiles; the half before the hand is cut away."""
-    R = _rotations(rm)
-    place = -np.einsum("nji,nj->ni", R, rm.positions)
-    far = place[:, 1] > 0
-    hand = Arrows(np.zeros((1, 3)), np.eye(3)[:1], BLACK[None], 0.4, 0.03)
-    bases = Arrows(place[far], R[far, 0, :], colours[far], 0.12, 0.009)
-    return _Bases((_raised(bases), _raised(hand)), View((-0.1, 0.3, 1.2), 5.0, 110.0, -14.0))
-
-
-def _raised(arrows: Arrows) -> Arrows:
-    return arrows._replace(tails=arrows.tails + (0.0, 0.0, 1.6))
-
-
-def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
-    """T_base = Rz(-γ), Rz(π - γ) (x, y, 0), the hand R(0, β, α) at (0, 0, z); good bases over bad ones."""
-    x, y, z = rm.positions.T
-    yaw, pitch, _ = rm.yaw_pitch_roll.T
-    order = np.argsort(rm.manipulability)
-    c, s = np.cos(np.pi - yaw), np.sin(np.pi - yaw)
-    lift = 0.02 + 0.02 * np.argsort(order) / len(order)
-    place = np.column_stack([c * x - s * y, s * x + c * y, lift])
-    ahead = np.column_stack([np.cos(yaw), -np.sin(yaw), np.zeros(len(yaw))])
-    keys = np.unique(np.column_stack([z, pitch]).round(6), axis=0)
-    tails = np.column_stack([np.zeros((len(keys), 2)), keys[:, 0]])
-    points = np.column_stack([np.cos(keys[:, 1]), np.zeros(len(keys)), -np.sin(keys[:, 1])])
-    hands = Arrows(tails, points, np.tile(BLACK, (len(keys), 1)), 0.12, 0.008)
-    bases = Arrows(place, ahead, colours, 0.10, 0.008)
-    return _Bases((bases, hands), View((0.0, 0.0, 0.78), 3.4, 110.0, -28.0))
-
-
-def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
-    titles = (
-        "(a) reachability map (equation 3):\nhand poses, the half at the robot's left",
-        "(b) inverse map (equation 4):\nbases around one hand (black), the far half",
-        "(c) inverse map (equation 5):\nbases on the floor, hands (black) by height and pitch",
-    )
-    figure = Figure(figsize=(13.2, 4.4), layout="constrained")
-    axes = figure.subplots(1, len(pictures))
-    for axis, picture, title in zip(axes, pictures, titles, strict=True):
-        axis.imshow(picture)
-        axis.set_title(title, fontsize=11)
-        axis.set_axis_off()
-    mu = ScalarMappable(scale, COLOURS)
-    figure.colorbar(mu, ax=axes, label="manipulability μ (linear rows in m)", fraction=0.02, pad=0.01)
-    return figure
-
-
-def draw_slices(specification: RobotSpec) -> Figure:
-    """Two slices through the reachability map: share of orientations D, and best μ, with the robot."""
-    rm = cached_map(specification)
-    stage = Stage(specification, (PIXELS, PIXELS))
-    base, home, grid = np.zeros(3), np.array(specification.home), rm.grid
-    x_middle, half = grid.centre[0], SIDE / 2
-    robot_beside = stage.picture(base, home, View((x_middle, 0, 0.95), 5, 90, 0, SIDE), show_floor=False)
-    robot_below = stage.picture(base, home, View((x_middle, 0, 0.95), 5, 90, -90, SIDE), show_floor=False)
-    stage.close()
-    layer = grid.layer(_table_height(rm, specification))
-    z, height = grid.layer_height(layer), (-0.25, 2.15)
-    side, top = rm.reachability_index[:, :, grid.half], rm.reachability_index[layer]
-    best = _best_manipulability(rm, layer)
-    figure = Figure(figsize=(13.6, 4.2), layout="constrained")
-    axes = figure.subplots(1, 3)
-    x_edges, y_edges = (np.append(grid.axis(k) - grid.voxel / 2, grid.axis(k)[-1] + grid.voxel / 2) for k in (0, 1))
-    z_edges = grid.bottom + np.arange(grid.layers + 1) * grid.voxel
-    share = "reachability index D [%]"
-    _slice(
-        axes[0],
-        x_edges,
-        z_edges,
-        side,
-        "viridis",
-        share,
-        "z [m]",
-        f"D in the plane y = {grid.axis(1)[grid.half]:.3f} m",
-    )
-    axes[0].imshow(robot_beside, extent=(x_middle - half, x_middle + half, *height), zorder=3)
-    axes[0].set(ylim=height)
-    _slice(axes[1], x_edges, y_edges, top.T, "viridis", share, "y [m]", f"D at z = {z:.3f} m")
-    _slice(axes[2], x_edges, y_edges, best.T, COLOURS, "best manipulability μ", "y [m]", f"best μ at z = {z:.3f} m")
-    for axis in axes[1:]:
-        axis.imshow(robot_below, extent=(x_middle - half, x_middle + half, -half, half), zorder=3, alpha=0.9)
-        axis.set(ylim=(-half, half))
-    for axis in axes:
-        axis.set(xlim=(x_middle - half, x_middle + half), aspect="equal", xlabel="x [m]")
-    return figure
-
-
-def _table_height(rm: ReachabilityMap, specification: RobotSpec) -> float:
-    """A hand height above a table."""
-    return min(rm.grid.top, 0.75 + specification.grasp_height)
-
-
-def _best_manipulability(rm: ReachabilityMap, layer: int) -> Floats:
-    """(x, y) best μ over the orientations, NaN where there is none."""
-    z, _, i, j = rm.indices()
-    mine = z == layer
-    best = np.zeros(rm.grid.shape[2:])
-    np.maximum.at(best, (i[mine], j[mine]), rm.manipulability[mine])
-    return np.where(best > 0, best, np.nan)
-
-
-def _slice(
-    axis: Axes,
-    x: NDArray[Any],
-    y: NDArray[Any],
-    values: NDArray[Any],
-    colours: str,
-    label: str,
-    y_label: str,
-    title: str,
-) -> None:
-    mesh = axis.pcolormesh(x, y, np.where(values > 0, values, np.nan), cmap=colours)
-    axis.figure.colorbar(mesh, ax=axis, label=label, shrink=0.9, aspect=22)
-    axis.set(ylabel=y_label, title=title, facecolor="#f4f4f6")
+    for file in draw_figures(robot_by_name(arguments.robot), arguments.output, arguments.cup, arguments.dpi):
+        print(f"picture: {file}")
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -1,12 +1,12 @@
-"""Closed-form inverse kinematics of arms built like Fetch's, compiled.
+"""Closed-form inverse kinematics of arms with the structure of Fetch's arm, compiled.
 
 The structure: a vertical lift, a vertical pan axis, then lift (y), roll (x), flex (y), roll (x), flex (y), roll (x)
-with every offset after the lift joint along x. The last three axes meet in the wrist centre, so hand position and hand
-orientation separate. `links` holds the seven lengths of such an arm, in this order [m]:
+with every offset after the lift joint along x. The last three axes meet in the wrist centre, so position and
+orientation of the TCP can be solved one after the other. `links` are the seven lengths of such an arm [m]:
 
     pan_x, pan_z        pan axis in the base frame with the torso at 0
     shoulder_x, shoulder_z   lift axis in the frame that pans
-    upper, fore, hand   lift axis → elbow → wrist centre → TCP
+    upper_arm, forearm, gripper   lift axis → elbow → wrist centre → TCP
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def wrap(angle: float) -> float:
 
 @njit(cache=True)
 def _wrist(q: Floats, R: Floats, lower: Floats, upper: Floats, out: Floats, count: int) -> int:
-    """Complete shoulder and elbow in `q[1:5]` with both wrists that give the hand orientation `R`.
+    """Complete shoulder and elbow in `q[1:5]` with both wrist solutions that give the TCP orientation `R`.
 
     With R47 = (Rz(q1) Ry(q2) Rx(q3) Ry(q4))ᵀ R = Rx(q5) Ry(q6) Rx(q7), its first column holds q5 and q6, its first row
     q6 and q7. Writes the solutions within the limits into `out[count:]`; returns the new count.
@@ -106,12 +106,12 @@ def ik_arm(
     Returns:
         The number of rows written.
     """
-    shoulder_x, shoulder_z, L1, L2, hand = links[2], links[3], links[4], links[5], links[6]
+    shoulder_x, shoulder_z, L1, L2, gripper = links[2], links[3], links[4], links[5], links[6]
     if upper_arm_roll < lower[3] or upper_arm_roll > upper[3] or torso < lower[0] or torso > upper[0]:
         return 0
-    wx = p[0] - hand * R[0, 0] - links[0]
-    wy = p[1] - hand * R[1, 0]
-    vz = p[2] - hand * R[2, 0] - links[1] - torso - shoulder_z
+    wx = p[0] - gripper * R[0, 0] - links[0]
+    wy = p[1] - gripper * R[1, 0]
+    vz = p[2] - gripper * R[2, 0] - links[1] - torso - shoulder_z
     radius2 = wx * wx + wy * wy
     c3, s3 = cos(upper_arm_roll), sin(upper_arm_roll)
     constant = radius2 + vz * vz - L1 * L1 - L2 * L2 - shoulder_x * shoulder_x
@@ -163,18 +163,18 @@ def ik_pan(
     upper: Floats,
     out: Floats,
 ) -> int:
-    """Every arm configuration that points the hand along `approach` with its wrist centre at `wrist`, pan angle given.
+    """Every arm configuration with the approach axis `approach` and the wrist centre `wrist`, for a given pan angle.
 
     Solutions that differ only in the signs of elbow and wrist have the same link poses and the same manipulability;
-    one of each is returned, with a positive elbow and wrist, and with the hand's roll left open. Requires symmetric
+    one of each is returned, with a positive elbow and wrist. The roll of the TCP is not determined. Requires symmetric
     limits of elbow and wrist flex.
 
     Args:
         links: (7,) lengths of the arm.
         approach: (3,) unit x axis of the TCP.
-        wrist: (3,) wrist centre relative to the pan axis at shoulder height, torso taken off [m].
+        wrist: (3,) wrist centre relative to the pan axis at shoulder height, for a torso at 0 [m].
         c1, s1: cosine and sine of the pan angle.
-        lower, upper: (8,) limits; the pan's own is not looked at.
+        lower, upper: (8,) limits; that of the pan joint is not checked.
         out: (2, 5) filled with rows of (lift, upper-arm roll, elbow, forearm roll, wrist flex).
 
     Returns:

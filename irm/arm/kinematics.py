@@ -1,4 +1,4 @@
-"""Forward and inverse kinematics of a lift and an arm in the frame of the base that carries them, compiled.
+"""Forward and inverse kinematics of a torso lift and an arm in the base frame, compiled.
 
 The base frame lies on the floor under the robot, x ahead. A configuration `q` is torso and arm, shape (1 + n,).
 
@@ -70,7 +70,7 @@ class ArmChain:
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether `inverse` can serve this arm."""
+        """Whether `inverse` works for this arm."""
         return self.links.size > 0
 
     @property
@@ -105,7 +105,7 @@ class ArmChain:
 
 
 def has_free_roll(chain: ArmChain) -> bool:
-    """Whether the last joint turns the hand about its approach axis without limit."""
+    """Whether the last joint turns the gripper about its approach axis without limit."""
     turns_about_approach = chain.axes[-1] == 0 and not chain.tip[1:].any()
     return bool(turns_about_approach and chain.upper[-1] - chain.lower[-1] >= 2 * np.pi - _FULL_TURN_ROUNDING)
 
@@ -117,7 +117,7 @@ def _axis_number(link: ChainLink) -> int:
 
 
 def _closed_form_links(robot: RobotSpec, axes: Integers) -> Floats:
-    """The seven lengths `irm.arm.closed_form` needs, read from the chain; empty when the robot names no closed form."""
+    """The seven lengths of `irm.arm.closed_form`, from the chain; empty if the robot names no closed form."""
     if robot.closed_form_ik == "":
         return np.empty(0)
     if robot.closed_form_ik != "fetch":
@@ -243,7 +243,7 @@ def jacobian(chain: ArmChain, q: ArrayLike) -> Floats:
 def _inverse_grid(
     links: Floats, R: Floats, p: Floats, torsos: Floats, rolls: Floats, lower: Floats, upper: Floats, rows: Floats
 ) -> int:
-    """All solutions on the grid into `rows`; returns how many."""
+    """Write all solutions on the grid into `rows`; the number of solutions."""
     found = np.empty((MAX_SOLUTIONS, 8))
     total = 0
     for torso in torsos:
@@ -265,7 +265,7 @@ def inverse(chain: ArmChain, T_base_tcp: ArrayLike, torsos: Sequence[float] | Fl
         rolls: upper-arm rolls to try [rad], in [-π, π].
 
     Returns:
-        (k, 8) configurations, k = 0 when there is none; roll joints in [-π, π].
+        (k, 8) configurations, k = 0 if there is none; roll joints in [-π, π].
 
     Raises:
         ChainError: the arm has no closed form.

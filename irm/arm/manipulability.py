@@ -17,12 +17,12 @@ __all__ = ["condition", "manipulability"]
 Floats = NDArray[np.float64]
 
 _SWEEPS = 30
-"""QL iterations allowed per eigenvalue; three are usual."""
+"""Largest number of QL iterations per eigenvalue; three are usual."""
 
 
 @njit(cache=True)
 def _tridiagonalise(A: Floats, diagonal: Floats, beside: Floats) -> None:
-    """Householder reduction of a symmetric matrix, in place: eigenvalues of A are those of the tridiagonal result."""
+    """Householder reduction of a symmetric matrix, in place: the tridiagonal result has the eigenvalues of A."""
     n = A.shape[0]
     u = np.empty(n)
     w = np.empty(n)

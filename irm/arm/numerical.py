@@ -1,4 +1,4 @@
-"""Inverse kinematics for any chain by damped least squares, compiled: the route of arms without a closed form."""
+"""Inverse kinematics of any chain by damped least squares, compiled: for arms without a closed form."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MAX_STEPS = 25
-"""Newton-like steps before giving up; 6 are usual from a seed in a neighbouring cell."""
+"""Largest number of Newton-like steps; 6 are usual from a seed in a neighbouring cell."""
 
 POSITION_TOLERANCE = 1e-5
 """[m] and [rad]: a pose this close counts as reached."""
 
 _STEP_LIMIT = 0.4
-"""[rad] or [m]: largest joint motion in one step, so that the linearisation means something."""
+"""[rad] or [m]: largest joint motion in one step, so that the linearisation is valid."""
 
 _DAMPING = 0.05
-"""Damping per unit of remaining error: strong far away and near singularities, none at the goal."""
+"""Damping per unit of remaining error: strong far from the goal, zero at the goal."""
 
 _STALL = 0.97
-"""An error that shrinks by less than this factor three steps in a row will not vanish."""
+"""If the error shrinks by less than this factor in three consecutive steps, the iteration ends without a solution."""
 
 
 @njit(cache=True)
@@ -115,7 +115,7 @@ def approach_pose(
     p: Floats,
     J: Floats,
 ) -> bool:
-    """Move the arm joints of `q` (n,) in place until the TCP is at the goal; whether it got there within the limits.
+    """Move the arm joints of `q` (n,) in place until the TCP is at the goal; whether it is reached within the limits.
 
     The torso `q[0]` stays. `R` (n + 1, 3, 3), `p` (n + 1, 3) and `J` (6, n - 1) hold the frames and the Jacobian at the
     result.
@@ -148,8 +148,8 @@ def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:
     """Configurations that reach a pose, one from each seed from which the iteration converges.
 
     Args:
-        chain: any.
-        T_base_tcp: (4, 4) target. Its roll counts even if the map of the robot leaves it free.
+        chain: of any arm.
+        T_base_tcp: (4, 4) target, roll included.
         seeds: (m, 1 + n) configurations to start from; their torso heights are kept.
 
     Returns:

@@ -1,1 +1,1 @@
-"""How far a map can be trusted: YES, UNKNOWN or NO for a hand pose, and verification of base poses."""
+"""Checks of a map's answers: YES, UNKNOWN or NO for a TCP pose, and exact verification of base poses."""

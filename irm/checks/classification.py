@@ -1,8 +1,9 @@
-"""Is a hand pose within reach of a standing base? YES, NO, or UNKNOWN, from the cells around it.
+"""Does the arm reach a TCP pose from a given base pose? YES, NO, or UNKNOWN, from the cells around the TCP pose.
 
-A pose lies between the centres of neighbouring cells: eight voxels, two rings of pitch, two yaws (and two rolls). YES
-if these and the voxels around them are all in reach: that is the inner map. NO if none is: the outer map. Otherwise the
-cells are too coarse to tell. The values are those of `irm.queries.status.Status`.
+A pose lies between the centres of neighbouring cells: eight voxels, two rings of pitch, two yaws (and two rolls). The
+answer is YES if these and the voxels around them are all in reach: they form the inner map. It is NO if none of them is
+in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide. The values are those of
+`irm.queries.status.Status`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,18 @@ _WHOLE_MAP = "three-valued answers need a map of all pitches and heights: build 
 
 
 def predict(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> Bools:
-    """(n,) whether the centre of the cell that holds each pose (n, 4, 4) is in reach: the plain map's answer."""
+    """The answer of the plain map: whether the centre of the cell that contains a pose is in reach.
+
+    Args:
+        rm: any map.
+        T_base_tcp: (n, 4, 4) TCP poses in the base frame.
+
+    Returns:
+        (n,) True where it is.
+
+    Raises:
+        QueryError: not an array of poses.
+    """
     T = _poses(T_base_tcp)
     grid = rm.grid
     x, y = (np.floor((T[:, k, 3] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
@@ -42,14 +54,14 @@ def predict(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> Bools:
 
 
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike, margin: int = 1) -> NDArray[np.int8]:
-    """(n,) `Status` values of hand poses (n, 4, 4) in the base frame.
+    """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame.
 
     Args:
         rm: of all pitches and heights.
         T_base_tcp: the poses.
-        margin: voxels to look at beyond the eight nearest, in every direction. Measured on 200,000 random poses with 62
-            and 266 orientations: no wrong answer with 1; one wrong YES and four wrong NO with 0, which leaves a third
-            to a half fewer UNKNOWN.
+        margin: voxels that count beyond the eight nearest, in every direction. Measured on 200,000 random poses with 62
+            and 266 orientations: no wrong answer with margin 1; one wrong YES and four wrong NO with margin 0, which
+            gives a third to a half fewer UNKNOWN.
 
     Raises:
         QueryError: not an array of poses, or the map does not cover all pitches and heights.
@@ -76,7 +88,7 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike, margin: int = 1) -> NDA
 def _poses(T_base_tcp: ArrayLike) -> Floats:
     T = np.asarray(T_base_tcp, dtype=float)
     if T.ndim != 3 or T.shape[1:] != (4, 4) or not np.isfinite(T).all():
-        raise QueryError(f"hand poses are an array (n, 4, 4) of finite numbers, not {T.shape}")
+        raise QueryError(f"TCP poses are an array (n, 4, 4) of finite numbers, not {T.shape}")
     return T
 
 
@@ -119,7 +131,11 @@ def _count_reachable(reachable: Bools, orientation: int, voxel: Floats, margin: 
 def _classify(
     reachable: Bools, voxels: Floats, angles: Floats, rings: _Rings, margin: int, answers: NDArray[np.int8]
 ) -> None:
-    """Look at the cells around each pose: `voxels` (n, 3) from the first centre, `angles` (n, 3) yaw, pitch, roll."""
+    """Count the reachable cells around each pose.
+
+    `voxels` (n, 3): position in voxels from the first centre; `angles` (n, 3): yaw, pitch, roll [rad]; `answers` (n,)
+    filled with `Status` values.
+    """
     whole = (2 + 2 * margin) ** 3
     for n in range(voxels.shape[0]):
         ring = floor((angles[n, 1] + pi / 2.0) / rings.step)

@@ -1,8 +1,8 @@
-"""A second look at the bases a map proposes: exact inverse kinematics, and the caller's own collision check.
+"""Exact verification of the bases of a placement: inverse kinematics, and the caller's own collision check.
 
-A map knows cells, not configurations, and nothing of what stands around the robot. `verify` takes the bases of a
-placement in order and returns the first one at which the arm really reaches every hand pose, in a configuration the
-caller accepts, and can pass from each to the next without leaping.
+A map consists of cells. It contains neither configurations nor obstacles. `verify` takes the bases of a placement in
+order and returns the first one that is valid: the arm reaches every TCP pose exactly, in a configuration that the
+caller accepts, and consecutive configurations are close to each other.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from irm.arm.kinematics import PRISMATIC, ArmChain, inverse
 from irm.arm.numerical import random_seeds, solve
 from irm.errors import QueryError
 from irm.maps.orientation_index import rotation
-from irm.queries.placement import BasePlacement, as_positions
+from irm.queries.arguments import as_positions
+from irm.queries.placement import BasePlacement
 
-__all__ = ["ConfigurationSearch", "IsFree", "NotVerified", "Verified", "configurations", "hand_poses", "verify"]
+__all__ = ["ConfigurationSearch", "IsFree", "NotVerified", "Verified", "configurations", "tcp_poses", "verify"]
 
 Floats = NDArray[np.float64]
 
@@ -33,12 +34,12 @@ class ConfigurationSearch:
     """How the free parameters of the arm are searched.
 
     Attributes:
-        torsos: torso heights tried, evenly over the range.
-        rolls: upper-arm rolls tried per turn, by arms with a closed form.
-        seeds: random starting configurations per torso height, by the others.
-        seed: of those.
-        largest_step: [rad] by which no arm joint may move more between consecutive hand poses.
-        largest_lift: [m] by which the torso may not move more.
+        torsos: number of torso heights that are tried, evenly over the range.
+        rolls: number of upper-arm rolls that are tried per turn, for arms with a closed form.
+        seeds: number of random starting configurations per torso height, for all other arms.
+        seed: random seed of these configurations.
+        largest_step: largest motion of an arm joint between consecutive TCP poses [rad].
+        largest_lift: largest motion of the torso between consecutive TCP poses [m].
     """
 
     torsos: int = 8
@@ -51,12 +52,12 @@ class ConfigurationSearch:
 
 @dataclass(frozen=True)
 class Verified:
-    """A base from which every hand pose is reached.
+    """A base from which every TCP pose is reached.
 
     Attributes:
-        rank: its place in the placement, 0 for the best.
+        rank: its index in the placement, 0 for the best.
         base: (3,) x, y [m], yaw [rad].
-        configurations: (m, 1 + n) one configuration per hand pose, each close to the one before.
+        configurations: (m, 1 + n) one configuration per TCP pose, each close to the one before.
     """
 
     rank: int
@@ -66,17 +67,28 @@ class Verified:
 
 @dataclass(frozen=True)
 class NotVerified:
-    """None of the bases stood the test.
+    """None of the bases is valid.
 
     Attributes:
-        reached: (k,) how many of the hand poses, from the first on, each base served.
+        reached: (k,) number of TCP poses, from the first on, that were reached from each base.
     """
 
     reached: tuple[int, ...]
 
 
-def hand_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats:
-    """T_world_tcp (m, 4, 4) of hands at positions (m, 3) that all point the same way."""
+def tcp_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats:
+    """T_world_tcp of one orientation at several positions.
+
+    Args:
+        positions: (m, 3), or (3,) for m = 1 [m].
+        yaw, pitch, roll: ZYX angles of the orientation [rad].
+
+    Returns:
+        (m, 4, 4).
+
+    Raises:
+        QueryError: the positions are not an array of finite numbers.
+    """
     points = as_positions(positions)
     T = np.tile(np.eye(4), (len(points), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = rotation(yaw, pitch, roll), points
@@ -97,34 +109,37 @@ def configurations(chain: ArmChain, T_base_tcp: ArrayLike, search: Configuration
 def verify(
     chain: ArmChain,
     placement: BasePlacement,
-    hands: Callable[[int], ArrayLike],
+    poses_of: Callable[[int], ArrayLike],
     is_free: IsFree | None = None,
     *,
     limit: int = 5,
     search: ConfigurationSearch | None = None,
 ) -> Verified | NotVerified:
-    """The first of the best bases that reaches every hand pose free of collisions.
+    """The first of the best bases from which the arm reaches every TCP pose free of collisions.
 
     Args:
         chain: of the robot.
         placement: what to verify.
-        hands: T_world_tcp (m, 4, 4) for the base of that rank: the approach yaw may differ from base to base.
-        is_free: judges each configuration; None accepts all.
-        limit: how many bases to look at.
-        search: how finely.
+        poses_of: from the rank of a base to its T_world_tcp (m, 4, 4); bases may differ in their approach yaw.
+        is_free: whether a configuration is free of collisions; None accepts every configuration.
+        limit: number of bases to test at most.
+        search: resolution of the search for configurations.
+
+    Raises:
+        QueryError: `poses_of` returns anything but an array (m, 4, 4) with m ≥ 1.
 
     Example:
         placement = inverse_map.query_path(offsets, target=cup, free_space=floor, k=5)
-        path = lambda rank: hand_poses(waypoints(placement.approach_yaw[rank]), placement.approach_yaw[rank])
+        path = lambda rank: tcp_poses(waypoints(placement.approach_yaw[rank]), placement.approach_yaw[rank])
         match verify(chain, placement, path, is_free):
             case Verified(base=base, configurations=q): ...
     """
     how = search or ConfigurationSearch()
     reached = []
     for rank in range(min(limit, len(placement))):
-        T_world_tcp = np.asarray(hands(rank), dtype=float)
+        T_world_tcp = np.asarray(poses_of(rank), dtype=float)
         if T_world_tcp.ndim != 3 or T_world_tcp.shape[1:] != (4, 4) or len(T_world_tcp) == 0:
-            raise QueryError(f"hand poses of one base are an array (m, 4, 4) with m ≥ 1, not {T_world_tcp.shape}")
+            raise QueryError(f"TCP poses of one base are an array (m, 4, 4) with m ≥ 1, not {T_world_tcp.shape}")
         base = placement.poses[rank]
         path = _configuration_path(chain, base, _world_to_base(base) @ T_world_tcp, is_free, how)
         if len(path) == len(T_world_tcp):
@@ -144,7 +159,7 @@ def _world_to_base(base: Floats) -> Floats:
 def _configuration_path(
     chain: ArmChain, base: Floats, T_base_tcp: Floats, is_free: IsFree | None, how: ConfigurationSearch
 ) -> Floats:
-    """One configuration per hand pose, each within a step of the one before; shorter if that ends on the way."""
+    """One configuration per TCP pose, each within a step of the one before, up to the last pose that has one."""
     layers: list[Floats] = []
     parents: list[NDArray[np.int64]] = []
     for T in T_base_tcp:
@@ -166,7 +181,7 @@ def _configuration_path(
 
 
 def _step_limits(chain: ArmChain, how: ConfigurationSearch) -> tuple[Floats, NDArray[np.bool_]]:
-    """(1 + n,) largest step of each joint, and which joints turn freely and so take the short way round."""
+    """(1 + n,) largest step of each joint, and which joints turn without limit, so that angles count modulo a turn."""
     limits = np.full(chain.size, how.largest_step)
     limits[0] = how.largest_lift
     return limits, (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
@@ -195,7 +210,7 @@ def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDA
 
 
 def _backwards(chain: ArmChain, layers: list[Floats], parents: list[NDArray[np.int64]]) -> Floats:
-    """The configurations that led to the first one of the last layer, first to last."""
+    """The path from the first layer to the first configuration of the last layer."""
     path: list[Floats] = []
     index = 0
     for layer, parent in zip(reversed(layers), reversed(parents), strict=True):

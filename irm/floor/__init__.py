@@ -1,1 +1,1 @@
-"""Where the base fits on the floor: free space, its raster and the distance to what is not free."""
+"""Where the base may be on the floor: free space, its raster and the distance transform."""

@@ -18,7 +18,7 @@ _FAR = 1e12
 
 @njit(cache=True, inline="always")
 def _crossing(f: Floats, p: int, q: int) -> float:
-    """Where the parabolas of two sites meet; always above -_FAR."""
+    """Where the parabolas of two sites intersect; always above -_FAR."""
     return float(((f[q] + q * q) - (f[p] + p * p)) / (2.0 * (q - p)))
 
 

@@ -1,7 +1,7 @@
-"""Where the base fits on the floor: outlines of furniture grown by the footprint, rastered for lookups in O(1).
+"""The free floor: outlines of furniture grown by the base's footprint, in a raster with look-ups in O(1).
 
-A cell of the raster is free if all of it is, blocked if all of it is, and mixed otherwise. A point in a mixed cell is
-measured exactly, so that no strip is too narrow to be found and no blocked point is ever called free.
+A cell of the raster is free if every point of it is free, blocked if every point is blocked, and mixed otherwise. For a
+point in a mixed cell the distance to the outlines is computed. So every answer is exact, also in narrow strips.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ DEFAULT_MARGIN = 2.0
 _MAX_CELLS = 25_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FreeSpace:
     """The part of the floor where the base's centre may be.
 
     Attributes:
-        raster: its arrays, read-only.
+        raster: the arrays of the floor, read-only.
 
     Example:
         table = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=FETCH.base_radius + 0.01)
@@ -118,7 +118,7 @@ class FreeSpace:
 
     @cached_property
     def is_empty(self) -> bool:
-        """Whether no point is free as far as the raster can tell: every cell is blocked."""
+        """Whether every cell of the raster is blocked, so that no point is free."""
         return self.raster.cells.size > 0 and not self.raster.cells.any()
 
 

@@ -1,4 +1,4 @@
-"""Free floor as arrays, and the compiled look-ups in them."""
+"""The free floor as arrays, and compiled look-ups."""
 
 from __future__ import annotations
 
@@ -107,7 +107,8 @@ def are_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: F
 def floor_kind(raster: Raster, x: float, y: float) -> int:
     """BLOCKED, FREE or MIXED: the cell of a finite point, on a raster that has cells.
 
-    Without a branch: in a loop, that spares the arrays' reference counts, which cost ten times the look-up itself.
+    The function has no branch, so that numba does not count references to the arrays in a loop: that would take ten
+    times as long as the look-up itself.
     """
     inverse = 1.0 / raster.resolution
     inside = (x >= raster.x0) & (x <= raster.x1) & (y >= raster.y0) & (y <= raster.y1)
@@ -144,7 +145,7 @@ def classify_cells(
     starts: NDArray[np.int64],
     radius: float,
 ) -> Bytes:
-    """Classify every cell by its centre's distance to each outline, give or take half the cell's diagonal."""
+    """Classify every cell by its centre's distance to each outline, plus or minus half the cell's diagonal."""
     cells = np.full((width, depth), FREE, np.uint8)
     slack = 0.7072 * resolution
     for m in range(starts.shape[0] - 1):

@@ -1,1 +1,1 @@
-"""Reachability maps: cells, orientations, equations 1 to 3, files and the cache of the user."""
+"""Reachability maps: cells, orientations, equations 1 to 3, files and the user's cache."""

@@ -1,4 +1,4 @@
-"""Reachability maps kept in the user's cache directory, built when first asked for."""
+"""Reachability maps in the user's cache directory, built at the first call."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _LOG = logging.getLogger(__name__)
 
 
 def cache_file(robot: RobotSpec, **parameters: Any) -> Path:
-    """Where the map of a robot is kept: `CLUTTER_ENV_CACHE` if set, else the user's cache directory."""
+    """The file of a robot's map: in the directory `CLUTTER_ENV_CACHE` if set, else in the user's cache directory."""
     key = map_key(ArmChain.from_robot(robot), MapParameters(**parameters))
     folder = os.environ.get("CLUTTER_ENV_CACHE") or platformdirs.user_cache_dir("clutter-env")
     return Path(folder) / f"{robot.name}-{key}.npz"
 
 
 def cached_map(robot: RobotSpec, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
-    """The map of a robot, from the cache if it is there; a damaged or foreign file is built anew.
+    """The map of a robot, from the cache if it is there; a damaged file, or one of another robot, is replaced.
 
     Args:
         robot: see `ReachabilityMap.build`.

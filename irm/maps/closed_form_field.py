@@ -1,8 +1,8 @@
 """Best manipulability of every cell of a map, by closed-form inverse kinematics at the cell's centre.
 
-The arm's redundancy is scanned over its pan angle. Pan does not change μ, and the arm is its own mirror image, so the
-scan of one voxel serves eight: its images under quarter turns about the pan axis and under the mirror y → -y. Only
-the pan limits tell the images apart.
+The arm's redundancy is scanned over its pan angle. Pan does not change μ, and the arm is symmetric about the plane
+y = 0. So the scan of one voxel gives eight: its images under quarter turns about the pan axis and under the reflection
+y → -y. The images differ only by the pan limits.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ def _pan_profile(
     turns: Floats,
     profile: Floats,
 ) -> bool:
-    """Best μ at each pan angle (its cosine and sine in `turns`), 0 where there is no solution; whether there is any."""
+    """Best μ at each pan angle into `profile`, 0 without a solution; whether there is a solution at any angle.
+
+    `turns` (n, 2) are the cosines and sines of the pan angles.
+    """
     n = axes.shape[0]
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     J, A = np.empty((6, n - 1)), np.empty((6, 6))
@@ -127,7 +130,7 @@ def closed_form_layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Itera
         heights: (m,) of the layers' middles above the base frame with the torso at 0 [m].
 
     Yields:
-        (orientation, x, y) manipulability, 0 where the cell's centre is out of reach.
+        (orientation, x, y) manipulability, 0 if the cell's centre is out of reach.
     """
     angle = (np.arange(PAN_SAMPLES) + 0.5) * (2 * np.pi / PAN_SAMPLES)
     turns = np.column_stack([np.cos(angle), np.sin(angle)])

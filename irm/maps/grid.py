@@ -1,8 +1,9 @@
-"""The cells of a reachability map: voxels of the hand's position times sampled hand orientations.
+"""The cells of a reachability map: voxels of TCP positions times sampled TCP orientations.
 
 Orientations are R(γ, β, α) = Rz(yaw γ) Ry(pitch β) Rx(roll α) of the TCP, whose x axis is the approach. The approach
-axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and at the 2 poles; m = 3 gives the paper's
-62. Yaw and roll are one and the same at a pole, so there a *yaw* sample is kept for every roll, and roll 0 alone.
+axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and at the 2 poles; m = 3 gives the 62 of
+the paper. At a pole, yaw and roll turn about the same axis; there the map has one *yaw* sample for every roll, and
+roll 0.
 """
 
 from __future__ import annotations
@@ -31,16 +32,16 @@ _MAX_REFINEMENT = 24
 
 @dataclass(frozen=True)
 class MapParameters:
-    """What a map covers and how finely.
+    """Range and resolution of a map.
 
     Attributes:
         voxel: edge of the position cells [m].
         orientations: number of approach axes: 6, 26, 62, 114, 182, 266, … = 2 + 4 m (2 m - 1).
         rolls: roll samples per approach axis; 0 chooses 1 for a wrist that rolls freely and 4 for any other.
         pitches: the rings to keep [rad], () for all.
-        heights: lowest and highest hand position to cover [m]; the upper end is cut at what the arm can reach.
+        heights: lowest and highest TCP position to cover [m]; limited by the reach of the arm.
         lift: whether the torso is a free parameter of the map; if not, it stays at the height it has at home.
-        samples: random configurations of the generic route; unused by closed forms.
+        samples: random configurations, for arms without a closed form.
         seed: of those configurations.
     """
 
@@ -79,7 +80,7 @@ def refinement(orientations: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Orientations:
-    """Sampled hand orientations, grouped by the pair (pitch, roll). Arrays are read-only.
+    """Sampled TCP orientations, grouped by the pair (pitch, roll). Arrays are read-only.
 
     Attributes:
         pitch, roll: (k,) of each group [rad].
@@ -136,11 +137,11 @@ class Orientations:
         return angles
 
     def is_pole(self, group: int) -> bool:
-        """Whether the hand points straight up or down, so that yaw and roll are one."""
+        """Whether the approach is vertical, so that yaw and roll turn about the same axis."""
         return bool(abs(self._groups[group][1]) > pi / 2 - _ANGLE_ROUNDING)
 
     def nearest(self, pitch: float, roll: float) -> int:
-        """The group that holds a pitch and a roll [rad].
+        """The group that contains a pitch and a roll [rad].
 
         Raises:
             QueryError: the map has no ring within half a step of the pitch, or no such roll.
@@ -195,8 +196,8 @@ class MapGrid:
         bottom: [m] lower face of the lowest layer.
         layers: number of layers.
         torsos: (t,) torso heights, `voxel` apart [m].
-        torso_range: lowest and highest torso a pose of the map may use [m]; equal for a torso that stays.
-        orientations: of the hand.
+        torso_range: lowest and highest torso height of the map's configurations [m]; equal for a fixed torso.
+        orientations: of the TCP.
         cut_below, cut_above: whether the parameters' heights, not the floor or the arm's reach, end the grid there.
     """
 
@@ -213,7 +214,7 @@ class MapGrid:
 
     @staticmethod
     def of(chain: ArmChain, home_torso: float, parameters: MapParameters) -> MapGrid:
-        """The grid that holds everything the arm can reach within the parameters' heights."""
+        """The grid of all cells that the arm may reach within the heights of the parameters."""
         voxel = parameters.voxel
         torsos = _torso_samples(chain, home_torso, parameters)
         reach = float(np.linalg.norm(chain.offsets[2:], axis=1).sum() + np.linalg.norm(chain.tip))
@@ -255,7 +256,7 @@ class MapGrid:
         return int(np.prod(self.shape))
 
     def layer(self, z: float) -> int:
-        """Index of the layer that holds a height; may lie outside the grid."""
+        """Index of the layer that contains a height [m]; may be outside the grid."""
         return floor((z - self.bottom) / self.voxel)
 
     def layer_height(self, layer: int) -> float:
@@ -268,8 +269,10 @@ class MapGrid:
 
 
 def _torso_samples(chain: ArmChain, home: float, parameters: MapParameters) -> tuple[float, ...]:
-    """Heights one voxel apart, centred in the lift's range: what is left at the ends makes up for heights between
-    layers."""
+    """Heights one voxel apart, centred in the lift's range.
+
+    The rest of the range at both ends makes up for TCP heights between the middles of two layers.
+    """
     lower, upper = float(chain.lower[0]), float(chain.upper[0])
     if not parameters.lift:
         return (float(np.clip(home, lower, upper)),)

@@ -1,4 +1,4 @@
-"""One map in one `.npz` file: what it is, of which robot, and whether it is whole."""
+"""One map in one `.npz` file, with the checks that it is complete and belongs to the robot."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def map_key(chain: ArmChain, parameters: MapParameters) -> str:
 
 
 def save_arrays(path: Path, robot: str, key: str, parameters: MapParameters, arrays: dict[str, NDArray[Any]]) -> None:
-    """Write a map so that a reader sees either the old file or the whole new one."""
+    """Write a map; the new file replaces an old one only when it is complete."""
     about = {"format": FORMAT, "robot": robot, "key": key, "parameters": dataclasses.asdict(parameters)}
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
@@ -97,7 +97,7 @@ def _parameters(path: Path, about: dict[str, Any]) -> MapParameters:
         }
         return MapParameters(**fields)
     except (KeyError, TypeError, AttributeError, ReachabilityError) as error:
-        raise MapFileError(f"{path} holds no usable parameters ({error}); build it again") from error
+        raise MapFileError(f"{path} has no valid parameters ({error}); build it again") from error
 
 
 def _check_columns(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
@@ -108,4 +108,4 @@ def _check_columns(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
         arrays[name].setflags(write=False)
     cells, mu = arrays["cells"].astype(np.int64), arrays["manipulability"]
     if np.any(np.diff(cells) <= 0) or not np.all((mu > 0) & (mu <= 1)):
-        raise MapFileError(f"{path} holds values that no map has; build it again")
+        raise MapFileError(f"{path} has values that are impossible in a map; build it again")

@@ -1,4 +1,4 @@
-"""Which sampled orientation a hand has, and which ones lie next to it."""
+"""The sampled orientation that is nearest to a TCP orientation, and its neighbours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _POLE = 1e-6
-"""Horizontal length of the approach axis below which yaw has no meaning and is set to 0."""
+"""Horizontal length of the approach axis below which the yaw is undefined and is set to 0."""
 
 
 def rotation(yaw: float, pitch: float, roll: float) -> Floats:
@@ -29,7 +29,7 @@ def rotation(yaw: float, pitch: float, roll: float) -> Floats:
 
 
 def yaw_pitch_roll(R: Floats) -> Floats:
-    """(n, 3) angles of rotations (n, 3, 3); at the poles the yaw is 0 and the roll takes all."""
+    """(n, 3) angles of rotations (n, 3, 3); at the poles the yaw is 0, and the roll is the whole turn."""
     horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
     pitch = np.arctan2(-R[:, 2, 0], horizontal)
     regular = horizontal > _POLE
@@ -40,7 +40,7 @@ def yaw_pitch_roll(R: Floats) -> Floats:
 
 
 def nearest_orientation(orientations: Orientations, R: Floats) -> Integers:
-    """(n,) index of the orientation cell that holds each rotation (n, 3, 3); -1 where the map has no such ring."""
+    """(n,) index of the orientation cell that contains each rotation (n, 3, 3); -1 where the map has no such ring."""
     yaw, pitch, roll = yaw_pitch_roll(R).T
     rings = np.unique(orientations.pitch)
     ring = np.abs(pitch[:, None] - rings).argmin(axis=1)

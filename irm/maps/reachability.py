@@ -1,4 +1,4 @@
-"""The reachability map: which hand poses the arm reaches from its base, and how well (equations 1 to 3)."""
+"""The reachability map: TCP poses in reach, in the base frame, and their manipulability (equations 1 to 3)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CERTAIN_IN_HEIGHT = 1
 """Bit of `flags`: the cells above and below are reachable too."""
 
 CERTAIN_IN_PITCH = 2
-"""Bit of `flags`: so are the cells of the neighbouring pitches (and rolls), and those above and below them."""
+"""Bit of `flags`: the neighbouring pitches (and rolls), and the cells above and below these, are reachable too."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ReachabilityMap:
         """The map of a robot.
 
         Args:
-            robot: served by its closed form, or by sampling and numerical inverse kinematics if it names none.
+            robot: if it names a closed form, this is used; otherwise sampling and numerical inverse kinematics.
             progress: show a progress bar.
             **parameters: the fields of `MapParameters`, such as `voxel=0.05` and `orientations=62`.
 
@@ -128,7 +128,7 @@ class ReachabilityMap:
 
     @property
     def positions(self) -> Floats:
-        """(n, 3) hand positions in the base frame [m]."""
+        """(n, 3) TCP positions in the base frame [m]."""
         z, _, x, y = self.indices()
         return np.column_stack(
             [self.grid.axis(0)[x], self.grid.axis(1)[y], self.grid.bottom + (z + 0.5) * self.grid.voxel]
@@ -136,7 +136,7 @@ class ReachabilityMap:
 
     @property
     def yaw_pitch_roll(self) -> Floats:
-        """(n, 3) hand orientations γ, β, α in the base frame [rad]."""
+        """(n, 3) TCP orientations γ, β, α in the base frame [rad]."""
         _, orientation, _, _ = self.indices()
         return np.asarray(self.grid.orientations.angles[orientation])
 
@@ -172,13 +172,13 @@ def _columns(cells: NDArray[Any], best: Singles, torso: NDArray[Any], flags: NDA
 
 
 def _heights_without_torso(grid: MapGrid) -> Floats:
-    """Every height of a layer's middle above a torso sample: torsos lie one voxel apart, so most coincide."""
+    """Every height of a layer's middle above a torso sample; samples are one voxel apart, so most heights coincide."""
     lowest = grid.layer_height(0) - grid.torsos[-1]
     return np.asarray(lowest + np.arange(grid.layers + len(grid.torsos) - 1) * grid.voxel)
 
 
 def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:
-    """Best μ over the torso heights, and which height that was; lifting the torso shifts the fixed-torso map up."""
+    """Best μ over the torso heights, and its torso height: a lift of the torso shifts the map of a fixed torso up."""
     best = np.zeros(grid.shape, dtype=np.float32)
     torso = np.zeros(grid.shape, dtype=np.uint8)
     count = len(grid.torsos)

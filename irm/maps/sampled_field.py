@@ -1,8 +1,8 @@
 """Best manipulability of every cell of a map, for arms without a closed form.
 
-Random configurations say which cells may be reachable; from each of them numerical inverse kinematics moves the hand to
-the cell's centre; and every cell so reached seeds its neighbours, in its own layer and in the one above. A cell counts
-only if its centre was reached. μ is the best one met, a lower bound of the best there is.
+Random configurations give cells that may be reachable. From each configuration, numerical inverse kinematics moves the
+TCP to the cell's centre. Every solution is a seed for the neighbouring cells, in the same layer and in the one above. A
+cell counts only if its centre was reached. μ is the best one that was found: a lower bound of the best possible one.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
 ATTEMPTS = 4
-"""Seeds tried per cell."""
+"""Largest number of seeds per cell."""
 
 _BETTER = 1.1
-"""A neighbour's μ must exceed a cell's own by this factor to be worth another attempt."""
+"""Another attempt is made only if μ of a neighbour exceeds that of the cell by this factor."""
 
 
 class _Layer(NamedTuple):
-    """What is known of one layer: `mu` (o, x, y), `configuration` (o, x, y, n), `attempts` (o, x, y)."""
+    """Results of one layer: `mu` (o, x, y), `configuration` (o, x, y, n), `attempts` (o, x, y)."""
 
     mu: Singles
     configuration: Singles
@@ -52,9 +52,10 @@ class _Cells(NamedTuple):
 
 
 def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Floats], Iterator[Singles]]:
-    """The layer generator of the generic route, see `irm.maps.closed_form_field.closed_form_layers`."""
+    """The generator of layers for any arm; see `irm.maps.closed_form_field.closed_form_layers`."""
 
     def layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Iterator[Singles]:
+        """Best μ in each layer, one layer after the other."""
         rng = np.random.default_rng(parameters.seed)
         configurations = random_seeds(chain, parameters.samples, 0.0, rng)
         configurations, cells = _sorted_by_layer(chain, grid, configurations, heights)
@@ -84,9 +85,8 @@ def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Fl
 def _sorted_by_layer(
     chain: ArmChain, grid: MapGrid, configurations: Floats, heights: Floats
 ) -> tuple[Floats, Integers]:
-    """The configurations whose hand lies in some cell, with that cell (layer, orientation, x, y), lowest layer
-    first."""
-    R, p = _hands(chain.offsets, chain.axes, chain.tip, configurations)
+    """The configurations whose TCP is inside a cell, and that cell (layer, orientation, x, y), lowest layer first."""
+    R, p = _tcp_frames(chain.offsets, chain.axes, chain.tip, configurations)
     half = 2 * grid.half
     layer = np.floor((p[:, 2] - heights[0]) / grid.voxel + 0.5).astype(np.int64)
     x, y = (np.floor((p[:, k] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
@@ -98,7 +98,7 @@ def _sorted_by_layer(
 
 
 @njit(cache=True)
-def _hands(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
+def _tcp_frames(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
     """Orientations (m, 3, 3) and positions (m, 3) of the TCP at many configurations."""
     m, n = configurations.shape
     out_R, out_p = np.empty((m, 3, 3)), np.empty((m, 3))
@@ -122,7 +122,7 @@ def _fill_layer(
     at: Integers,
     layer: _Layer,
 ) -> None:
-    """Solve the cells `at` (m, 3) from `seeds` (m, n), then their neighbours from them, until nothing new is found."""
+    """Solve the cells `at` (m, 3) from `seeds` (m, n), then their neighbours from them, until no cell improves."""
     n = axes.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     A, d, e = np.empty((6, 6)), np.empty(6), np.empty(6)

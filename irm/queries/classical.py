@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.floor.free_space import EVERYWHERE, FreeSpace
+from irm.floor.free_space import FreeSpace
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
+from irm.queries.arguments import FULL_TURN, QueryKeywords, QueryOptions, as_position, as_yaw_range
 from irm.queries.keys import Key, base_turns, find_key
-from irm.queries.placement import FULL_TURN, SEPARATION, YAW_STEP, BasePlacement, as_count, as_position, as_yaw_range
+from irm.queries.placement import BasePlacement
+from irm.queries.placement_kernel import SAME_PLACE
 from irm.queries.status import Status
 
 __all__ = ["ClassicalInverseReachabilityMap"]
@@ -19,20 +22,24 @@ __all__ = ["ClassicalInverseReachabilityMap"]
 Floats = NDArray[np.float64]
 
 _UPRIGHT = 1e-6
-"""1 - cos of the tilt up to which a base stands on the ground: rounding, for rings of pitch are degrees apart."""
+"""1 - cos of the tilt up to which a base counts as upright: larger than rounding, smaller than the step of pitch."""
 
 _BLOCK = 16_384
-"""Transforms moved at a time: their result stays in the processor's cache."""
+"""Transforms that are multiplied at a time, so that their result stays in the processor's cache."""
 
 
 class ClassicalInverseReachabilityMap:
     """Equation 4: T_eff = I, T_base = T_eff⁻¹ for every pose of the reachability map.
 
-    Only online is it known which of these bases stand on the ground: the map is moved to the hand, and those whose base
-    is upright and no farther than half a voxel from the floor are kept; this once for every allowed approach yaw.
+    Which of these bases stand on the ground is known only at the query. The query moves the whole map to the TCP and
+    keeps the bases that are upright and at most half a voxel from the floor. It does so for every allowed approach yaw.
 
-    The half voxel, and taking pitch and roll of the hand as those of the nearest ring, are what the key of equation 5
-    does as well, so that both maps hold the same candidates and give the same best μ.
+    The half voxel, and the nearest ring in place of the TCP's own pitch and roll, are the same as in the key of
+    equation 5. So both maps have the same candidates and give the same best μ.
+
+    Example:
+        classical_map = ClassicalInverseReachabilityMap(ReachabilityMap.build(FETCH))
+        placement = classical_map.query((0.1, 0.0, 0.85), yaw_range=(-0.5, 0.5), free_space=floor)
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
@@ -47,29 +54,35 @@ class ClassicalInverseReachabilityMap:
         self,
         position: Iterable[float],
         *,
-        pitch: float = 0.0,
-        roll: float = 0.0,
         yaw_range: tuple[float, float] = FULL_TURN,
-        free_space: FreeSpace | None = None,
-        k: int = 1,
-        separation: float = SEPARATION,
-        yaw_step: float = YAW_STEP,
+        **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """The bases of highest μ; arguments and errors as in `InverseReachabilityMap.query`.
+        """The bases of highest μ from which the arm reaches a TCP pose.
 
-        NO only if the hand is out of the map's height or nothing is free: that this map holds no base proves nothing.
+        The status is NO only if the TCP is out of the map's height or no floor is free: a base that this map does not
+        contain may still exist.
+
+        Args:
+            position: (3,) of the TCP in the world [m].
+            yaw_range: allowed approach yaws in the world [rad].
+            **keywords: `pitch`, `roll`, `free_space`, `k`, `separation`, `yaw_step`, as in
+                `InverseReachabilityMap.query`.
+
+        Raises:
+            QueryError: as in `InverseReachabilityMap.query`.
         """
-        grid, space = self.reachability_map.grid, free_space or EVERYWHERE
-        point, bounds, count = as_position(position), as_yaw_range(yaw_range), as_count(k)
-        key = find_key(grid, point[2], pitch, roll)
+        options = QueryOptions.of(keywords, "yaw_range")
+        grid, space = self.reachability_map.grid, options.floor
+        point, bounds = as_position(position), as_yaw_range(yaw_range)
+        key = find_key(grid, point[2], options.pitch, options.roll)
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         angles = grid.orientations.pitch[key.group], grid.orientations.roll[key.group]
-        turns = base_turns(grid, key, bounds, yaw_step).yaws
+        turns = base_turns(grid, key, bounds, options.yaw_step).yaws
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
         mu = self.reachability_map.manipulability[base]
-        chosen = _best_apart(x, y, mu, count, separation)
+        chosen = _best_apart(x, y, mu, options)
         if not len(chosen):
             return BasePlacement.nothing(Status.UNKNOWN)
         torso, certain = self._torso_and_certainty(base[chosen], key)
@@ -80,7 +93,7 @@ class ClassicalInverseReachabilityMap:
     def _candidates(
         self, point: Sequence[float], yaw: float, angles: tuple[float, float], space: FreeSpace
     ) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
-        """Move the whole map to the hand; number, x, y, yaw and approach yaw of the bases on free ground."""
+        """Index, x, y, yaw and approach yaw of the bases on free ground, for the map moved to the TCP."""
         T_world_tcp = np.eye(4)
         T_world_tcp[:3, :3], T_world_tcp[:3, 3] = rotation(yaw, *angles), point
         on_ground = [self._on_ground(T_world_tcp, block) for block in self._blocks]
@@ -90,7 +103,7 @@ class ClassicalInverseReachabilityMap:
         return base[free], x[free], y[free], base_yaw[free], np.full(np.count_nonzero(free), yaw)
 
     def _on_ground(self, T_world_tcp: Floats, block: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Move a block of the map to the hand: numbers (m,) and x, y, yaw (3, m) of bases that stand on the ground."""
+        """Indices (m,) and x, y, yaw (3, m) of the bases that stand on the ground, for one block moved to the TCP."""
         T_world_base = (T_world_tcp @ block.reshape(4, -1)).reshape(block.shape)
         half = self.reachability_map.grid.voxel / 2
         height = T_world_base[2, :, 3]
@@ -100,7 +113,7 @@ class ClassicalInverseReachabilityMap:
         return base, np.stack([T_world_base[0, base, 3], T_world_base[1, base, 3], yaw])
 
     def _torso_and_certainty(self, base: NDArray[np.int64], key: Key) -> tuple[Floats, NDArray[np.bool_]]:
-        """Torso height [m] and whether the hand certainly reaches, of the chosen bases."""
+        """Torso height [m] of the chosen bases, and whether the arm certainly reaches from them."""
         rm = self.reachability_map
         lower, upper = rm.grid.torso_range
         torso, flags = rm.torso[base], rm.flags[base]
@@ -111,7 +124,7 @@ class ClassicalInverseReachabilityMap:
 
 
 def _inverse_transforms(rm: ReachabilityMap) -> Floats:
-    """T_base of equation 4, shape (4, n, 4): row r of transform k is [r, k], so that one product moves them all."""
+    """T_base of equation 4 (4, n, 4): row r of transform k is [r, k], so that one product transforms all of them."""
     R = np.array([rotation(*angles) for angles in rm.grid.orientations.angles])
     _, orientation, _, _ = rm.indices()
     R_transposed = R.transpose(0, 2, 1)[orientation]
@@ -122,16 +135,16 @@ def _inverse_transforms(rm: ReachabilityMap) -> Floats:
     return T
 
 
-def _best_apart(x: Floats, y: Floats, mu: NDArray[np.float32], count: int, separation: float) -> NDArray[np.int64]:
-    """Indices of the best candidates, each more than `separation` from the better ones."""
-    if count == 1:
+def _best_apart(x: Floats, y: Floats, mu: NDArray[np.float32], options: QueryOptions) -> NDArray[np.int64]:
+    """Indices of the `options.k` best candidates, each farther than `options.separation` from the better ones."""
+    if options.k == 1:
         return np.array([mu.argmax()]) if len(mu) else np.empty(0, dtype=np.int64)
     chosen: list[int] = []
     left = mu.astype(float)
-    while len(chosen) < count and len(left) and left.max() > 0:
+    while len(chosen) < options.k and len(left) and left.max() > 0:
         best = int(left.argmax())
         chosen.append(best)
-        left[np.hypot(x - x[best], y - y[best]) <= max(separation, 1e-6)] = 0.0
+        left[np.hypot(x - x[best], y - y[best]) <= max(options.separation, SAME_PLACE)] = 0.0
     return np.array(chosen, dtype=np.int64)
 
 

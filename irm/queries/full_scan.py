@@ -1,4 +1,4 @@
-"""The paper's online phase for equation 5 in plain NumPy: the reference of the compiled queries."""
+"""The paper's online phase for equation 5 in plain NumPy: the reference for the compiled queries."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from irm.floor.free_space import EVERYWHERE, FreeSpace
+from irm.floor.free_space import FreeSpace
+from irm.queries.arguments import FULL_TURN, YAW_STEP, QueryOptions, as_position, as_yaw_range
 from irm.queries.inverse import InverseReachabilityMap
 from irm.queries.keys import base_turns, find_key, flat_key
-from irm.queries.placement import FULL_TURN, YAW_STEP, BasePlacement, as_position, as_yaw_range
+from irm.queries.placement import BasePlacement
 from irm.queries.status import Status
 
 __all__ = ["full_scan"]
@@ -25,26 +26,27 @@ def full_scan(
     free_space: FreeSpace | None = None,
     yaw_step: float = YAW_STEP,
 ) -> BasePlacement:
-    """The base of highest μ, found by looking at every base of the key at every yaw (section 3.2.2 of the paper).
+    """The base of highest μ, found by a test of every base of the key at every yaw (section 3.2.2 of the paper).
 
     Arguments as in `InverseReachabilityMap.query`. The status is never better than UNKNOWN, and NO only where the map
     has no key.
     """
     grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
+    options = QueryOptions(pitch, roll, free_space, yaw_step=yaw_step)
     point, bounds = as_position(position), as_yaw_range(yaw_range)
-    key = find_key(grid, point[2], pitch, roll)
+    key = find_key(grid, point[2], options.pitch, options.roll)
     if key is None:
         return BasePlacement.nothing(Status.NO)
-    turns, flat = base_turns(grid, key, bounds, yaw_step).yaws, flat_key(grid, key.layer, key.group)
+    turns, flat = base_turns(grid, key, bounds, options.yaw_step).yaws, flat_key(grid, key.layer, key.group)
     mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
     y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
-    score = np.where((free_space or EVERYWHERE).are_free(x, y), tiles.mu[mine], np.float32(0.0))
+    score = np.where(options.floor.are_free(x, y), tiles.mu[mine], np.float32(0.0))
     if score.size == 0 or not score.max() > 0:
         return BasePlacement.nothing(Status.UNKNOWN)
     turn, base = np.unravel_index(int(score.argmax()), score.shape)
     yaw = (turns[turn] + tiles.yaw[mine][base] + np.pi) % (2 * np.pi) - np.pi
-    hand = turns[turn] + key.yaw_shift
-    row = [x[turn, base], y[turn, base], yaw, hand, score[turn, base], tiles.torso[mine][base], 0.0]
+    approach_yaw = turns[turn] + key.yaw_shift
+    row = [x[turn, base], y[turn, base], yaw, approach_yaw, score[turn, base], tiles.torso[mine][base], 0.0]
     return BasePlacement.of_rows(np.array([row]))

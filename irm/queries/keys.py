@@ -1,9 +1,9 @@
-"""Where equation 5's dictionary is opened: the key [z, β, α] of a hand pose."""
+"""Keys of equation 5: the cell [z, β, α] of a TCP pose, and the yaws at which its bases are laid out."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from math import copysign, isfinite, pi
+from math import copysign, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from irm.errors import QueryError
 from irm.maps.grid import MapGrid, Orientations
-from irm.queries.placement import approach_yaws, is_full_turn
+from irm.queries.arguments import FULL_TURN, approach_yaws, is_full_turn
 
 __all__ = ["Key", "Turns", "base_turns", "find_key", "find_keys", "flat_key", "nearby_keys", "outer_turns"]
 
@@ -19,24 +19,23 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _EXACT = 1e-6
-"""[rad] within which a hand orientation is that of the map's ring."""
+"""[rad] within which a TCP orientation counts as that of the map's ring."""
 
 _POLE_STEP = float(np.radians(15))
-"""[rad] between the turns around a vertical approach, at most."""
+"""[rad] Largest distance between the turns around a vertical approach."""
 
 _OUTER_STEP = float(np.radians(5))
-"""[rad] between the turns at which the outer map is looked at."""
+"""[rad] between the turns at which the outer map is searched."""
 
 _OUTER_STEPS = 1.5
-"""Yaw samples by which the outer map reaches beyond a reachable one: its neighbour, to that one's far edge."""
+"""Yaw samples by which the outer map extends beyond a reachable one: to the far edge of its neighbour."""
 
 
 class Key(NamedTuple):
-    """A layer and an orientation group of the map, and how the hand lies in them.
+    """A layer and an orientation group of the map, and the TCP's offsets from them.
 
-    `height_offset` [m] of the hand above the layer's middle; `exact` if pitch and roll are the group's own; `yaw_shift`
-    [rad]
-    what to subtract from the approach yaw: at a pole, the roll.
+    `height_offset`: of the TCP above the layer's middle [m]. `exact`: whether pitch and roll are those of the group.
+    `yaw_shift`: what to subtract from the approach yaw to get the turn; at a pole, the roll [rad].
     """
 
     layer: int
@@ -47,18 +46,21 @@ class Key(NamedTuple):
 
 
 class Turns(NamedTuple):
-    """The yaws (n,) at which a key's bases are laid out around the hand, and their cosines and sines (n, 2).
+    """The yaws at which a key's bases are laid out around the TCP.
 
-    `all_around`: they go all around in the steps of the map's own yaw samples, or of a divisor of these.
+    `yaws` (n,) [rad], increasing; `directions` (n, 2): their cosines and sines; `all_around`: whether they cover a full
+    turn in the steps of the map's own yaw samples, or of a divisor of these; `yaw_shift`: what to add to a turn to get
+    the approach yaw [rad].
     """
 
     yaws: Floats
     directions: Floats
     all_around: bool
+    yaw_shift: float
 
 
 def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
-    """The key of a hand at height `z`; None if no arm configuration takes the hand so low or so high.
+    """The key of a TCP at height `z` [m]; None if no arm configuration reaches this height.
 
     Raises:
         QueryError: an angle is not finite, or the map was built without this height or pitch.
@@ -72,7 +74,11 @@ def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
 
 
 def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key, Integers, Floats]:
-    """Of many hands of one pitch and roll: any one's key, flat keys (n,) with -1 out of reach, and rises (n,) [m].
+    """Keys of many TCP heights (n,) at one pitch and roll.
+
+    Returns:
+        A key whose layer and height offset have no meaning; key numbers (n,), -1 where the height is out of reach; and
+        height offsets (n,) [m].
 
     Raises:
         QueryError: as `find_key`, for the lowest or the highest of them.
@@ -89,9 +95,7 @@ def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key,
 
 @lru_cache(maxsize=1024)
 def _find_group(orientations: Orientations, pitch: float, roll: float) -> tuple[int, bool, float]:
-    """Group, whether it is hit exactly, and yaw shift of a pitch and a roll."""
-    if not (isfinite(pitch) and isfinite(roll)):
-        raise QueryError(f"pitch and roll must be finite numbers [rad], not {pitch} and {roll}")
+    """Group of a pitch and a roll, whether they are exactly those of the group, and the yaw shift."""
     group = orientations.nearest(pitch, roll)
     exact = abs(pitch - float(orientations.pitch[group])) < _EXACT
     if orientations.free_roll:
@@ -103,34 +107,36 @@ def _find_group(orientations: Orientations, pitch: float, roll: float) -> tuple[
 
 
 def _require_covered(grid: MapGrid, z: float) -> None:
-    """Raise if a height outside the grid was left out of it by its parameters, not by the arm's reach."""
+    """Raise if a height is outside the grid because of the map's parameters, not because of the arm's reach."""
     if grid.cut_below if z < grid.bottom else grid.cut_above:
-        raise QueryError(f"this map covers hand heights {grid.bottom:.2f} to {grid.top:.2f} m, not {z:.3f} m")
+        raise QueryError(f"this map covers TCP heights {grid.bottom:.2f} to {grid.top:.2f} m, not {z:.3f} m")
 
 
 def flat_key(grid: MapGrid, layer: int, group: int) -> int:
-    """Number of a key: groups of one layer are consecutive."""
+    """Number of a key; the groups of one layer have consecutive numbers."""
     return layer * len(grid.orientations.pitch) + group
 
 
 def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Turns:
     """The turns for a checked range of approach yaws.
 
-    For a vertical approach of a hand that rolls freely they go all around: the wrist makes up for the hand's yaw.
+    For a vertical approach of a wrist that rolls freely they cover a full turn: the wrist makes up for the yaw.
     """
-    samples = int(grid.orientations.count[key.group])
-    if grid.orientations.free_roll and grid.orientations.is_pole(key.group):
-        return _turns(-pi, pi, min(step, _POLE_STEP), samples)
-    return _turns(yaw_range[0] - key.yaw_shift, yaw_range[1] - key.yaw_shift, step, samples)
+    return _base_turns(grid.orientations, key.group, key.yaw_shift, yaw_range, step)
 
 
 @lru_cache(maxsize=256)
-def _turns(low: float, high: float, step: float, samples: int) -> Turns:
-    yaws = approach_yaws((low, high), step, samples)
+def _base_turns(
+    orientations: Orientations, group: int, yaw_shift: float, yaw_range: tuple[float, float], step: float
+) -> Turns:
+    turn_range = yaw_range[0] - yaw_shift, yaw_range[1] - yaw_shift
+    if orientations.free_roll and orientations.is_pole(group):
+        turn_range, step = FULL_TURN, min(step, _POLE_STEP)
+    yaws = approach_yaws(turn_range, step, int(orientations.count[group]))
     directions = np.column_stack([np.cos(yaws), np.sin(yaws)])
     yaws.setflags(write=False)
     directions.setflags(write=False)
-    return Turns(yaws, directions, is_full_turn((low, high)))
+    return Turns(yaws, directions, is_full_turn(turn_range), yaw_shift)
 
 
 def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
@@ -147,7 +153,7 @@ def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
 
 
 def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:
-    """Turns (n,) that no base of the outer map is farther from than the second value [rad]."""
+    """Turns (n,) for the outer map, and the largest distance of any yaw in the range from the nearest of them [rad]."""
     widening = _OUTER_STEPS * 2 * np.pi / grid.orientations.count[key.group]
     low, high = yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening
     low, high = (low, high) if high - low < 2 * np.pi else (-np.pi, np.pi)

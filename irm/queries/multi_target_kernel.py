@@ -1,8 +1,8 @@
-"""One base for several hand positions, compiled: a path, or several objects.
+"""One base for several TCP positions, compiled: the waypoints of a path, or several targets.
 
-Bases come from the map of one position, the lead, in the order of `irm.queries.tiles`. Every other position, a
-companion, is looked up in the voxel that holds it as seen from that base. The score of a base is the smallest μ. It
-cannot exceed the lead's own, so the search ends as early as that of a single position.
+The bases of one position, the reference, are searched in the order of `irm.queries.tiles`. For each of these bases, the
+μ of every other position is read from the voxel that contains it in the base frame. The score of a base is the smallest
+μ. It cannot exceed μ of the reference, so the search ends as early as that of a single position.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from irm.maps.reachability import ReachabilityMap
 from irm.queries.placement_kernel import floor_distance, is_apart
 from irm.queries.tiles import Tiles
 
-__all__ = ["GroupField", "MultiTargetQuery", "best_serving", "group_field"]
+__all__ = ["GroupField", "MultiTargetQuery", "best_common_bases", "group_field"]
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,10 @@ _ROUNDING = 1e-5
 
 
 class GroupField(NamedTuple):
-    """The map of one pitch and roll as a dense array: `mu` and `torso` (layer, yaw, x, y), and where its cells lie."""
+    """The map of one pitch and roll as dense arrays `mu` and `torso` (layer, yaw, x, y).
+
+    `x0`, `y0`, `z0`: lowest corner of the grid in the base frame [m]; `voxel`: edge of its cells [m].
+    """
 
     mu: NDArray[np.float32]
     torso: NDArray[np.float32]
@@ -40,11 +43,11 @@ class GroupField(NamedTuple):
 
 
 class MultiTargetQuery(NamedTuple):
-    """What the base must serve.
+    """The positions that the base must reach.
 
-    `points` (n, m, 3): the m hand positions at each of the n lead yaws, the lead first. `yaws` (n,) of the lead.
-    `windows` (m, 2): lower end and length of each position's range of yaws. `same_yaw`: whether all positions have the
-    lead's yaw instead.
+    `points` (n, m, 3): the m TCP positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of
+    the reference [rad]. `windows` (m, 2): lower end and length of each position's range of yaws [rad]. `same_yaw`:
+    whether all positions have the yaw of the reference instead.
     """
 
     points: Floats
@@ -69,7 +72,7 @@ def group_field(rm: ReachabilityMap, group: int) -> GroupField:
 
 @njit(cache=True)
 def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
-    """Layer, x and y index of the voxel that holds a point as seen from a base, and whether it and the next exist.
+    """Layer, x and y index of the voxel that contains a point in a base frame, and whether it and the next one exist.
 
     `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point.
     """
@@ -88,7 +91,7 @@ def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shif
 def _best_yaw(
     field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
 ) -> tuple[float, int]:
-    """Best μ of a hand position seen from a base over the yaw samples within the window, and that sample's number."""
+    """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
     yaws = field.mu.shape[1]
     layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
     best, sample = 0.0, -1
@@ -105,7 +108,7 @@ def _best_yaw(
 
 @njit(cache=True)
 def _is_enclosed(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
-    """Whether the eight cell centres around a hand position are all reachable at one yaw sample."""
+    """Whether the eight cell centres around a TCP position are all reachable at one yaw sample."""
     layer, i, j, inside = _cell(field, x, y, yaw, point, 0.5)
     if not inside:
         return False
@@ -119,13 +122,13 @@ def _is_enclosed(field: GroupField, x: float, y: float, yaw: float, point: Float
 
 @njit(cache=True)
 def _own_sample(field: GroupField, relative_yaw: float) -> int:
-    """The yaw sample of the hand that a base with this yaw relative to the approach was made from."""
+    """The yaw sample of the map from which a base with this yaw relative to the approach was computed."""
     yaws = field.mu.shape[1]
     return floor(-relative_yaw / (2.0 * pi) * yaws + 0.5) % yaws
 
 
 @njit(cache=True)
-def _best_server(
+def _best_common_base(
     tiles: Tiles,
     key: int,
     query: MultiTargetQuery,
@@ -135,7 +138,7 @@ def _best_server(
     count: int,
     apart: float,
 ) -> tuple[float, int, int]:
-    """Score, base and turn of the best base that is free and away from the first `count` rows of `taken`."""
+    """Score, base and turn of the best base that is free and farther than `apart` from `count` rows of `taken`."""
     best, best_base, best_turn = 0.0, -1, -1
     bounded = raster.cells.size > 0
     yaws = field.mu.shape[1]
@@ -170,30 +173,27 @@ def _best_server(
 
 
 @njit(cache=True)
-def best_serving(
+def best_common_bases(
     tiles: Tiles,
     key: int,
     query: MultiTargetQuery,
     field: GroupField,
+    exact: bool,
     raster: Raster,
     apart: float,
-    exact: bool,
-    torso_lower: float,
-    torso_upper: float,
     rows: Floats,
     torsos: Floats,
     yaws: Floats,
 ) -> int:
-    """The k best bases that serve every position.
+    """The k best bases from which every position is reached.
 
     Args:
-        tiles, key: bases of the lead.
-        query: what to serve.
+        tiles, key: bases of the reference.
+        query: the positions.
         field: of the positions' pitch and roll.
+        exact: whether pitch and roll are exactly those of the map.
         raster: of the free floor.
         apart: smallest distance between two bases [m].
-        exact: whether pitch and roll are exactly those of the map.
-        torso_lower, torso_upper: [m].
         rows: (k, 5) filled with x, y, yaw, smallest μ, certain (0 or 1).
         torsos, yaws: (k, m) filled with torso height and approach yaw of each position.
 
@@ -202,7 +202,7 @@ def best_serving(
     """
     samples = field.mu.shape[1]
     for k in range(rows.shape[0]):
-        score, base, turn = _best_server(tiles, key, query, field, raster, rows, k, apart)
+        score, base, turn = _best_common_base(tiles, key, query, field, raster, rows, k, apart)
         if base < 0:
             return k
         c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
@@ -220,7 +220,8 @@ def best_serving(
             layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
             certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
             height_offset = point[2] - field.z0 - (layer + 0.5) * field.voxel
-            torsos[k, m] = min(torso_upper, max(torso_lower, field.torso[layer, sample, i, j] + height_offset))
+            torso = field.torso[layer, sample, i, j] + height_offset
+            torsos[k, m] = min(tiles.torso_upper, max(tiles.torso_lower, torso))
             yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
         rows[k, 4] = 1.0 if certain else 0.0

@@ -1,57 +1,30 @@
-"""What a placement query is given and what it answers."""
+"""Answers of the placement queries: base poses, best first, with a status."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from math import ceil, isfinite, pi
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from irm.errors import QueryError
 from irm.queries.status import Status
 
-__all__ = [
-    "FULL_TURN",
-    "SEPARATION",
-    "YAW_STEP",
-    "BasePlacement",
-    "PlacementBatch",
-    "approach_yaws",
-    "as_count",
-    "as_position",
-    "as_positions",
-    "as_yaw_range",
-    "is_full_turn",
-]
+__all__ = ["BasePlacement", "PlacementBatch"]
 
 Floats = NDArray[np.float64]
-
-FULL_TURN = (-np.pi, np.pi)
-"""Every approach yaw."""
-
-YAW_STEP = float(np.radians(15))
-"""[rad] between the approach yaws tried."""
-
-SEPARATION = 0.1
-"""[m] between the bases of one answer, so that the next best is a second choice and not the first one again."""
-
-_ROUNDING = 1e-9
-"""[rad] by which a range may exceed a full turn."""
 
 
 @dataclass(frozen=True)
 class BasePlacement:
-    """Where the base may stand, best first. Arrays are read-only; k = 0 when nothing was found.
+    """Where the base may stand, best first. Arrays are read-only; k = 0 if no base was found.
 
     Attributes:
         status: YES if one of the bases is certain, NO if there is certainly none, UNKNOWN otherwise.
         poses: (k, 3) base x, y [m] and yaw [rad] in [-π, π).
-        manipulability: (k,) μ at the map's cell, for paths and several targets the smallest one.
-        torso: (k,) torso height that goes with it [m], for paths and several targets (k, m).
-        approach_yaw: (k,) yaw of the hand in the world [rad], for several targets (k, m).
-        certain: (k,) whether the hand certainly reaches from there.
+        manipulability: (k,) μ of the map's cell; of paths and of several targets, the smallest one.
+        torso: (k,) torso height at which the arm reaches with this μ [m]; of paths and of several targets (k, m).
+        approach_yaw: (k,) yaw of the TCP in the world [rad]; of several targets (k, m).
+        certain: (k,) whether the arm certainly reaches from this base.
     """
 
     status: Status
@@ -69,7 +42,7 @@ class BasePlacement:
 
     @staticmethod
     def nothing(status: Status) -> BasePlacement:
-        """No base at all."""
+        """An answer without bases."""
         none = np.empty(0)
         return BasePlacement(status, np.empty((0, 3)), none, none, none, np.empty(0, dtype=bool))
 
@@ -83,8 +56,8 @@ class BasePlacement:
         return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain)
 
     @staticmethod
-    def of_service(rows: Floats, torsos: Floats, yaws: Floats, status: Status) -> BasePlacement:
-        """From kernel rows (k, 5): x, y, yaw, smallest μ, certain; torsos and yaws (k, m)."""
+    def of_multi_rows(rows: Floats, torsos: Floats, yaws: Floats, status: Status) -> BasePlacement:
+        """Of m positions, from kernel rows (k, 5): x, y, yaw, smallest μ, certain; torsos and yaws (k, m)."""
         certain = rows[:, 4] > 0.5
         for array in (rows, torsos, yaws, certain):
             array.setflags(write=False)
@@ -105,7 +78,7 @@ class PlacementBatch:
         manipulability: (n, k).
         torso: (n, k) [m].
         approach_yaw: (n, k) [rad].
-        certain: (n, k) whether the hand certainly reaches; False where nothing was found.
+        certain: (n, k) whether the arm certainly reaches from this base; False where none was found.
     """
 
     count: NDArray[np.int64]
@@ -125,71 +98,3 @@ class PlacementBatch:
         for array in (rows, count, certain):
             array.setflags(write=False)
         return PlacementBatch(count, rows[..., :3], rows[..., 4], rows[..., 5], rows[..., 3], certain)
-
-
-def as_position(position: Iterable[float]) -> tuple[float, float, float]:
-    """Three finite numbers.
-
-    Raises:
-        QueryError: they are not.
-    """
-    try:
-        x, y, z = map(float, position)
-    except (TypeError, ValueError):
-        raise QueryError(f"a hand position is three finite numbers [m], not {position!r}") from None
-    if not (isfinite(x) and isfinite(y) and isfinite(z)):
-        raise QueryError(f"a hand position is three finite numbers [m], not {position!r}")
-    return x, y, z
-
-
-def as_positions(positions: ArrayLike) -> Floats:
-    """(n, 3) finite numbers, n ≥ 1."""
-    points = np.ascontiguousarray(np.atleast_2d(np.asarray(positions, dtype=float)))
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
-        raise QueryError(f"hand positions are an array (n, 3) of finite numbers [m] with n ≥ 1, not {points.shape}")
-    return points
-
-
-def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
-    """A pair of finite angles, at most a turn apart [rad].
-
-    Raises:
-        QueryError: the range is empty, longer than a turn, or not finite.
-    """
-    try:
-        low, high = map(float, yaw_range)
-    except (TypeError, ValueError):
-        raise QueryError(f"yaw_range is a pair of numbers [rad], not {yaw_range!r}") from None
-    if not (isfinite(low) and isfinite(high)):
-        raise QueryError(f"yaw_range must be finite, not ({low}, {high})")
-    if low > high:
-        raise QueryError(f"yaw_range ({low}, {high}) is empty; a range across ±π is written like (3.0, 3.4)")
-    if high - low > 2 * pi + _ROUNDING:
-        raise QueryError(f"yaw_range ({low}, {high}) is longer than a full turn")
-    return low, high
-
-
-def is_full_turn(yaw_range: tuple[float, float]) -> bool:
-    """Whether a range leaves the yaw open."""
-    return yaw_range[1] - yaw_range[0] >= 2 * pi - _ROUNDING
-
-
-def approach_yaws(yaw_range: tuple[float, float], step: float, samples: int = 1) -> Floats:
-    """(n,) increasing yaws of a checked range, at most `step` apart; n for a full turn is a multiple of `samples`."""
-    if not (isfinite(step) and step > 0):
-        raise QueryError(f"yaw_step must be a positive number, not {step}")
-    low, high = yaw_range
-    if is_full_turn(yaw_range):
-        count = samples * ceil(2 * pi / step / samples - _ROUNDING)
-        return np.asarray(low + np.arange(count) * (2 * pi / count))
-    count = ceil((high - low) / step - _ROUNDING) + 1
-    if count == 1:
-        return np.array([(low + high) / 2])
-    return np.asarray(low + np.arange(count) * ((high - low) / (count - 1)))
-
-
-def as_count(k: int) -> int:
-    """A number of bases, at least 1."""
-    if k != int(k) or k < 1:
-        raise QueryError(f"k is a number of bases, at least 1, not {k!r}")
-    return int(k)

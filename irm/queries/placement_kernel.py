@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import cos, hypot, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -11,21 +12,45 @@ from numpy.typing import NDArray
 from irm.arm.closed_form import wrap
 from irm.floor.raster import FREE, MIXED, Raster, floor_kind, is_outside, outline_distance
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
+from irm.queries.keys import Turns
 from irm.queries.tiles import RING_WIDTH, Tiles
 
-__all__ = ["SAME_PLACE", "any_base_near", "best_bases", "best_bases_batch", "floor_distance", "is_apart", "turns_of"]
+__all__ = [
+    "SAME_PLACE",
+    "WindowTurns",
+    "any_base_near",
+    "best_bases",
+    "best_bases_batch",
+    "floor_distance",
+    "is_apart",
+    "turns_of",
+]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SAME_PLACE = 1e-6
-"""[m] Bases closer than this are one."""
+"""[m] Two bases closer than this are the same base."""
 
 _ROUNDING = 1e-5
 """[m] added to distances that must not be underestimated: bases are stored in single precision."""
 
 _SHORT = 0.999
 """Share of a distance to free floor by which the kernels step over places that cannot be free."""
+
+
+class WindowTurns(NamedTuple):
+    """The `Turns` of several ranges of yaws one after another, for kernels.
+
+    Range w owns `yaws` (n,) and `directions` (n, 2) from `first[w]` to `first[w + 1]`; `all_around` has one entry for
+    each range, and `yaw_shift` is the same for all.
+    """
+
+    yaws: Floats
+    directions: Floats
+    all_around: NDArray[np.bool_]
+    first: Integers
+    yaw_shift: float
 
 
 @njit(cache=True)
@@ -41,7 +66,7 @@ def turns_of(yaws: Floats) -> Floats:
 def floor_distance(raster: Raster, x: float, y: float) -> float:
     """A lower bound of the distance from a point to the nearest free point [m].
 
-    Outside the raster the nearest point of its rectangle answers: it is nearer to everything inside.
+    Outside the raster it is the distance to the nearest point of its rectangle, or that point's own bound if larger.
     """
     inside_x, inside_y = min(raster.x1, max(raster.x0, x)), min(raster.y1, max(raster.y0, y))
     inverse = 1.0 / raster.resolution
@@ -53,7 +78,7 @@ def floor_distance(raster: Raster, x: float, y: float) -> float:
 
 @njit(cache=True)
 def _gap(raster: Raster, x: float, y: float) -> float:
-    """`floor_distance`, sharpened near furniture: to be free is to be `radius` away from each outline."""
+    """A tighter bound than `floor_distance` near furniture: a free point is farther than `radius` from each outline."""
     gap = floor_distance(raster, x, y)
     if gap > 0.0:
         vertices, starts = raster.vertices, raster.starts
@@ -75,10 +100,10 @@ def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> boo
 def _best_on_rings(
     tiles: Tiles, key: int, px: float, py: float, turns: Floats, raster: Raster, taken: Floats, count: int, apart: float
 ) -> tuple[int, int]:
-    """`_best_in_tiles` for turns that go all around in the steps of the map's own yaws.
+    """`_best_in_tiles` for turns that cover all yaws in the steps of the map's own yaw samples.
 
-    Turning the hand by such a step is the same as taking the next yaw sample of the same voxel: only the best sample
-    of each voxel needs to be looked at, and all its places around the hand are equally good.
+    To turn the approach by such a step is the same as to take the next yaw sample of the same voxel. So only the best
+    sample of each voxel is needed, and all its positions around the TCP are equally good.
     """
     x_of, y_of, radius, members = tiles.x, tiles.y, tiles.ring_radius, tiles.ring_base
     vertices, starts = raster.vertices, raster.starts
@@ -117,10 +142,10 @@ def _best_in_tiles(
     count: int,
     apart: float,
 ) -> tuple[int, int]:
-    """The best base and its turn: free, and more than `apart` from the first `count` rows of `taken`; (-1, -1) if none.
+    """The best base that is free and farther than `apart` from the first `count` rows of `taken`, and its turn.
 
     `turns` (n, 2) are cosines and sines of increasing approach yaws, `step` apart [rad]. Of equally good turns the one
-    nearest to the middle is taken.
+    nearest to the middle is taken. Returns (-1, -1) if there is no such base.
     """
     best, best_base, best_turn = np.float32(-1.0), -1, -1
     x_of, y_of, mu = tiles.x, tiles.y, tiles.mu
@@ -163,31 +188,22 @@ def best_bases(
     key: int,
     px: float,
     py: float,
-    rise: float,
-    exact_pitch: bool,
-    torso_lower: float,
-    torso_upper: float,
-    yaws: Floats,
-    turns: Floats,
-    all_around: bool,
-    yaw_shift: float,
+    height_offset: float,
+    exact: bool,
+    turns: Turns,
     raster: Raster,
     apart: float,
     rows: Floats,
 ) -> int:
-    """The k best bases, each more than `apart` from the better ones.
+    """The k best bases for one TCP pose, each farther than `apart` from the better ones.
 
     Args:
         tiles: of the inverse map.
-        key: of the hand's height, pitch and roll.
-        px, py: hand [m].
-        rise: hand above the middle of the key's layer [m].
-        exact_pitch: whether pitch and roll of the hand are exactly those of the key.
-        torso_lower, torso_upper: range in which the torso can follow `rise` [m]; equal if the map's torso is fixed.
-        yaws: (n,) approach yaws to try [rad].
-        turns: (n, 2) their cosines and sines.
-        all_around: whether they go all around in the steps of the map's yaws.
-        yaw_shift: what to add to a turn for the hand's approach yaw [rad].
+        key: number of the key of the TCP's height, pitch and roll.
+        px, py: TCP position [m].
+        height_offset: of the TCP above the middle of the key's layer [m].
+        exact: whether pitch and roll of the TCP are exactly those of the key.
+        turns: yaws to try.
         raster: of the free floor.
         apart: [m].
         rows: (k, 7) filled with x, y, yaw, approach yaw, μ, torso, certain (0 or 1).
@@ -195,25 +211,28 @@ def best_bases(
     Returns:
         How many rows were filled.
     """
+    yaws, directions = turns.yaws, turns.directions
     step = yaws[1] - yaws[0] if yaws.shape[0] > 1 else 0.0
+    lower, upper = tiles.torso_lower, tiles.torso_upper
+    torso_follows = upper > lower
     for k in range(rows.shape[0]):
-        if all_around:
-            base, turn = _best_on_rings(tiles, key, px, py, turns, raster, rows, k, apart)
+        if turns.all_around:
+            base, turn = _best_on_rings(tiles, key, px, py, directions, raster, rows, k, apart)
         else:
-            base, turn = _best_in_tiles(tiles, key, px, py, turns, step, raster, rows, k, apart)
+            base, turn = _best_in_tiles(tiles, key, px, py, directions, step, raster, rows, k, apart)
         if base < 0:
             return k
-        c, s = turns[turn, 0], turns[turn, 1]
+        c, s = directions[turn, 0], directions[turn, 1]
         rows[k, 0] = px + c * tiles.x[base] - s * tiles.y[base]
         rows[k, 1] = py + s * tiles.x[base] + c * tiles.y[base]
         rows[k, 2] = wrap(yaws[turn] + tiles.yaw[base])
-        rows[k, 3] = wrap(yaws[turn] + yaw_shift)
+        rows[k, 3] = wrap(yaws[turn] + turns.yaw_shift)
         rows[k, 4] = tiles.mu[base]
-        torso = tiles.torso[base] + rise
-        rows[k, 5] = min(torso_upper, max(torso_lower, torso)) if torso_upper > torso_lower else tiles.torso[base]
-        follows = abs(rise) < 1e-9 or (torso_upper > torso_lower and torso_lower <= torso <= torso_upper)
-        inside = follows or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
-        rows[k, 6] = 1.0 if (exact_pitch and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
+        torso = tiles.torso[base] + height_offset
+        rows[k, 5] = min(upper, max(lower, torso)) if torso_follows else tiles.torso[base]
+        in_range = torso_follows and lower <= torso <= upper
+        inside = abs(height_offset) < 1e-9 or in_range or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
+        rows[k, 6] = 1.0 if (exact and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
     return rows.shape[0]
 
 
@@ -222,46 +241,37 @@ def best_bases_batch(
     tiles: Tiles,
     keys: Integers,
     positions: Floats,
-    rises: Floats,
-    exact_pitch: bool,
-    torso_lower: float,
-    torso_upper: float,
-    yaws: Floats,
-    turns: Floats,
-    all_around: NDArray[np.bool_],
-    first_yaw: Integers,
+    height_offsets: Floats,
+    windows: WindowTurns,
     window: Integers,
-    yaw_shift: float,
+    exact: bool,
     raster: Raster,
     apart: float,
     rows: Floats,
     counts: Integers,
 ) -> None:
-    """`best_bases` of n queries: `keys` (n,), -1 for none, `positions` (n, 3), `rises` (n,), `rows` (n, k, 7).
+    """`best_bases` of n queries.
 
-    Query i tries the yaws from `first_yaw[window[i]]` to `first_yaw[window[i] + 1]`; `all_around` is one per window.
+    Args:
+        tiles: of the inverse map.
+        keys: (n,) numbers of the keys, -1 where the TCP is out of reach.
+        positions: (n, 3) of the TCP [m].
+        height_offsets: (n,) [m].
+        windows: yaws to try, of every range of yaws.
+        window: (n,) the range of each query.
+        exact, raster, apart: as in `best_bases`, for all.
+        rows: (n, k, 7) filled as in `best_bases`, with NaN where no base was found.
+        counts: (n,) filled with the number of bases found.
     """
     for i in range(keys.shape[0]):
         counts[i] = 0
         if keys[i] >= 0:
-            first, last = first_yaw[window[i]], first_yaw[window[i] + 1]
-            counts[i] = best_bases(
-                tiles,
-                keys[i],
-                positions[i, 0],
-                positions[i, 1],
-                rises[i],
-                exact_pitch,
-                torso_lower,
-                torso_upper,
-                yaws[first:last],
-                turns[first:last],
-                all_around[window[i]],
-                yaw_shift,
-                raster,
-                apart,
-                rows[i],
-            )
+            w = window[i]
+            first, last = windows.first[w], windows.first[w + 1]
+            yaws, directions = windows.yaws[first:last], windows.directions[first:last]
+            turns = Turns(yaws, directions, windows.all_around[w], windows.yaw_shift)
+            x, y = positions[i, 0], positions[i, 1]
+            counts[i] = best_bases(tiles, keys[i], x, y, height_offsets[i], exact, turns, raster, apart, rows[i])
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan
             rows[i, k, 6] = 0.0

@@ -1,4 +1,4 @@
-"""The three answers of a map."""
+"""The three possible answers of a map."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["Status"]
 
 
 class Status(Enum):
-    """YES and NO are never wrong; UNKNOWN says that the cells are too coarse to tell."""
+    """YES: certainly possible. NO: certainly impossible. UNKNOWN: the cells of the map are too coarse to decide."""
 
     NO = 0
     UNKNOWN = 1

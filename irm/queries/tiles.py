@@ -1,9 +1,10 @@
-"""The bases of an inverse map, arranged so that the best free one is found without looking at most of the others.
+"""The bases of an inverse map, sorted so that a query finds the best free base without a test of most others.
 
-The bases of one key (height, pitch, roll) are gathered into square tiles by where they stand relative to the hand at
-approach yaw 0, and sorted by μ within their tile; the tiles are sorted by their best μ. A query walks the tiles until
-none can beat what it has, and skips every tile whose surroundings hold no free floor. Rings serve queries that leave
-the approach yaw open: the best base of each voxel, by μ.
+The bases of one key (height, pitch, roll) are grouped into square tiles by their position relative to the TCP at
+approach yaw 0. Within a tile they are sorted by μ, and the tiles are sorted by their best μ. A query takes the tiles in
+this order until no tile can contain a better base than the best one found so far. It skips tiles without free floor
+nearby. Queries for all approach yaws use the rings instead: the best base of each voxel, sorted by μ, which may lie at
+any angle around the TCP.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
 TILE = 0.1
-"""[m] edge of a tile: with two voxels to a side some twenty bases share one look at the floor."""
-
+"""[m] Edge of a tile: two voxels, so that about twenty bases share one look-up of the floor."""
 
 RING_WIDTH = 0.025
-"""[m] between the distances at which a query may enter a key's list of rings."""
+"""[m] Step of the distances in `Tiles.ring_skip`."""
 
 
 class Tiles(NamedTuple):
     """Arrays for kernels.
 
-    Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the hand at approach yaw 0, `mu`, `torso` [m], `flags`.
+    Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the TCP at approach yaw 0, `mu`, `torso` [m], `flags`.
     Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
     `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
-    (keys + 1,) bases. Per ring, best first: `ring_base`, the base, and `ring_radius`, its distance from the hand [m];
+    (keys + 1,) bases. Per ring, best first: `ring_base`, the base, and `ring_radius`, its distance from the TCP [m];
     per key `ring_first` (keys + 1,) rings, and `ring_skip` (keys, b): the first ring that reaches b `RING_WIDTH` far.
+    `torso_lower`, `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
     """
 
     x: Singles
@@ -57,18 +58,20 @@ class Tiles(NamedTuple):
     ring_radius: Singles
     ring_first: Integers
     ring_skip: Integers
+    torso_lower: float
+    torso_upper: float
 
 
 def invert_map(rm: ReachabilityMap) -> Tiles:
-    """The bases of equation 5 for every pose of a map, in tiles."""
+    """The bases of equation 5, one for every pose of a map, in tiles."""
     grid = rm.grid
     z, orientation, i, j = rm.indices()
     group = np.searchsorted(grid.orientations.start, orientation, side="right") - 1
     groups = len(grid.orientations.pitch)
     yaw = -grid.orientations.yaw[orientation]
     c, s = np.cos(np.pi + yaw), np.sin(np.pi + yaw)
-    hand_x, hand_y = grid.axis(0)[i], grid.axis(1)[j]
-    x, y = c * hand_x - s * hand_y, s * hand_x + c * hand_y
+    tcp_x, tcp_y = grid.axis(0)[i], grid.axis(1)[j]
+    x, y = c * tcp_x - s * tcp_y, s * tcp_x + c * tcp_y
     key, keys = z * groups + group, grid.layers * groups
     order, tiles = _tiles(key, keys, x, y, rm.manipulability)
     columns: tuple[NDArray[Any], ...] = (x, y, yaw, rm.manipulability, rm.torso)
@@ -76,10 +79,10 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
     rings = _rings(voxel[order], key[order], keys, np.hypot(bases[0], bases[1]), bases[3])
     base_first = np.searchsorted(key[order], np.arange(keys + 1))
-    result = Tiles._make([*bases, rm.flags[order], *tiles, base_first, *rings])
-    for array in result:
+    arrays = [*bases, rm.flags[order], *tiles, base_first, *rings]
+    for array in arrays:
         array.setflags(write=False)
-    return result
+    return Tiles._make([*arrays, *grid.torso_range])
 
 
 def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:

@@ -96,6 +96,6 @@ def table_floor():
 
 @pytest.fixture
 def cups():
-    """(n, 3) hand positions on that table."""
+    """(n, 3) TCP positions above that table."""
     rng = np.random.default_rng(7)
     return np.column_stack([rng.uniform(-0.35, 0.35, 60), rng.uniform(-0.75, 0.75, 60), rng.uniform(0.78, 0.98, 60)])

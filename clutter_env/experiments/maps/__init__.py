@@ -1,1 +1,1 @@
-"""Reachability maps measured and drawn."""
+"""Figures and measurements of reachability maps."""

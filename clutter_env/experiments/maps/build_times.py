@@ -1,4 +1,4 @@
-"""What it costs to build, keep and load maps."""
+"""Times and file sizes of building, inverting, saving and loading maps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BUILDS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class BuildCost:
-    """CPU times of one thread [s], compiled code warm."""
+    """CPU times of one thread [s], after compilation."""
 
     name: str
     poses: int
@@ -36,7 +36,7 @@ class BuildCost:
 
 
 def measure_build(robot: RobotSpec, name: str) -> BuildCost:
-    """Build, invert, save and load one map."""
+    """Build, invert, save and load one of the `BUILDS`."""
     ReachabilityMap.build(robot, voxel=0.25, orientations=6)
     start = time.process_time()
     rm = ReachabilityMap.build(robot, progress=True, **BUILDS[name])

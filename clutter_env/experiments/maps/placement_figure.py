@@ -1,4 +1,4 @@
-"""Fig. 2 of the paper for our robot: where the base may stand for a cup that stands deep on a table."""
+"""Fig. 2 of the paper for a robot of ours: base poses for a cup far from the edge of a table."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.room import Room
-from clutter_env.experiments.maps.stage import Cup, Stage, View
+from clutter_env.experiments.maps.base_quality import CollisionModel
+from clutter_env.experiments.maps.map_renderer import Cup, MapRenderer, View
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
-from irm.checks.verification import Verified, hand_poses, verify
+from irm.checks.verification import Verified, tcp_poses, verify
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
+from irm.queries.arguments import YAW_STEP
 from irm.queries.inverse import InverseReachabilityMap
 from irm.queries.keys import base_turns, find_key, flat_key
-from irm.queries.placement import YAW_STEP, BasePlacement
+from irm.queries.placement import BasePlacement
 
 __all__ = ["draw_placement"]
 
@@ -33,7 +34,7 @@ GROWN = 0.3
 REACH = 1.6
 """[m] of floor shown around the table's middle."""
 SPACING = 0.06
-"""[m] of the squares of floor of which the best candidate is drawn."""
+"""[m] Edge of the squares of floor; of each, the best candidate is drawn."""
 YAWS = (-np.pi / 2, np.pi / 2)
 """Approach yaws allowed: from the robot's side of the table."""
 CUP_HALF_HEIGHT = 0.05
@@ -43,23 +44,28 @@ PIXELS = 900
 
 
 def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> Figure:
-    """From above: every candidate base of one hand pose, and the best free one; beside it the robot standing there.
+    """From above: the candidate bases of one TCP pose and the best valid one; beside it, the robot at this base.
+
+    Args:
+        robot: any robot with a map.
+        cup: x, y of the cup, from the middle of the table [m].
+        colours: name of the colour map for μ.
 
     Raises:
-        ValueError: no base serves this cup.
+        ValueError: no base is valid for this cup.
     """
     floor = FreeSpace.from_boxes([(0.0, 0.0, TABLE.depth, TABLE.width)], GROWN, (-REACH, -REACH, REACH, REACH))
     inverse_map = InverseReachabilityMap(cached_map(robot, orientations=266, pitches=(0.0,), heights=(0.7, 1.2)))
-    hand = np.array([*cup, TABLE_HEIGHT + robot.grasp_height])
-    everywhere = _candidates(inverse_map, hand)
-    free = inverse_map.query(hand, yaw_range=YAWS, free_space=floor, k=5)
-    chosen = _verified(robot, free, hand)
+    tcp = np.array([*cup, TABLE_HEIGHT + robot.grasp_height])
+    everywhere = _candidates(inverse_map, tcp)
+    free = inverse_map.query(tcp, yaw_range=YAWS, free_space=floor, k=5)
+    chosen = _verified(robot, free, tcp)
     place = Cup((*cup, TABLE_HEIGHT + CUP_HALF_HEIGHT), half_height=CUP_HALF_HEIGHT)
-    stage = Stage(robot, (PIXELS, PIXELS), furniture(TABLE), place)
+    renderer = MapRenderer(robot, (PIXELS, PIXELS), furniture(TABLE), place)
     above = View((0.0, 0.0, 1.0), 6.0, 90.0, -90.0, 2 * REACH)
-    robot_above = stage.picture(chosen.base, chosen.configurations[0], above, show_floor=False)
-    beside = stage.picture(chosen.base, chosen.configurations[0], View((-0.2, 0.1, 0.65), 3.2, 68.0, -28.0))
-    stage.close()
+    robot_above = renderer.picture(chosen.base, chosen.configurations[0], above, show_floor=False)
+    beside = renderer.picture(chosen.base, chosen.configurations[0], View((-0.2, 0.1, 0.65), 3.2, 68.0, -28.0))
+    renderer.close()
     figure = Figure(figsize=(13.0, 6.0), layout="constrained")
     plan, photograph = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     _draw_plan(plan, everywhere, floor, chosen, cup, robot_above, colours)
@@ -72,7 +78,7 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
 
 
 class _Candidates(NamedTuple):
-    """Bases (n,) of one hand pose: x, y [m], yaw [rad], μ."""
+    """Bases (n,) of one TCP pose: x, y [m], yaw [rad], μ."""
 
     x: Floats
     y: Floats
@@ -80,17 +86,17 @@ class _Candidates(NamedTuple):
     manipulability: Floats
 
 
-def _candidates(inverse_map: InverseReachabilityMap, hand: Floats) -> _Candidates:
-    """The best base of every square of floor, free or not."""
+def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> _Candidates:
+    """The best base of every square of the floor, whether it is free or not."""
     grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
-    key = find_key(grid, float(hand[2]), 0.0, 0.0)
+    key = find_key(grid, float(tcp[2]), 0.0, 0.0)
     if key is None:
-        raise ValueError(f"the hand does not get to {hand[2]:.2f} m")
+        raise ValueError(f"the TCP cannot reach the height {tcp[2]:.2f} m")
     flat, yaws = flat_key(grid, key.layer, key.group), base_turns(grid, key, YAWS, YAW_STEP).yaws[:, None]
     mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
     c, s = np.cos(yaws), np.sin(yaws)
-    x = (hand[0] + c * tiles.x[mine] - s * tiles.y[mine]).ravel()
-    y = (hand[1] + s * tiles.x[mine] + c * tiles.y[mine]).ravel()
+    x = (tcp[0] + c * tiles.x[mine] - s * tiles.y[mine]).ravel()
+    y = (tcp[1] + s * tiles.x[mine] + c * tiles.y[mine]).ravel()
     yaw, mu = (yaws + tiles.yaw[mine]).ravel(), np.tile(tiles.mu[mine], len(yaws))
     best_first = np.argsort(-mu, kind="stable")
     squares = np.floor(np.column_stack([x, y])[best_first] / SPACING)
@@ -99,14 +105,14 @@ def _candidates(inverse_map: InverseReachabilityMap, hand: Floats) -> _Candidate
     return _Candidates(x[best], y[best], yaw[best], mu[best].astype(float))
 
 
-def _verified(robot: RobotSpec, bases: BasePlacement, hand: Floats) -> Verified:
-    """The best base from which the arm reaches without touching the table."""
-    room = Room(robot, TABLE)
+def _verified(robot: RobotSpec, bases: BasePlacement, tcp: Floats) -> Verified:
+    """The best valid base: the arm reaches the TCP pose without a collision."""
+    model = CollisionModel(robot, TABLE)
     found = verify(
-        ArmChain.from_robot(robot), bases, lambda rank: hand_poses(hand, bases.approach_yaw[rank]), room.is_free
+        ArmChain.from_robot(robot), bases, lambda rank: tcp_poses(tcp, bases.approach_yaw[rank]), model.is_free
     )
     if not isinstance(found, Verified):
-        raise ValueError(f"no base serves a cup at {hand[:2]}; choose one nearer to the table's edge")
+        raise ValueError(f"no base is valid for a cup at {tcp[:2]}; choose a position nearer to the table's edge")
     return found
 
 
@@ -159,11 +165,11 @@ def _draw_plan(
     axes.text(0.0, -half_width - GROWN - 0.09, f"outline grown by {GROWN} m", ha="center", color="#a87e00")
     axes.figure.colorbar(arrows, ax=axes, label="best manipulability μ at this place", shrink=0.85)
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    axes.set_title("bases from which the hand reaches the cup (faint: too near to the table)")
+    axes.set_title("bases from which the arm reaches the cup (faint: too near to the table)")
 
 
 def _draw_chosen(axes: Axes, base: Floats) -> None:
-    """The answer: a purple arrow along the base's heading."""
+    """The verified base as a purple arrow along its heading."""
     x, y, yaw = base
     axes.quiver(
         x,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from assets.robots import RobotSpec
+from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.maps.reachability import ReachabilityMap
@@ -25,10 +26,11 @@ from irm.queries.placement import BasePlacement
 __all__ = ["PAPER", "Timing", "map_of_size", "measure_speed", "plot_speed", "speed_table"]
 
 TABLE = (0.8, 1.6)
-"""[m] depth and width of the table; its outline is grown by 0.3 m as in the paper's Fig. 2."""
+"""[m] Depth and width of the table."""
 GROWN = 0.3
+"""[m] by which the table's outline is grown, as in the paper's Fig. 2."""
 CUP_HEIGHTS = (0.75, 0.95)
-"""[m] hand heights of the cups, and of the map restricted to them."""
+"""[m] TCP heights for the cups, and for the map that is restricted to them."""
 RANGES = {"180": (-np.pi, np.pi), "90": (-np.pi / 2, np.pi / 2)}
 """Approach yaws, as the paper names them."""
 BATCH = 20_000
@@ -42,18 +44,27 @@ Query = Callable[..., BasePlacement]
 
 @dataclass(frozen=True)
 class Timing:
-    """One column of the box plot; CPU times of one thread in ms."""
+    """One column of the box plot.
+
+    Attributes:
+        poses: of the map.
+        method: letter of the map (R: equation 4, P: equation 5), "compiled" or "batch", and the range of yaws.
+        times: CPU times of one thread [ms].
+        same_best: queries in which the best μ equals that of the compiled query exactly.
+    """
 
     poses: int
     method: str
     times: tuple[float, ...]
     same_best: int
-    """Queries in which the best μ equals that of the compiled query, bit for bit."""
 
 
 def map_of_size(robot: RobotSpec, poses: int, seed: int) -> ReachabilityMap:
-    """The paper's sizes are random parts of the 62-orientation map, the smaller one at the heights of cups; anything
-    larger is the whole map of 114 orientations at a fixed torso height."""
+    """A map with a given number of poses.
+
+    The paper's sizes are random parts of the 62-orientation map, the smaller one at the heights of cups. Any other size
+    gives the whole map of 114 orientations at a fixed torso height.
+    """
     if poses not in ON_RINGS:
         return cached_map(robot, orientations=114, lift=False)
     whole = cached_map(robot)
@@ -64,27 +75,27 @@ def map_of_size(robot: RobotSpec, poses: int, seed: int) -> ReachabilityMap:
 
 
 def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list[Timing]:
-    """R180, P180, R90, P90 and the compiled query, one by one and in batch, on one map."""
+    """Times of all methods on one map: R180, P180, R90, P90, and the compiled query alone and in batches."""
     rm = map_of_size(robot, poses, seed)
     floor = FreeSpace.from_boxes([(0.0, 0.0, *TABLE)], radius=GROWN)
     proposed, classical = InverseReachabilityMap(rm), ClassicalInverseReachabilityMap(rm)
     cups = _cups(queries, seed)
     results = []
     for name, yaw_range in RANGES.items():
-        asked: dict[str, Any] = {"yaw_range": yaw_range, "free_space": floor}
+        keywords: dict[str, Any] = {"yaw_range": yaw_range, "free_space": floor}
         scan: Query = lambda cup, **how: full_scan(proposed, cup, **how)  # noqa: E731
-        answers, fast = _timed(proposed.query, cups, asked, f"compiled {name}, {len(rm)} poses")
+        answers, fast = _timed(proposed.query, cups, keywords, f"compiled {name}, {len(rm)} poses")
         for letter, query in (("R", classical.query), ("P", scan)):
-            others, times = _timed(query, cups, asked, f"{letter}{name}, {len(rm)} poses")
+            others, times = _timed(query, cups, keywords, f"{letter}{name}, {len(rm)} poses")
             same = sum(bool(_best(a) == _best(b)) for a, b in zip(answers, others, strict=True))
             results.append(Timing(len(rm), f"{letter}{name}", times, same))
         results.append(Timing(len(rm), f"compiled {name}", fast, len(cups)))
-        results.append(_batch(proposed, len(rm), name, asked, answers, cups, seed))
+        results.append(_batch(proposed, len(rm), name, keywords, answers, cups, seed))
     return results
 
 
 def _cups(count: int, seed: int) -> NDArray[np.float64]:
-    """(n, 3) hand positions on the table."""
+    """(n, 3) TCP positions above the table."""
     rng = np.random.default_rng(seed)
     half_depth, half_width = TABLE[0] / 2 - 0.05, TABLE[1] / 2 - 0.05
     low, high = (-half_depth, -half_width, CUP_HEIGHTS[0] + 0.03), (half_depth, half_width, CUP_HEIGHTS[1] - 0.001)
@@ -92,13 +103,13 @@ def _cups(count: int, seed: int) -> NDArray[np.float64]:
 
 
 def _timed(
-    query: Query, cups: NDArray[np.float64], asked: dict[str, Any], title: str
+    query: Query, cups: NDArray[np.float64], keywords: dict[str, Any], title: str
 ) -> tuple[list[BasePlacement], tuple[float, ...]]:
-    query(cups[0], **asked)
+    query(cups[0], **keywords)
     answers, times = [], []
     for cup in tqdm(cups, title):
         start = time.process_time_ns()
-        answers.append(query(cup, **asked))
+        answers.append(query(cup, **keywords))
         times.append((time.process_time_ns() - start) * 1e-6)
     return answers, tuple(times)
 
@@ -107,13 +118,13 @@ def _batch(
     proposed: InverseReachabilityMap,
     poses: int,
     name: str,
-    asked: dict[str, Any],
+    keywords: dict[str, Any],
     answers: Sequence[BasePlacement],
     cups: NDArray[np.float64],
     seed: int,
 ) -> Timing:
-    """Time per query of ten batches, and parity on the cups themselves."""
-    how = {"yaw_ranges": asked["yaw_range"], "free_space": asked["free_space"]}
+    """Time per query in ten batches; for the cups themselves, whether the best μ is the same."""
+    how = {"yaw_ranges": keywords["yaw_range"], "free_space": keywords["free_space"]}
     own = proposed.query_batch(cups, **how).manipulability[:, 0]
     same = sum(bool(_best(a) == (0.0 if np.isnan(mu) else mu)) for a, mu in zip(answers, own, strict=True))
     times = []
@@ -130,13 +141,10 @@ def _best(placement: BasePlacement) -> float:
 
 
 def speed_table(rows: Sequence[Timing], queries: int) -> str:
-    """Mean ± deviation, median, and how many times faster than the classical map, as a Markdown table."""
-    lines = [
-        "| poses | query | mean ± deviation [ms] | median [ms] | faster than R (median) | same best μ |",
-        "|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| 7,899 (paper) | {name} | {mean} ± {spread} | – | {_paper_ratio(name)} | – |"
+    """Mean, deviation, median and ratio to the classical map, as a Markdown table."""
+    head = ("poses", "query", "mean ± deviation [ms]", "median [ms]", "faster than R (median)", "same best μ")
+    body = [
+        ("7,899 (paper)", name, f"{mean} ± {spread}", NOTHING, _paper_ratio(name), NOTHING)
         for name, (mean, spread) in PAPER.items()
     ]
     for row in rows:
@@ -144,11 +152,9 @@ def speed_table(rows: Sequence[Timing], queries: int) -> str:
         reference = next(r for r in rows if r.poses == row.poses and r.method == f"R{angle}")
         times = np.array(row.times)
         ratio = np.median(reference.times) / np.median(times)
-        lines.append(
-            f"| {row.poses:,} | {row.method} | {times.mean():.3g} ± {times.std():.2g} | {np.median(times):.3g} "
-            f"| {ratio:,.3g} | {row.same_best} of {queries} |"
-        )
-    return "\n".join(lines)
+        spread, median = f"{times.mean():.3g} ± {times.std():.2g}", f"{np.median(times):.3g}"
+        body.append((f"{row.poses:,}", row.method, spread, median, f"{ratio:,.3g}", f"{row.same_best} of {queries}"))
+    return markdown_table(head, body)
 
 
 def _paper_ratio(name: str) -> str:
@@ -156,7 +162,7 @@ def _paper_ratio(name: str) -> str:
 
 
 def plot_speed(rows: Sequence[Timing], file: Path) -> None:
-    """A box plot like the paper's Fig. 3 for every map."""
+    """One box plot for every map, as the paper's Fig. 3."""
     sizes = list(dict.fromkeys(row.poses for row in rows))
     figure = Figure(figsize=(4.2 * len(sizes), 4.4), layout="constrained")
     axes = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]

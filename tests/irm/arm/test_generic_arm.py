@@ -84,16 +84,16 @@ def test_bases_for_the_second_robot_reach(chain, lift_arm_map):
     reached = 0
     layers = lift_arm_map.grid
     for k in range(12):
-        hand = np.array([*rng.uniform(-0.2, 0.2, 2), layers.layer_height(layers.layer(0.9))])
+        tcp = np.array([*rng.uniform(-0.2, 0.2, 2), layers.layer_height(layers.layer(0.9))])
         roll = (0.0, np.pi / 2)[k % 2]
-        placement = inverse_map.query(hand, roll=roll, free_space=floor)
+        placement = inverse_map.query(tcp, roll=roll, free_space=floor)
         assert len(placement) == 1
         base, yaw = placement.poses[0], placement.approach_yaw[0]
         T = np.eye(4)
         c, s = np.cos(-base[2]), np.sin(-base[2])
         T[:3, :3] = rotation(yaw - base[2], 0.0, roll)
-        dx, dy = hand[:2] - base[:2]
-        T[:3, 3] = c * dx - s * dy, s * dx + c * dy, hand[2]
+        dx, dy = tcp[:2] - base[:2]
+        T[:3, 3] = c * dx - s * dy, s * dx + c * dy, tcp[2]
         reached += len(solve(chain, T, random_seeds(chain, 200, placement.torso[0], rng))) > 0
     assert reached == 12
 

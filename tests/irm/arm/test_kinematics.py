@@ -65,7 +65,7 @@ def test_every_inverse_solution_reaches_the_pose_within_the_limits():
     assert solved > 500
 
 
-def test_the_posture_that_made_a_pose_is_among_its_solutions():
+def test_the_configuration_of_a_pose_is_among_its_solutions():
     rng = np.random.default_rng(2)
     for _ in range(200):
         q = random_configuration(rng)

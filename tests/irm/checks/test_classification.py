@@ -16,7 +16,7 @@ CHAIN = ArmChain.from_robot(FETCH)
 
 
 def random_poses(rm, count, rng):
-    """Hands anywhere in the map's box, pointing anywhere."""
+    """TCP poses with random positions in the map's box and random orientations."""
     grid = rm.grid
     edge = grid.half * grid.voxel
     low, high = [grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom], [grid.centre[0] + edge, edge, grid.top]

@@ -5,7 +5,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.arm.kinematics import ArmChain, forward
-from irm.checks.verification import ConfigurationSearch, NotVerified, Verified, configurations, hand_poses, verify
+from irm.checks.verification import ConfigurationSearch, NotVerified, Verified, configurations, tcp_poses, verify
 from irm.errors import QueryError
 from irm.queries.placement import BasePlacement
 from irm.queries.status import Status
@@ -15,25 +15,25 @@ PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.
 
 
 def path_of(placement, cup):
-    def hands(rank):
+    def poses_of(rank):
         yaw = placement.approach_yaw[rank]
         c, s = np.cos(yaw), np.sin(yaw)
-        return hand_poses(cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), yaw)
+        return tcp_poses(cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), yaw)
 
-    return hands
+    return poses_of
 
 
-def test_verified_postures_reach_their_hand_poses_without_leaping(level_inverse, table_floor, cups):
+def test_verified_configurations_reach_the_tcp_poses_in_small_steps(level_inverse, table_floor, cups):
     for cup in cups[:6]:
         placement = level_inverse.query_path(PATH, target=cup, free_space=table_floor, k=5)
-        hands = path_of(placement, cup)
-        result = verify(CHAIN, placement, hands)
+        poses_of = path_of(placement, cup)
+        result = verify(CHAIN, placement, poses_of)
         assert isinstance(result, Verified)
         base = result.base
         c, s = np.cos(base[2]), np.sin(base[2])
         T_world_base = np.eye(4)
         T_world_base[:2, :2], T_world_base[:2, 3] = [[c, -s], [s, c]], base[:2]
-        for q, T in zip(result.configurations, hands(result.rank), strict=True):
+        for q, T in zip(result.configurations, poses_of(result.rank), strict=True):
             np.testing.assert_allclose(T_world_base @ forward(CHAIN, q), T, atol=1e-6)
         steps = np.abs(np.diff(result.configurations, axis=0))
         steps[:, [3, 5, 7]] = np.minimum(steps[:, [3, 5, 7]], 2 * np.pi - steps[:, [3, 5, 7]])
@@ -42,20 +42,20 @@ def test_verified_postures_reach_their_hand_poses_without_leaping(level_inverse,
 
 def test_the_callers_check_decides(level_inverse, table_floor, cups):
     placement = level_inverse.query(cups[0], free_space=table_floor, k=4)
-    hands = lambda rank: hand_poses(cups[0], placement.approach_yaw[rank])  # noqa: E731
-    assert verify(CHAIN, placement, hands, lambda *_: False) == NotVerified((0, 0, 0, 0))
+    poses_of = lambda rank: tcp_poses(cups[0], placement.approach_yaw[rank])  # noqa: E731
+    assert verify(CHAIN, placement, poses_of, lambda *_: False) == NotVerified((0, 0, 0, 0))
     refused = placement.poses[0]
-    result = verify(CHAIN, placement, hands, lambda base, _: not np.array_equal(base, refused))
+    result = verify(CHAIN, placement, poses_of, lambda base, _: not np.array_equal(base, refused))
     assert isinstance(result, Verified)
     assert result.rank == 1
 
 
 def test_nothing_proposed_is_nothing_verified():
     nothing = BasePlacement.nothing(Status.NO)
-    assert verify(CHAIN, nothing, lambda _: hand_poses([0, 0, 1], 0.0)) == NotVerified(())
+    assert verify(CHAIN, nothing, lambda _: tcp_poses([0, 0, 1], 0.0)) == NotVerified(())
 
 
-def test_hand_poses_that_are_none_are_refused(level_inverse, cups):
+def test_poses_of_a_wrong_shape_are_refused(level_inverse, cups):
     placement = level_inverse.query(cups[0])
     with pytest.raises(QueryError, match=r"\(m, 4, 4\)"):
         verify(CHAIN, placement, lambda _: np.eye(4))

@@ -13,7 +13,7 @@ RADIUS = 0.3
 
 
 def distance_to_box(x, y, box):
-    """Slow twin: distance to a filled rotated rectangle."""
+    """Slow reference: distance to a filled rotated rectangle."""
     yaw = box[4] if len(box) == 5 else 0.0
     dx, dy = x - box[0], y - box[1]
     u, v = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx

@@ -31,7 +31,7 @@ def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map
 
 
 def test_the_eight_images_of_a_voxel_are_those_of_a_scan_of_their_own(coarse_map):
-    """A slow twin without symmetry: every pan sample of a cell by itself."""
+    """A slow reference without symmetry: every pan sample of a cell by itself."""
     rng = np.random.default_rng(1)
     pans = (np.arange(PAN_SAMPLES) + 0.5) * 2 * np.pi / PAN_SAMPLES
     pans = (pans + np.pi) % (2 * np.pi) - np.pi

@@ -20,7 +20,7 @@ TORSOS = np.linspace(CHAIN.lower[0], CHAIN.upper[0], 60)
 
 
 def reaches(base, position, yaw, pitch=0.0, torsos=TORSOS):
-    """Exact: does any configuration put the hand there from this base? The wrist's roll is free."""
+    """Exact: does any configuration reach the TCP pose from this base? The roll is free."""
     c, s = np.cos(-base[2]), np.sin(-base[2])
     dx, dy = position[0] - base[0], position[1] - base[1]
     p = np.array([c * dx - s * dy, s * dx + c * dy, position[2]])
@@ -46,10 +46,10 @@ def test_equations_4_and_5_and_the_compiled_query_agree(
 ):
     classical = ClassicalInverseReachabilityMap(coarse_map)
     for cup in cups[:4]:
-        asked = {"pitch": pitch, "yaw_range": yaw_range, "free_space": table_floor}
-        proposed = coarse_inverse.query(cup, **asked)
-        assert best(full_scan(coarse_inverse, cup, **asked)) == best(proposed)
-        assert best(classical.query(cup, **asked)) == best(proposed)
+        keywords = {"pitch": pitch, "yaw_range": yaw_range, "free_space": table_floor}
+        proposed = coarse_inverse.query(cup, **keywords)
+        assert best(full_scan(coarse_inverse, cup, **keywords)) == best(proposed)
+        assert best(classical.query(cup, **keywords)) == best(proposed)
 
 
 def test_the_two_maps_hold_the_same_poses(coarse_map, coarse_inverse):
@@ -59,8 +59,8 @@ def test_the_two_maps_hold_the_same_poses(coarse_map, coarse_inverse):
 def test_several_bases_are_the_same_by_both_equations(coarse_map, coarse_inverse, table_floor, cups):
     classical = ClassicalInverseReachabilityMap(coarse_map)
     for cup in cups[:5]:
-        asked = {"yaw_range": (-1.0, 1.0), "free_space": table_floor, "k": 4, "separation": 0.0}
-        a, b = coarse_inverse.query(cup, **asked), classical.query(cup, **asked)
+        keywords = {"yaw_range": (-1.0, 1.0), "free_space": table_floor, "k": 4, "separation": 0.0}
+        a, b = coarse_inverse.query(cup, **keywords), classical.query(cup, **keywords)
         np.testing.assert_allclose(a.manipulability, b.manipulability)
         assert a.status is b.status
 
@@ -198,7 +198,7 @@ def test_queries_without_meaning_are_refused(level_inverse, coarse_inverse):
         level_inverse.query([0, 0, 0.9], yaw_range=(0, 7.0))
     with pytest.raises(QueryError, match="pair of numbers"):
         level_inverse.query([0, 0, 0.9], yaw_range=0.5)
-    with pytest.raises(QueryError, match=r"covers hand heights 0\.70 to 1\.20"):
+    with pytest.raises(QueryError, match=r"covers TCP heights 0\.70 to 1\.20"):
         level_inverse.query([0, 0, 0.3])
     with pytest.raises(QueryError, match=r"rings at 0\.0"):
         level_inverse.query([0, 0, 0.9], pitch=0.5)
@@ -236,14 +236,14 @@ def test_positions_that_are_none_are_refused_by_every_query(coarse_map, coarse_i
 
 
 def test_empty_ranges_are_refused_by_every_query(coarse_map, coarse_inverse):
-    hand, empty = (0.0, 0.0, 0.9), (0.5, -0.5)
+    position, empty = (0.0, 0.0, 0.9), (0.5, -0.5)
     queries = [
-        lambda: coarse_inverse.query(hand, yaw_range=empty),
-        lambda: coarse_inverse.query_batch(hand, yaw_ranges=empty),
-        lambda: coarse_inverse.query_path([hand], yaw_range=empty),
-        lambda: coarse_inverse.query_multi([hand], yaw_ranges=empty),
-        lambda: ClassicalInverseReachabilityMap(coarse_map).query(hand, yaw_range=empty),
-        lambda: full_scan(coarse_inverse, hand, yaw_range=empty),
+        lambda: coarse_inverse.query(position, yaw_range=empty),
+        lambda: coarse_inverse.query_batch(position, yaw_ranges=empty),
+        lambda: coarse_inverse.query_path([position], yaw_range=empty),
+        lambda: coarse_inverse.query_multi([position], yaw_ranges=empty),
+        lambda: ClassicalInverseReachabilityMap(coarse_map).query(position, yaw_range=empty),
+        lambda: full_scan(coarse_inverse, position, yaw_range=empty),
     ]
     for query in queries:
         with pytest.raises(QueryError, match="is empty"):
@@ -252,13 +252,13 @@ def test_empty_ranges_are_refused_by_every_query(coarse_map, coarse_inverse):
 
 def test_free_space_that_excludes_everything_leaves_nothing(coarse_map, coarse_inverse):
     walled = FreeSpace.from_boxes([(0.0, 0.0, 8.0, 8.0)], 0.3, (-2, -2, 2, 2))
-    hand = (0.0, 0.0, 0.9)
+    position = (0.0, 0.0, 0.9)
     for narrow in ((-np.pi, np.pi), (0.0, 0.5)):
-        assert coarse_inverse.query(hand, yaw_range=narrow, free_space=walled).status is Status.NO
+        assert coarse_inverse.query(position, yaw_range=narrow, free_space=walled).status is Status.NO
         classical = ClassicalInverseReachabilityMap(coarse_map)
-        assert classical.query(hand, yaw_range=narrow, free_space=walled).status is Status.NO
-        assert len(full_scan(coarse_inverse, hand, yaw_range=narrow, free_space=walled)) == 0
-        batch = coarse_inverse.query_batch(np.tile(hand, (3, 1)), yaw_ranges=narrow, free_space=walled)
+        assert classical.query(position, yaw_range=narrow, free_space=walled).status is Status.NO
+        assert len(full_scan(coarse_inverse, position, yaw_range=narrow, free_space=walled)) == 0
+        batch = coarse_inverse.query_batch(np.tile(position, (3, 1)), yaw_ranges=narrow, free_space=walled)
         assert not batch.count.any()
         assert np.isnan(batch.poses).all()
 

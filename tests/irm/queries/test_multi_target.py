@@ -12,7 +12,7 @@ PATH = [(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)]
 
 
 def mu_at(rm, base, position, yaw):
-    """Slow twin: what the map says of a level hand seen from a base."""
+    """Slow reference: μ of the map for a level TCP in the frame of a base."""
     c, s = np.cos(base[2]), np.sin(base[2])
     dx, dy = position[0] - base[0], position[1] - base[1]
     grid = rm.grid
@@ -48,21 +48,21 @@ def test_the_score_of_a_path_is_its_worst_waypoint(level_map, level_inverse, tab
 
 def test_a_path_of_one_point_is_a_single_query(level_inverse, table_floor, cups):
     for cup in cups[:10]:
-        asked = {"yaw_range": (-1.0, 1.0), "free_space": table_floor, "k": 3}
-        path, single = level_inverse.query_path([cup], **asked), level_inverse.query(cup, **asked)
+        keywords = {"yaw_range": (-1.0, 1.0), "free_space": table_floor, "k": 3}
+        path, single = level_inverse.query_path([cup], **keywords), level_inverse.query(cup, **keywords)
         np.testing.assert_allclose(path.manipulability, single.manipulability)
 
 
 def test_waypoints_in_the_world_and_offsets_at_a_target_agree_at_one_yaw(level_inverse, table_floor, cups):
     for yaw in (0.0, 0.7):
-        asked = {"yaw_range": (yaw, yaw), "free_space": table_floor}
-        a = level_inverse.query_path(PATH, target=cups[0], **asked)
-        b = level_inverse.query_path(in_world(cups[0], yaw), **asked)
+        keywords = {"yaw_range": (yaw, yaw), "free_space": table_floor}
+        a = level_inverse.query_path(PATH, target=cups[0], **keywords)
+        b = level_inverse.query_path(in_world(cups[0], yaw), **keywords)
         np.testing.assert_allclose(a.poses, b.poses, atol=1e-9)
         np.testing.assert_allclose(a.torso, b.torso)
 
 
-def test_several_targets_are_all_served(level_map, level_inverse, table_floor, cups):
+def test_every_one_of_several_targets_is_reached(level_map, level_inverse, table_floor, cups):
     found = 0
     for k in range(0, 30, 3):
         targets = cups[k : k + 3] * (1.0, 0.3, 1.0)
@@ -77,7 +77,7 @@ def test_several_targets_are_all_served(level_map, level_inverse, table_floor, c
 
 
 def test_the_best_base_for_two_targets_is_the_best_of_a_full_scan(level_map, level_inverse):
-    """Every base of the map of the first target, judged by the slow twin, against the search with its early end."""
+    """Every base of the map of the first target, scored by the slow reference, against the search that ends early."""
     targets = np.array([(0.0, 0.0, 0.83), (0.1, 0.25, 0.88)])
     yaw = 0.3
     placement = level_inverse.query_multi(targets, yaw_ranges=(yaw, yaw))

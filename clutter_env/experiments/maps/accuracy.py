@@ -1,4 +1,4 @@
-"""How right a map is: its answers to random hand poses, and its bases on narrow strips of floor, against the truth."""
+"""Accuracy of a map for random TCP poses, against exact inverse kinematics, and its bases on narrow strips of floor."""
 
 from __future__ import annotations
 
@@ -27,13 +27,17 @@ __all__ = ["Accuracy", "Strips", "measure_accuracy", "measure_strips"]
 Floats = NDArray[np.float64]
 
 PANS, TORSOS = 361, 36
-"""Grid of the exact solver: half a degree of pan, one centimetre of lift."""
+"""Grid of the exact solver: half a degree of pan, one centimetre of torso lift."""
 CHUNK = 5000
+"""Poses between two updates of the progress bar."""
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """A map as a predictor of exact inverse kinematics; all but the counts are shares."""
+    """A map as a predictor of exact inverse kinematics.
+
+    `orientations` of the map; `poses`, `yes_wrong` and `no_wrong` are counts; all others are shares in 0 … 1.
+    """
 
     orientations: int
     poses: int
@@ -50,7 +54,7 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Strips:
-    """Queries for floors of which only a strip is free."""
+    """Counts of queries on floors of which only a strip is free."""
 
     cases: int
     found_by_full_scan: int
@@ -59,7 +63,7 @@ class Strips:
 
 
 def measure_accuracy(robot: RobotSpec, orientations: int, count: int, seed: int) -> Accuracy:
-    """Random hands in the map's box, pointing anywhere."""
+    """Answers of the plain map and of `classify` for random TCP poses in the map's box."""
     rm = cached_map(robot, orientations=orientations)
     chain = ArmChain.from_robot(robot)
     T = _random_poses(rm, count, np.random.default_rng(seed))
@@ -108,7 +112,7 @@ def _solve_exactly(chain: ArmChain, T: Floats) -> NDArray[np.bool_]:
 def _any_solution(
     links: Floats, lower: Floats, upper: Floats, T: Floats, torsos: Floats, turns: Floats
 ) -> NDArray[np.bool_]:
-    """Whether any torso height and pan angle of a fine grid solves each pose; the hand's roll is free."""
+    """Whether any torso height and pan angle of a fine grid solves each pose; the roll of the TCP is free."""
     answers = np.zeros(T.shape[0], np.bool_)
     rows, wrist, approach = np.empty((2, 5)), np.empty(3), np.empty(3)
     for n in range(T.shape[0]):
@@ -128,16 +132,16 @@ def _any_solution(
 
 
 def measure_strips(robot: RobotSpec, cases: int, seed: int) -> Strips:
-    """Strips 5 to 10 cm wide at any angle and distance, in which alone the base's centre may be."""
+    """Queries with a free strip of floor 5 to 10 cm wide, at random angles and distances."""
     inverse_map = InverseReachabilityMap(cached_map(robot))
     rng = np.random.default_rng(seed)
     scanned = found = same = 0
     for _ in tqdm(range(cases), "strips"):
         floor = _strip(rng.uniform(0.05, 0.1), rng.uniform(-np.pi, np.pi), rng.uniform(0.3, 1.1), robot.base_radius)
-        hand = (0.0, 0.0, rng.uniform(0.5, 1.3))
+        position = (0.0, 0.0, rng.uniform(0.5, 1.3))
         middle, width = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, np.pi)
-        asked: dict[str, Any] = {"yaw_range": (middle - width, middle + width), "free_space": floor}
-        slow, fast = full_scan(inverse_map, hand, **asked), inverse_map.query(hand, **asked)
+        keywords: dict[str, Any] = {"yaw_range": (middle - width, middle + width), "free_space": floor}
+        slow, fast = full_scan(inverse_map, position, **keywords), inverse_map.query(position, **keywords)
         scanned += len(slow)
         found += len(slow) and len(fast)
         same += bool(np.array_equal(slow.manipulability, fast.manipulability))
@@ -145,7 +149,7 @@ def measure_strips(robot: RobotSpec, cases: int, seed: int) -> Strips:
 
 
 def _strip(width: float, turn: float, away: float, radius: float) -> FreeSpace:
-    """Floor between two walls that leave the base's centre `width` [m]."""
+    """Floor between two walls, in which the base's centre has a strip of the given width [m]."""
     c, s = np.cos(turn), np.sin(turn)
     walls = [(c * middle, s * middle, 4.0, 12.0, turn) for middle in (away - 2.0 - radius, away + width + 2.0 + radius)]
     return FreeSpace.from_boxes(walls, radius, (-2.5, -2.5, 2.5, 2.5))

@@ -1,4 +1,4 @@
-"""Is the proposed base any good? Random targets on a furnished table, judged by exact kinematics and MuJoCo."""
+"""Quality of the bases: random targets above a table, verified by exact kinematics and by MuJoCo's collision check."""
 
 from __future__ import annotations
 
@@ -12,34 +12,43 @@ from tqdm import tqdm
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
-from irm.checks.verification import NotVerified, Verified, hand_poses, verify
+from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
 
-__all__ = ["PATH", "Room", "Targets", "floor_of", "measure_targets"]
+__all__ = ["PATH", "CollisionModel", "Targets", "floor_of", "measure_targets"]
 
 Floats = NDArray[np.float64]
 
 PATH = np.array([(-0.10, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.10)])
-"""[m] approach, grasp and lift, in the approach frame."""
+"""[m] Approach, grasp and lift, in the approach frame."""
 TOUCH = 0.001
 """[m] of penetration that counts as a collision."""
 BEST = 5
-"""Bases that are verified."""
+"""Number of bases that are verified."""
 FLOOR_MARGIN = 0.01
 """[m] between base and furniture."""
 FLOOR_SIZE = 2.5
 """[m] from the table's centre to the edges of the floor."""
 HIGHEST = 0.25
-"""[m] of targets above the table; the lowest are at the robot's grasp height, for its wrist must clear the table."""
+"""[m] Largest height of targets above the table; the smallest is the robot's grasp height."""
 EDGE = 0.05
 """[m] between targets and the table's edge."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """How many targets have a base among the best that stands the test."""
+    """Counts of targets.
+
+    Attributes:
+        layout: of the table.
+        query: "query" or "query_path".
+        targets: number of targets.
+        answered: targets for which the map gives a base.
+        verified_first: targets for which the best base is valid.
+        verified: targets for which one of the best bases is valid.
+    """
 
     layout: str
     query: str
@@ -49,7 +58,7 @@ class Targets:
     verified: int
 
 
-class Room:
+class CollisionModel:
     """Robot, floor and furniture in a MuJoCo model of its own; the robot may collide with itself."""
 
     def __init__(self, robot: RobotSpec, layout: Layout) -> None:
@@ -93,7 +102,7 @@ def _let_neighbours_touch(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
 
 
 def floor_of(robot: RobotSpec, layout: Layout) -> FreeSpace:
-    """Where the base may stand around a table: not behind the wall."""
+    """Where the base may stand around a table; the floor ends at the wall, if there is one."""
     boxes = [(*box.position[:2], *(2 * half for half in box.half_extents[:2])) for box in furniture(layout)]
     back = layout.depth / 2 if layout.is_front_only else FLOOR_SIZE
     bounds = (-FLOOR_SIZE, -FLOOR_SIZE, back, FLOOR_SIZE)
@@ -101,12 +110,13 @@ def floor_of(robot: RobotSpec, layout: Layout) -> FreeSpace:
 
 
 def measure_targets(robot: RobotSpec, layout_name: str, count: int, with_path: bool, seed: int) -> Targets:
-    """Level hands over the whole table, from grasp height to 0.25 m above it, from any side.
+    """Verify bases for level TCP poses above the whole table, from grasp height to 0.25 m, with any approach yaw.
 
-    With the path, approach and lift as well: one configuration after another, none far from the one before.
+    A base is valid if some arm configuration reaches the TCP pose with no collision, self-collision included. With the
+    path this holds at five waypoints, with consecutive configurations close to each other.
     """
     layout = LAYOUTS[layout_name]
-    room, floor, chain = Room(robot, layout), floor_of(robot, layout), ArmChain.from_robot(robot)
+    model, floor, chain = CollisionModel(robot, layout), floor_of(robot, layout), ArmChain.from_robot(robot)
     inverse_map = InverseReachabilityMap(cached_map(robot, orientations=266, pitches=(0.0,), heights=(0.7, 1.2)))
     rng = np.random.default_rng(seed)
     half = np.array([layout.depth / 2 - EDGE, layout.width / 2 - EDGE])
@@ -121,10 +131,11 @@ def measure_targets(robot: RobotSpec, layout_name: str, count: int, with_path: b
         answered += len(placement) > 0
         yaws = placement.approach_yaw
 
-        def hands(rank: int, target: Floats = target, yaws: Floats = yaws) -> ArrayLike:
-            return hand_poses(target + _turned(offsets, yaws[rank]), yaws[rank])
+        def poses_of(rank: int, target: Floats = target, yaws: Floats = yaws) -> ArrayLike:
+            """T_world_tcp of the path from the base of that rank."""
+            return tcp_poses(target + _turned(offsets, yaws[rank]), yaws[rank])
 
-        match verify(chain, placement, hands, room.is_free, limit=BEST):
+        match verify(chain, placement, poses_of, model.is_free, limit=BEST):
             case Verified(rank=rank):
                 verified += 1
                 first += rank == 0

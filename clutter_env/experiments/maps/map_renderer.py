@@ -1,4 +1,4 @@
-"""A robot among boxes, arrows and cups, photographed: what the pictures of reachability maps are made of."""
+"""Pictures of a robot among boxes, arrows and a cup, for the figures of reachability maps."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from assets.robots import RobotSpec
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import Box
 
-__all__ = ["Arrows", "Cup", "Stage", "View"]
+__all__ = ["Arrows", "Cup", "MapRenderer", "View"]
 
 Floats = NDArray[np.float64]
 
 FAR = 30.0
-"""[m] behind which the camera sees nothing."""
+"""[m] Far clipping plane of the camera."""
 NEAR = 0.02
-"""[m] before which it sees nothing."""
+"""[m] Near clipping plane."""
 MAX_GEOMS = 20_000
+"""Largest number of shapes in a picture, arrows included."""
 SMOOTHING = 2
-"""Pixels drawn along each edge of one pixel of the picture."""
+"""Rendered pixels along each edge of one pixel of the picture: they are averaged."""
 FLOOR = ((0.93, 0.93, 0.94), (0.88, 0.89, 0.91))
 """Colours of the floor's tiles."""
 TILE = 0.5
@@ -32,7 +33,7 @@ WOOD = (0.80, 0.68, 0.52, 1.0)
 
 
 class View(NamedTuple):
-    """Where a picture is taken from.
+    """Camera of a picture.
 
     `target` (3,) [m] is in its middle; `distance` [m], `azimuth` and `elevation` [degrees] as in MuJoCo; `height` [m]
     of the scene that the picture shows in parallel projection, 0 for perspective.
@@ -63,8 +64,8 @@ class Cup(NamedTuple):
     half_height: float = 0.05
 
 
-class Stage:
-    """Draws one robot among furniture; close it when done."""
+class MapRenderer:
+    """Renders one robot among furniture; call `close` at the end."""
 
     def __init__(
         self, robot: RobotSpec, size: tuple[int, int], boxes: Sequence[Box] = (), cup: Cup | None = None
@@ -97,7 +98,18 @@ class Stage:
         show_robot: bool = True,
         show_floor: bool = True,
     ) -> NDArray[np.uint8]:
-        """(height, width, 4); nothing is transparent but the empty space."""
+        """One picture.
+
+        Args:
+            base: (3,) x, y [m], yaw [rad].
+            q: (1 + n,) torso and arm.
+            view: the camera.
+            arrows: to draw.
+            show_robot, show_floor: whether they are visible.
+
+        Returns:
+            (height, width, 4) uint8 RGBA; pixels without a shape are transparent.
+        """
         self._data.qpos[self._columns] = np.concatenate([base, q])
         mujoco.mj_forward(self._model, self._data)
         self._model.vis.global_.fovy = view.height or self._fovy
@@ -129,7 +141,7 @@ class Stage:
         return coarse.round().clip(0, 255).astype(np.uint8)
 
     def close(self) -> None:
-        """Free what the graphics driver holds."""
+        """Free the memory of the graphics driver."""
         self._context.make_current()
         self._device.free()
         self._context.free()

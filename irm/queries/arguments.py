@@ -1,0 +1,231 @@
+"""Arguments of the placement queries: defaults, meaning, and one place that checks them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from math import ceil, inf, isfinite, pi
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.errors import QueryError
+from irm.floor.free_space import EVERYWHERE, FreeSpace
+
+__all__ = [
+    "FULL_TURN",
+    "SEPARATION",
+    "YAW_STEP",
+    "QueryKeywords",
+    "QueryOptions",
+    "approach_yaws",
+    "as_position",
+    "as_positions",
+    "as_yaw_range",
+    "as_yaw_ranges",
+    "is_full_turn",
+]
+
+Floats = NDArray[np.float64]
+
+FULL_TURN = (-np.pi, np.pi)
+"""Every approach yaw."""
+
+YAW_STEP = float(np.radians(15))
+"""[rad] between the approach yaws tried."""
+
+SEPARATION = 0.1
+"""[m] between the bases of one answer, so that the second base is an alternative to the first one."""
+
+_ROUNDING = 1e-9
+"""[rad] by which a range may exceed a full turn."""
+
+
+class QueryKeywords(TypedDict, total=False):
+    """The keyword arguments that all queries share, for type checkers; `QueryOptions` gives meaning and defaults."""
+
+    pitch: float
+    roll: float
+    free_space: FreeSpace | None
+    k: int
+    separation: float
+    yaw_step: float
+
+
+@dataclass(frozen=True, slots=True)
+class QueryOptions:
+    """The keyword arguments that all queries share, checked.
+
+    Attributes:
+        pitch: of the TCP [rad]; a positive pitch points the approach down.
+        roll: about the approach [rad]; ignored by maps of robots whose wrist rolls freely.
+        free_space: where the base may stand; None for everywhere.
+        k: number of bases to return at most.
+        separation: smallest distance between two of them [m].
+        yaw_step: largest distance between two approach yaws that are tried [rad].
+
+    Raises:
+        QueryError: a value is not of its kind, not finite or out of its range.
+    """
+
+    pitch: float = 0.0
+    roll: float = 0.0
+    free_space: FreeSpace | None = None
+    k: int = 1
+    separation: float = SEPARATION
+    yaw_step: float = YAW_STEP
+
+    def __post_init__(self) -> None:
+        try:
+            angles_are_finite = isfinite(self.pitch) and isfinite(self.roll)
+            separation_is_valid, step_is_valid = 0.0 <= self.separation < inf, 0.0 < self.yaw_step < inf
+        except TypeError:
+            raise QueryError(f"pitch, roll, separation and yaw_step are numbers: {self}") from None
+        if not angles_are_finite:
+            raise QueryError(f"pitch and roll must be finite numbers [rad], not {self.pitch} and {self.roll}")
+        if not separation_is_valid:
+            raise QueryError(f"separation must be a finite number ≥ 0 [m], not {self.separation}")
+        if not step_is_valid:
+            raise QueryError(f"yaw_step must be a positive number [rad], not {self.yaw_step}")
+        if not (self.free_space is None or isinstance(self.free_space, FreeSpace)):
+            raise QueryError(f"free_space is a FreeSpace or None, not {type(self.free_space).__name__}")
+        if type(self.k) is not int or self.k < 1:
+            object.__setattr__(self, "k", _as_count(self.k))
+
+    @staticmethod
+    def of(keywords: Mapping[str, Any], *own: str) -> QueryOptions:
+        """The options of one call.
+
+        Args:
+            keywords: those of the call that are not among its `own`.
+            own: keyword arguments of this query alone, for the error message.
+
+        Raises:
+            QueryError: a keyword is unknown; the message lists the valid ones.
+        """
+        try:
+            return _recent_options(**keywords)
+        except TypeError:
+            unknown = [name for name in keywords if name not in _NAMES]
+            if unknown:
+                listed = ", ".join((*own, *_NAMES))
+                raise QueryError(f"unknown keyword {', '.join(unknown)}; this query takes {listed}") from None
+            return QueryOptions(**keywords)
+
+    @property
+    def floor(self) -> FreeSpace:
+        """`free_space`, or all of the floor if that is None."""
+        return self.free_space or EVERYWHERE
+
+
+_NAMES = tuple(field.name for field in fields(QueryOptions))
+
+_recent_options = lru_cache(maxsize=16)(QueryOptions)
+"""To make and check options takes a tenth of the time of a query, and most queries repeat those of the last one."""
+
+
+def _as_count(k: Any) -> int:
+    """A number of bases, at least 1."""
+    try:
+        count = int(k)
+    except (TypeError, ValueError, OverflowError):
+        count = 0
+    if count != k or count < 1:
+        raise QueryError(f"k is a number of bases, at least 1, not {k!r}")
+    return count
+
+
+def as_position(position: Iterable[float]) -> tuple[float, float, float]:
+    """Three finite numbers.
+
+    Raises:
+        QueryError: they are not.
+    """
+    try:
+        x, y, z = map(float, position)
+    except (TypeError, ValueError):
+        raise QueryError(f"a TCP position is three finite numbers [m], not {position!r}") from None
+    if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        raise QueryError(f"a TCP position is three finite numbers [m], not {position!r}")
+    return x, y, z
+
+
+def as_positions(positions: ArrayLike) -> Floats:
+    """(n, 3) finite numbers, n ≥ 1.
+
+    Raises:
+        QueryError: they are not.
+    """
+    try:
+        points = np.ascontiguousarray(np.atleast_2d(np.asarray(positions, dtype=float)))
+    except (TypeError, ValueError):
+        raise QueryError(f"TCP positions are an array (n, 3) of finite numbers [m], not {positions!r}") from None
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
+        raise QueryError(f"TCP positions are an array (n, 3) of finite numbers [m] with n ≥ 1, not {points.shape}")
+    return points
+
+
+def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
+    """A pair of finite angles, at most a turn apart [rad].
+
+    Raises:
+        QueryError: the range is empty, longer than a turn, or not finite.
+    """
+    try:
+        low, high = map(float, yaw_range)
+    except (TypeError, ValueError):
+        raise QueryError(f"yaw_range is a pair of numbers [rad], not {yaw_range!r}") from None
+    if not (isfinite(low) and isfinite(high)):
+        raise QueryError(f"yaw_range must be finite, not ({low}, {high})")
+    if low > high:
+        raise QueryError(f"yaw_range ({low}, {high}) is empty; a range across ±π is written like (3.0, 3.4)")
+    if high - low > 2 * pi + _ROUNDING:
+        raise QueryError(f"yaw_range ({low}, {high}) is longer than a full turn")
+    return low, high
+
+
+def as_yaw_ranges(yaw_ranges: ArrayLike) -> Floats:
+    """(r, 2) ranges, each as in `as_yaw_range`; one pair (2,) gives r = 1.
+
+    Raises:
+        QueryError: they are not pairs, or one of them is no valid range.
+    """
+    try:
+        ranges = np.atleast_2d(np.asarray(yaw_ranges, dtype=float))
+    except (TypeError, ValueError):
+        raise QueryError(f"yaw_ranges are pairs of numbers [rad], not {yaw_ranges!r}") from None
+    if ranges.ndim != 2 or ranges.shape[1] != 2:
+        raise QueryError(f"yaw_ranges are pairs of numbers [rad], of shape (2,) or (n, 2), not {ranges.shape}")
+    low, high = ranges.T
+    valid = (low <= high) & (high - low <= 2 * pi + _ROUNDING) & np.isfinite(ranges).all(axis=1)
+    if not valid.all():
+        as_yaw_range(ranges[int(valid.argmin())])
+    return ranges
+
+
+def is_full_turn(yaw_range: tuple[float, float]) -> bool:
+    """Whether a range contains every yaw."""
+    return yaw_range[1] - yaw_range[0] >= 2 * pi - _ROUNDING
+
+
+def approach_yaws(yaw_range: tuple[float, float], step: float, samples: int = 1) -> Floats:
+    """Approach yaws of a checked range.
+
+    Args:
+        yaw_range: [rad].
+        step: largest distance between two of the yaws [rad].
+        samples: for a full turn, the number of yaws is a multiple of this.
+
+    Returns:
+        (n,) increasing yaws [rad].
+    """
+    low, high = yaw_range
+    if is_full_turn(yaw_range):
+        count = samples * ceil(2 * pi / step / samples - _ROUNDING)
+        return np.asarray(low + np.arange(count) * (2 * pi / count))
+    count = ceil((high - low) / step - _ROUNDING) + 1
+    if count == 1:
+        return np.array([(low + high) / 2])
+    return np.asarray(low + np.arange(count) * ((high - low) / (count - 1)))

@@ -1,0 +1,64 @@
+"""The command `clutter-env map` and its sub-commands."""
+
+import dataclasses
+import json
+
+import pytest
+
+from assets.robots import FETCH
+from clutter_env.cli.main import main
+from clutter_env.experiments.maps.model_check import check_chain, robot_by_name
+from irm.errors import ChainError
+from irm.maps.reachability import ReachabilityMap
+
+COARSE = ["--voxel", "0.25", "--orientations", "6"]
+
+
+@pytest.mark.parametrize("words", [["map"], ["map", "build"]])
+def test_a_map_is_built_saved_and_reported(words, tmp_path, capsys):
+    file, report = tmp_path / "map.npz", tmp_path / "report.json"
+    main([*words, *COARSE, "--output", str(file), "--json", str(report)])
+    rm = ReachabilityMap.load(file, FETCH)
+    assert json.loads(report.read_text())["poses"] == len(rm)
+    assert f"poses: {len(rm)}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [["map"], ["map", "build"], ["map", "figures"], ["map", "benchmark"]])
+def test_every_sub_command_has_help(words, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([*words, "--help"])
+    assert end.value.code == 0
+    assert "--robot" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nonesuch", "fetch"),
+        ("no.such.module:ROBOT", "there is no robot 'no.such.module:ROBOT'"),
+        ("assets.robots:NO_ROBOT", "there is no robot 'assets.robots:NO_ROBOT'"),
+        ("assets.robots:RobotSpec", "not a RobotSpec"),
+    ],
+)
+def test_a_robot_that_does_not_exist_is_a_clear_message(name, message):
+    with pytest.raises(SystemExit, match=message):
+        main(["map", "--robot", name])
+
+
+def test_a_robot_of_another_module_is_found():
+    assert robot_by_name("assets.robots:FETCH") is FETCH
+
+
+def test_a_chain_that_differs_from_its_model_is_refused():
+    check_chain(FETCH)
+    longer = dataclasses.replace(FETCH, tcp_offset=(0.3, 0.0, 0.0))
+    with pytest.raises(ChainError, match="does not agree with its MJCF file"):
+        check_chain(longer)
+
+
+def test_the_smallest_benchmark_runs(tmp_path, capsys):
+    report = tmp_path / "report.json"
+    main(["map", "benchmark", "--parts", "strips", "--strips", "3", "--json", str(report)])
+    results = json.loads(report.read_text())
+    assert results["strips"]["cases"] == 3
+    assert "3 of 3" in capsys.readouterr().out
