@@ -201,7 +201,8 @@ def _check_chain(chain: object) -> None:
         _require(link.axis in ("x", "y", "z"), "chain", f"{link.joint!r}: axis must be 'x', 'y' or 'z'")
         _check_numbers(f"chain, offset of {link.joint!r}", link.offset, 3)
         _check_numbers(f"chain, range of {link.joint!r}", (link.lower, link.upper), 2)
-        _require(link.lower < link.upper, "chain", f"{link.joint!r}: lower must be below upper")
+        is_range = link.lower < link.upper or (index == 0 and link.lower == link.upper)
+        _require(is_range, "chain", f"{link.joint!r}: lower must be below upper (equal for a robot without a lift)")
 
 
 def _check_names(name: str, value: object, count: int) -> None:
