@@ -210,7 +210,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     def _execute(self, actions: tuple[BoundAction, ...]) -> str:
         """Follow the motions; what surprised the execution, "" for nothing."""
         physics_env = self._physics_env
-        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot)
+        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
         plan = Execution(
             Solution(actions, (), SolveStats()), physics_env.robot, sensor.names, sensor.read(), MonitorConfig()
         )

@@ -21,12 +21,13 @@ from planners.placing.negative_goal_region import (
     footprint_mask,
     negative_goal_region,
 )
+from planners.placing.static_footprint import static_mask
 from planners.placing.swept_volume import configuration_volume
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.strategies import Strategy
 from planners.tamp.solution import BoundAction, Solution
 
-__all__ = ["Choice", "choices_of", "final_scene"]
+__all__ = ["Choice", "choices_of", "final_scene", "outlines_on_support"]
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,8 @@ _WORK_CELL = 0.025
 _WORK_YAWS = 8
 _WORK_TORSOS, _WORK_ROLLS = 3, 9
 """Hand yaws, torso heights and upper-arm rolls tried for each of them."""
+_ON_TOP = 0.001
+"""[m] above the support: what is lower does not stand out of it."""
 _MARGIN = 0.006
 """[m] between the object put down and what stands around."""
 
@@ -79,6 +82,12 @@ def choices_of(solution: Solution, scene: Scene, target: str, strategy: Strategy
     return choices
 
 
+def outlines_on_support(scene: Scene) -> list[Array]:
+    """Corners (k, 2) [m] from above of each static obstacle that stands on the support or beside it and is higher."""
+    top = scene.support.top
+    return [one.outline for one in scene.static_obstacles if one.lower[2] < top + _ON_TOP and one.top > top + _ON_TOP]
+
+
 def final_scene(solution: Solution, scene: Scene) -> Scene:
     """The scene with every cleared object where the plan leaves it."""
     for action in solution.actions:
@@ -114,7 +123,8 @@ def _choice(
         [scene.body(name) for name in obstacles],
         [volumes[name] for name in obstacles],
     )
-    occupied = footprint_mask(grid, [other for other in scene.objects if other.name != body.name], _MARGIN)
+    others = [other for other in scene.objects if other.name != body.name]
+    occupied = footprint_mask(grid, others, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
     in_work = _work_mask(world, grid, taken.state.base, taken.touched, body)
     candidates = placement_grid(scene.support)
     forbidden = grid.empty() if strategy.region == "none" else region.mask
@@ -134,6 +144,7 @@ def _choice(
         moved=body.name,
         cleared=cleared,
         stands=np.array([taken.state.base[:2], left.state.base[:2]]),
+        outlines=outlines_on_support(scene),
     )
     blocked = put.args[1] if put.name == "PutDownForClearance" else ""
     return Choice(body.name, blocked, picture, taken.state.base, left.state.base)

@@ -57,4 +57,5 @@ def _last(choices: Sequence[Choice], solution: Solution, scene: Scene, target: s
         target,
         cleared=[choice.name for choice in choices],
         stands=solution.actions[-1].trajectory.base[-1:, :2],
+        outlines=before.outlines,
     )

@@ -143,7 +143,6 @@ class TampExpert:
         Args:
             target: the object to retrieve; the environment's own target if not given.
         """
-        self._sensor = Sensor(self._env.model, self._env.data, self._env.robot)
         self._target = target or self._env.world.names[self._env.target_slot]
         self._rng = np.random.default_rng(self._seed)
         self._started = float(self._env.data.time)
@@ -151,7 +150,9 @@ class TampExpert:
         self.done = False
         self._wait = 0
         self._execution: Execution | None = None
-        state = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot).state
+        scene = Scene.from_mujoco(self._env.model, self._env.data, self._env.robot)
+        self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, scene.names)
+        state = scene.state
         opening = self._env.robot.finger_gap_closed + 2 * state.finger_position
         self._last = Command(np.concatenate((state.base, state.q)), opening)
         self._plan(self._read_scene())
