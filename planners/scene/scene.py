@@ -139,9 +139,11 @@ class Scene:
 
         Raises:
             SceneError: a movable body that is neither a cylinder nor a box, a static geom that cannot be represented, a
-                name that is missing; the message says which, and lists the valid names.
+                name that is missing; the message says which, and lists the valid names. Or `data` has no poses yet.
             UnknownObject: no object named `held`.
         """
+        if not data.geom_xmat.any():
+            raise SceneError("the simulation has no poses yet; call mujoco.mj_forward(model, data) first")
         bodies = MovableBodies.of(model, robot, movable)
         found = static_obstacles_of(model, data, robot, bodies.bodies, obstacles)
         scene = cls(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,8 @@ def kitchen(extra: str = "", robot: RobotSpec = FETCH) -> tuple[mujoco.MjModel, 
     places = {"x": TABLE_X, "x_a": TABLE_X - 0.12, "z_can": TOP + 0.06, "z_box": TOP + 0.08}
     model = mujoco.MjModel.from_xml_string(KITCHEN.format(robot=robot.mjcf_path, extra=extra, **places))
     data = mujoco.MjData(model)
-    for joint, value in zip((*robot.drive_joints[3:], *robot.head_joints), (*robot.home, *robot.head_configuration)):
+    names, values = (*robot.drive_joints[3:], *robot.head_joints), (*robot.home, *robot.head_configuration)
+    for joint, value in zip(names, values, strict=True):
         data.joint(joint).qpos = value
     for joint in robot.finger_joints:
         data.joint(joint).qpos = robot.max_finger_position
@@ -55,7 +58,7 @@ def read(model: mujoco.MjModel, data: mujoco.MjData) -> Scene:
 
 
 def deepest(
-    model: mujoco.MjModel, solution: Solution, geoms: tuple[str, ...], step: int = 1
+    model: mujoco.MjModel, solution: Solution, geoms: Sequence[str | int], step: int = 1
 ) -> tuple[float, NDArray[np.float64]]:
     """How deep [m] the robot, or the object that it holds, gets into these geoms of the user's own model.
 
