@@ -16,6 +16,8 @@ __all__ = [
     "Raster",
     "are_outside",
     "classify_cells",
+    "floor_distance",
+    "floor_gap",
     "floor_kind",
     "is_outside",
     "outline_distance",
@@ -132,6 +134,31 @@ def point_is_free(raster: Raster, x: float, y: float) -> bool:
         if kind == MIXED:
             free = is_outside(raster.vertices, raster.starts, raster.radius, x, y)
     return free
+
+
+@njit(cache=True, inline="always")
+def floor_distance(raster: Raster, x: float, y: float) -> float:
+    """A lower bound of the distance from a point to the nearest free point [m].
+
+    Outside the raster it is the distance to the nearest point of its rectangle, or that point's own bound if larger.
+    """
+    inside_x, inside_y = min(raster.x1, max(raster.x0, x)), min(raster.y1, max(raster.y0, y))
+    inverse = 1.0 / raster.resolution
+    i = min(int((inside_x - raster.x0) * inverse), raster.cells.shape[0] - 1)
+    j = min(int((inside_y - raster.y0) * inverse), raster.cells.shape[1] - 1)
+    outside = 0.0 if x == inside_x and y == inside_y else hypot(x - inside_x, y - inside_y)
+    return max(outside, raster.distance[i, j] - 1.4143 * raster.resolution)
+
+
+@njit(cache=True)
+def floor_gap(raster: Raster, x: float, y: float) -> float:
+    """A tighter bound than `floor_distance` near furniture: a free point is farther than `radius` from each outline."""
+    gap = floor_distance(raster, x, y)
+    if gap > 0.0:
+        vertices, starts = raster.vertices, raster.starts
+        for m in range(starts.shape[0] - 1):
+            gap = max(gap, raster.radius - outline_distance(vertices, starts[m], starts[m + 1], x, y))
+    return gap
 
 
 @njit(cache=True)

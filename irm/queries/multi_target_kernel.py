@@ -15,9 +15,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import wrap
-from irm.floor.raster import Raster, point_is_free
+from irm.floor.raster import Raster, floor_distance, point_is_free
 from irm.maps.reachability import ReachabilityMap
-from irm.queries.placement_kernel import floor_distance, is_apart
+from irm.queries.placement_kernel import is_apart
 from irm.queries.tiles import Tiles
 
 __all__ = ["GroupField", "MultiTargetQuery", "best_common_bases", "group_field"]
@@ -141,29 +141,31 @@ def _best_common_base(
     """Score, base and turn of the best base that is free and farther than `apart` from `count` rows of `taken`."""
     best, best_base, best_turn = 0.0, -1, -1
     bounded = raster.cells.size > 0
-    yaws = field.mu.shape[1]
+    samples = field.mu.shape[1]
+    x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
+    points, yaws, windows = query.points, query.yaws, query.windows
     for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
         if tiles.tile_mu[tile] <= best:
             break
         tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
-        for turn in range(query.yaws.shape[0]):
-            px, py = query.points[turn, 0, 0], query.points[turn, 0, 1]
-            c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
+        for turn in range(yaws.shape[0]):
+            px, py = points[turn, 0, 0], points[turn, 0, 1]
+            c, s = cos(yaws[turn]), sin(yaws[turn])
             if bounded and floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
                 continue
             for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                if tiles.mu[base] <= best:
+                if mu_of[base] <= best:
                     break
-                x = px + c * tiles.x[base] - s * tiles.y[base]
-                y = py + s * tiles.x[base] + c * tiles.y[base]
-                yaw = query.yaws[turn] + tiles.yaw[base]
-                score = float(tiles.mu[base])
-                own = _own_sample(field, tiles.yaw[base])
-                for m in range(1, query.points.shape[1]):
-                    low, span = query.windows[m, 0], query.windows[m, 1]
+                x = px + c * x_of[base] - s * y_of[base]
+                y = py + s * x_of[base] + c * y_of[base]
+                yaw = yaws[turn] + yaw_of[base]
+                score = float(mu_of[base])
+                own = _own_sample(field, yaw_of[base])
+                for m in range(1, points.shape[1]):
+                    low, span = windows[m, 0], windows[m, 1]
                     if query.same_yaw:
-                        low, span = yaw + 2.0 * pi * own / yaws, 0.0
-                    mu, _ = _best_yaw(field, x, y, yaw, query.points[turn, m], low, span)
+                        low, span = yaw + 2.0 * pi * own / samples, 0.0
+                    mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], low, span)
                     score = min(score, mu)
                     if score <= best:
                         break

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import wrap
-from irm.floor.raster import FREE, MIXED, Raster, floor_kind, is_outside, outline_distance
+from irm.floor.raster import FREE, MIXED, Raster, floor_distance, floor_gap, floor_kind, is_outside
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
 from irm.queries.keys import Turns
 from irm.queries.tiles import RING_WIDTH, Tiles
@@ -21,7 +21,6 @@ __all__ = [
     "any_base_near",
     "best_bases",
     "best_bases_batch",
-    "floor_distance",
     "is_apart",
     "turns_of",
 ]
@@ -63,31 +62,6 @@ def turns_of(yaws: Floats) -> Floats:
 
 
 @njit(cache=True, inline="always")
-def floor_distance(raster: Raster, x: float, y: float) -> float:
-    """A lower bound of the distance from a point to the nearest free point [m].
-
-    Outside the raster it is the distance to the nearest point of its rectangle, or that point's own bound if larger.
-    """
-    inside_x, inside_y = min(raster.x1, max(raster.x0, x)), min(raster.y1, max(raster.y0, y))
-    inverse = 1.0 / raster.resolution
-    i = min(int((inside_x - raster.x0) * inverse), raster.cells.shape[0] - 1)
-    j = min(int((inside_y - raster.y0) * inverse), raster.cells.shape[1] - 1)
-    outside = 0.0 if x == inside_x and y == inside_y else hypot(x - inside_x, y - inside_y)
-    return max(outside, raster.distance[i, j] - 1.4143 * raster.resolution)
-
-
-@njit(cache=True)
-def _gap(raster: Raster, x: float, y: float) -> float:
-    """A tighter bound than `floor_distance` near furniture: a free point is farther than `radius` from each outline."""
-    gap = floor_distance(raster, x, y)
-    if gap > 0.0:
-        vertices, starts = raster.vertices, raster.starts
-        for m in range(starts.shape[0] - 1):
-            gap = max(gap, raster.radius - outline_distance(vertices, starts[m], starts[m + 1], x, y))
-    return gap
-
-
-@njit(cache=True, inline="always")
 def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> bool:
     """Whether a point is farther than `apart` from the first `count` rows of `taken`."""
     near = 0
@@ -108,7 +82,7 @@ def _best_on_rings(
     x_of, y_of, radius, members = tiles.x, tiles.y, tiles.ring_radius, tiles.ring_base
     vertices, starts = raster.vertices, raster.starts
     bounded = raster.cells.size > 0
-    gap = _gap(raster, px, py) - _ROUNDING if bounded else 0.0
+    gap = floor_gap(raster, px, py) - _ROUNDING if bounded else 0.0
     per_arc = turns.shape[0] / (2.0 * pi)
     skip = tiles.ring_skip[key, min(int(gap / RING_WIDTH), tiles.ring_skip.shape[1] - 1)]
     for ring in range(skip, tiles.ring_first[key + 1]):
@@ -151,7 +125,7 @@ def _best_in_tiles(
     x_of, y_of, mu = tiles.x, tiles.y, tiles.mu
     vertices, starts = raster.vertices, raster.starts
     bounded = raster.cells.size > 0
-    gap = _gap(raster, px, py) if bounded else 0.0
+    gap = floor_gap(raster, px, py) if bounded else 0.0
     last = turns.shape[0] - 1
     per_arc = 1.0 / step if step > 0.0 else 0.0
     for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):

@@ -127,8 +127,8 @@ def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
 def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
     titles = (
         "(a) reachability map (equation 3):\nTCP poses, the half on the robot's left",
-        "(b) inverse map (equation 4):\nbases around one TCP pose (black), the far half",
-        "(c) inverse map (equation 5):\nbases on the floor, TCP poses (black) by height and pitch",
+        "(b) inverse map (equation 4):\nbases around one TCP pose (black)",
+        "(c) inverse map (equation 5):\nbases on the floor, TCP poses (black)",
     )
     figure = Figure(figsize=(13.2, 4.4), layout="constrained")
     axes = figure.subplots(1, len(pictures))
