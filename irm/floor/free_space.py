@@ -61,7 +61,7 @@ class FreeSpace:
         Raises:
             QueryError: a number is not finite, a size or the radius is negative, or the bounds are empty.
         """
-        rows = np.asarray(boxes, dtype=float)
+        rows = _numbers(boxes, "boxes are rows of 4 or 5 columns: x, y, size x, size y and, in all rows or none, yaw")
         if rows.size and (rows.ndim != 2 or rows.shape[1] not in (4, 5)):
             raise QueryError(f"boxes have 4 or 5 columns (x, y, size x, size y, yaw), not shape {rows.shape}")
         if rows.size and np.any(rows[:, 2:4] < 0):
@@ -76,9 +76,10 @@ class FreeSpace:
         resolution: float = 0.02,
     ) -> FreeSpace:
         """Floor around simple polygons, each (v, 2) corners [m] in order; otherwise like `from_boxes`."""
-        outlines = [np.asarray(polygon, dtype=float) for polygon in polygons]
+        shape_rule = "a polygon is an array (v, 2) of at least 3 corners"
+        outlines = [_numbers(polygon, shape_rule) for polygon in polygons]
         if any(outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 for outline in outlines):
-            raise QueryError("a polygon is an array (v, 2) of at least 3 corners")
+            raise QueryError(shape_rule)
         vertices = np.concatenate([np.empty((0, 2)), *outlines])
         if not np.isfinite(vertices).all() or not np.isfinite(radius) or radius < 0:
             raise QueryError(f"outlines and radius must be finite numbers, and the radius ({radius}) not negative")
@@ -120,6 +121,14 @@ class FreeSpace:
     def is_empty(self) -> bool:
         """Whether every cell of the raster is blocked, so that no point is free."""
         return self.raster.cells.size > 0 and not self.raster.cells.any()
+
+
+def _numbers(values: ArrayLike, rule: str) -> Floats:
+    """An array of numbers; the error for anything else says the rule."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise QueryError(rule) from None
 
 
 def _box_corners(row: Floats) -> Floats:

@@ -23,6 +23,8 @@ LIFT_ARM = dataclasses.replace(
         ChainLink("wrist_roll", (0.08, 0.0, 0.0), "x", -2.5, 2.5),
     ),
     tcp_offset=(0.12, 0.0, 0.0),
+    max_velocity=FETCH.max_velocity[:10],
+    max_acceleration=FETCH.max_acceleration[:10],
     home=(0.1, 0.0, -0.9, 1.6, -0.7, 0.0, 0.0),
     max_velocity=FETCH.max_velocity[:10],
     max_acceleration=FETCH.max_acceleration[:10],

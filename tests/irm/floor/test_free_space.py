@@ -68,6 +68,8 @@ def test_nothing_is_free_where_everything_is_blocked_and_everything_is_free_on_a
 def test_misuse_is_refused():
     with pytest.raises(QueryError, match="4 or 5 columns"):
         FreeSpace.from_boxes([(0, 0, 1)], 0.3)
+    with pytest.raises(QueryError, match="4 or 5 columns"):
+        FreeSpace.from_boxes([(0, 0, 1, 1), (0, 0, 1, 1, 0.5)], 0.3)
     with pytest.raises(QueryError, match="negative size"):
         FreeSpace.from_boxes([(0, 0, -1, 1)], 0.3)
     with pytest.raises(QueryError, match="finite"):
@@ -80,6 +82,8 @@ def test_misuse_is_refused():
         FreeSpace.from_boxes([(0, 0, 1, 1)], 0.3, resolution=1e-5)
     with pytest.raises(QueryError, match="at least 3 corners"):
         FreeSpace.from_polygons([[(0, 0), (1, 1)]], 0.3)
+    with pytest.raises(QueryError, match="at least 3 corners"):
+        FreeSpace.from_polygons([[(0, 0), (1, 1), (1,)]], 0.3)
 
 
 def test_cells_say_what_they_hold(points):
