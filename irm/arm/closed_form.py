@@ -41,7 +41,7 @@ def wrap(angle: float) -> float:
 def _wrist(q: Floats, R: Floats, lower: Floats, upper: Floats, out: Floats, count: int) -> int:
     """Complete shoulder and elbow in `q[1:5]` with both wrist solutions that give the TCP orientation `R`.
 
-    With R47 = (Rz(q1) Ry(q2) Rx(q3) Ry(q4))ᵀ R = Rx(q5) Ry(q6) Rx(q7), its first column holds q5 and q6, its first row
+    With R47 = (Rz(q1) Ry(q2) Rx(q3) Ry(q4))ᵀ R = Rx(q5) Ry(q6) Rx(q7), its first column gives q5 and q6, its first row
     q6 and q7. Writes the solutions within the limits into `out[count:]`; returns the new count.
     """
     M = R.copy()

@@ -124,7 +124,7 @@ class FreeSpace:
 
 
 def _numbers(values: ArrayLike, rule: str) -> Floats:
-    """An array of numbers; the error for anything else says the rule."""
+    """An array of numbers; for anything else a `QueryError` with the rule as its message."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):

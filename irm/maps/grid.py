@@ -102,7 +102,7 @@ class Orientations:
         """The orientations of a map.
 
         Raises:
-            ReachabilityError: a pitch asked for lies on no ring; the message lists the rings.
+            ReachabilityError: a requested pitch is not on a ring; the message lists the rings.
         """
         m = refinement(parameters.orientations)
         rolls = parameters.rolls or (1 if free_roll else 4)
@@ -166,7 +166,7 @@ class Orientations:
 
 
 def _rings(m: int, pitches: tuple[float, ...]) -> list[int]:
-    """Multiples of π / 2m: all of them, or those asked for."""
+    """Multiples of π / 2m: all of them, or the requested ones."""
     if not pitches:
         return list(range(-m, m + 1))
     rings = sorted({round(p * 2 * m / np.pi) for p in pitches})

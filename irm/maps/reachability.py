@@ -103,14 +103,14 @@ class ReachabilityMap:
         key, parameters, arrays = load_arrays(Path(path), chain)
         grid = MapGrid.of(chain, robot.home[0], parameters)
         if arrays["cells"].size and int(arrays["cells"][-1]) >= grid.size:
-            raise MapFileError(f"{path} holds cells outside its grid; build it again")
+            raise MapFileError(f"{path} has cells outside its grid; build it again")
         return ReachabilityMap(robot.name, key, parameters, grid, **arrays)
 
     def __len__(self) -> int:
         return self.cells.size
 
     def subset(self, keep: NDArray[Any]) -> ReachabilityMap:
-        """The map of some of its poses; its key says that it is partial.
+        """The map of some of its poses; its key ends with their number.
 
         Args:
             keep: mask (n,) or increasing indices.

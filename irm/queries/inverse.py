@@ -38,8 +38,8 @@ class InverseReachabilityMap:
     T_eff = [R(0, β, α), (0, 0, z)], T_base = [Rz(-γ), Rz(π - γ) (x, y, 0)]: only x, y and yaw of the TCP are aligned,
     because the base moves in these three. Every base is on the ground by construction.
 
-    All queries take the keyword arguments of `query`. A keyword that a query does not know is a `QueryError`, which
-    lists the valid ones.
+    All queries take the keyword arguments of `query`. An unknown keyword is a `QueryError` that lists the valid
+    ones.
 
     Attributes:
         reachability_map: the map that was inverted.
@@ -118,7 +118,7 @@ class InverseReachabilityMap:
         yaw_ranges: ArrayLike = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> PlacementBatch:
-        """Many queries in one call; the answers do not tell NO from UNKNOWN.
+        """Many queries in one call; the answers have no status.
 
         Args:
             positions: (n, 3), or (3,) for one TCP position with several yaw ranges [m].
