@@ -123,8 +123,8 @@ def test_a_chain_that_does_not_fit_is_refused():
         ArmChain.from_robot(dataclasses.replace(FETCH, closed_form_ik="nonesuch"))
     with pytest.raises(ChainError, match="closed form 'fetch' needs"):
         ArmChain.from_robot(dataclasses.replace(FETCH, tcp_offset=(0.1, 0.02, 0.0)))
+    slide = FETCH.chain[0]._replace(axis="x")
     with pytest.raises(ChainError, match="slide along z"):
-        slide = FETCH.chain[0]._replace(axis="x")
         ArmChain.from_robot(dataclasses.replace(FETCH, chain=(slide, *FETCH.chain[1:])))
     with pytest.raises(ChainError, match=r"shape \(8,\)"):
         forward(CHAIN, np.zeros(7))
