@@ -61,7 +61,7 @@ def solve(
     Raises:
         UnknownObject: no object of that name.
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
-        SceneError: objects overlap, or the robot is inside furniture.
+        SceneError: objects overlap, or the robot is inside a static obstacle.
     """
     return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
 

@@ -35,6 +35,16 @@ class RetrieveEnv(BaseEnv):
         super().__init__(EnvConfig.from_keywords(keywords))
 
     @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects' bodies."""
+        return self.world.names
+
+    @property
+    def support_name(self) -> str:
+        """Name of the geom on whose top face the objects stand."""
+        return "table_top"
+
+    @property
     def lift_height(self) -> float:
         """[m] between the support and the lowest point of the target from which the target counts as lifted."""
         return LIFT_HEIGHT

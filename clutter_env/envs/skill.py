@@ -210,7 +210,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     def _execute(self, actions: tuple[BoundAction, ...]) -> str:
         """Follow the motions; the kind of deviation that stopped the execution, "" for none."""
         physics_env = self._physics_env
-        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot)
+        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
         plan = Executor(actions, physics_env.robot, sensor.names, sensor.read(), MonitorConfig())
         outcome, is_over = Outcome.RUNNING, False
         while outcome is Outcome.RUNNING and not is_over:

@@ -28,7 +28,7 @@ __all__ = [
 OptionMasks: TypeAlias = Mapping[int, Sequence[int]] | Callable[[int], Sequence[int]]
 """Blocker masks of every option of an object, by object index; a callable is asked once per object that matters.
 
-Objects are bits 0 … MAX_OBJECTS - 1; an option that hits a higher bit (furniture, the robot itself) is never usable.
+Objects are bits 0 … MAX_OBJECTS - 1; an option that hits a higher bit (a static obstacle, the robot) is never usable.
 """
 
 

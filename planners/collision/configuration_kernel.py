@@ -4,7 +4,8 @@
     hits = configuration_hits(world.robot, world.obstacles, work, base, q, opening, active, padding, False)
 
 `world` is a `CollisionWorld`; `attached = world.attached(held)`, `active = world.active(ignore)`.
-A result is a 64-bit word: bit i for object i, `FURNITURE_BIT` for furniture and floor, `SELF_BIT` for the robot itself.
+A result is a 64-bit word: bit i for object i, `STATIC_BIT` for static obstacles and the floor, `SELF_BIT` for the robot
+itself.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import fk_frames
-from planners.collision.geometry import Solids, are_within, core_distance, height
+from planners.collision.geometry import CYLINDER, Solids, are_any_within, are_within, core_distance, height
 from planners.collision.robot_model import BASE, RobotArrays
-from planners.scene import FURNITURE_BIT, SELF_BIT
+from planners.scene import SELF_BIT, STATIC_BIT
 
 __all__ = [
     "Attached",
@@ -34,18 +35,19 @@ Array = NDArray[np.float64]
 
 _ONE = np.uint64(1)
 _NONE = np.uint64(0)
-_FURNITURE = np.uint64(1 << FURNITURE_BIT)
+_STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
 
 
 class Obstacles(NamedTuple):
-    """n objects and m pieces of furniture for kernels. Lengths in metres, in the world.
+    """n objects and m static obstacles for kernels. Lengths in metres, in the world.
 
     Attributes:
         objects: n solids.
         radius, bottom, top: (n,) the upright cylinder about its position that contains each object.
         lower, upper: (3,) corners of a box that contains all objects.
-        furniture: m solids, axis-aligned, the highest first.
+        static: m solids, the one with the highest top first.
+        extent: (m, 3) half extents of the box about the centre of each, along the world's axes, that contains it.
     """
 
     objects: Solids
@@ -54,11 +56,13 @@ class Obstacles(NamedTuple):
     top: Array
     lower: Array
     upper: Array
-    furniture: Solids
+    static: Solids
+    extent: Array
 
 
 class Attached(NamedTuple):
-    """What is in hand, for kernels: a solid twice, the second time with its bottom raised, for checks with furniture.
+    """What is in hand, for kernels: a solid twice, the second time with its bottom raised, for checks with static
+    obstacles.
 
     Attributes:
         bit: of the object, -1 for none.
@@ -104,7 +108,16 @@ def make_workspace(robot: RobotArrays, attached: Attached) -> Workspace:
     return Workspace(
         np.empty((n + 2, 3, 3)),
         np.empty((n + 2, 3)),
-        Solids(core, half, radius, bound, np.empty((p + 2, 3)), np.empty((p + 2, 3, 3))),
+        Solids(
+            core,
+            half,
+            radius,
+            bound,
+            np.empty((p + 2, 3)),
+            np.empty((p + 2, 3, 3)),
+            np.empty((0, 3)),
+            np.empty(0, np.int64),
+        ),
         np.array([attached.bit]),
         attached.position.copy(),
         np.stack((attached.rotation, attached.rotation)),
@@ -205,13 +218,20 @@ def _object_hits(
 
 
 @njit(cache=True)
-def _hits_furniture(
-    solids: Solids, count: int, held: int, furniture: Solids, link: NDArray[np.int64], padding: float, simplex: Array
+def _hits_static(
+    solids: Solids,
+    count: int,
+    held: int,
+    obstacles: Obstacles,
+    link: NDArray[np.int64],
+    padding: float,
+    simplex: Array,
 ) -> bool:
-    """Whether the robot's `count` solids, or the object in hand, come nearer than `padding` [m] to furniture or floor.
+    """Whether the robot's `count` solids, or the object in the gripper, come nearer than `padding` [m] to an obstacle.
 
-    What rides on the base may be near the floor.
+    These are the static obstacles and the floor; what is fixed to the base may be near the floor.
     """
+    static, extent = obstacles.static, obstacles.extent
     for k in range(count + 1):
         if k == count and held < 0:
             break
@@ -220,14 +240,19 @@ def _hits_furniture(
         bound = solids.bound[i] + padding
         if z < bound and (k == count or link[i] != BASE) and z < height(solids, i) + padding:
             return True
-        for j in range(furniture.core.shape[0]):
-            if z - bound >= furniture.position[j, 2] + furniture.half[j, 2]:
+        for j in range(static.core.shape[0]):
+            if z - bound >= static.position[j, 2] + extent[j, 2]:
                 break
-            dx = max(abs(x - furniture.position[j, 0]) - furniture.half[j, 0], 0.0)
-            dy = max(abs(y - furniture.position[j, 1]) - furniture.half[j, 1], 0.0)
-            dz = max(abs(z - furniture.position[j, 2]) - furniture.half[j, 2], 0.0)
+            dx = max(abs(x - static.position[j, 0]) - extent[j, 0], 0.0)
+            dy = max(abs(y - static.position[j, 1]) - extent[j, 1], 0.0)
+            dz = max(abs(z - static.position[j, 2]) - extent[j, 2], 0.0)
             is_near = dx * dx + dy * dy + dz * dz < bound * bound
-            if is_near and are_within(solids, i, furniture, j, padding, simplex):
+            if not is_near:
+                continue
+            if static.core[j] <= CYLINDER:
+                if are_within(solids, i, static, j, padding, simplex):
+                    return True
+            elif are_any_within(solids, i, static, j, padding, simplex):
                 return True
     return False
 
@@ -278,17 +303,15 @@ def configuration_hits(
     """
     place_robot(robot, work, base, q, opening)
     solids, simplex, held, count = work.solids, work.simplex, work.held[0], robot.core.shape[0]
-    hits, wanted = _NONE, active & ~(_FURNITURE | _SELF)
+    hits, wanted = _NONE, active & ~(_STATIC | _SELF)
     if held >= 0:
         wanted &= ~(_ONE << np.uint64(held))
     if wanted != _NONE:
         hits = _object_hits(solids, count + (held >= 0), obstacles, wanted, padding, first_only, simplex)
     if first_only and hits != _NONE:
         return np.uint64(hits)
-    if active & _FURNITURE != _NONE and _hits_furniture(
-        solids, count, held, obstacles.furniture, robot.link, padding, simplex
-    ):
-        hits |= _FURNITURE
+    if active & _STATIC != _NONE and _hits_static(solids, count, held, obstacles, robot.link, padding, simplex):
+        hits |= _STATIC
     if first_only and hits != _NONE:
         return np.uint64(hits)
     if active & _SELF != _NONE and _hits_itself(

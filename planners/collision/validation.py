@@ -1,23 +1,24 @@
-"""Is a scene one that can be planned in?"""
+"""Checks that a scene can be planned in."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from planners.collision.geometry import are_within
 from planners.collision.world import CollisionWorld
-from planners.scene import FURNITURE_BIT, Scene, SceneError
+from planners.scene import STATIC_BIT, Scene, SceneError
 
 __all__ = ["validate"]
 
 OVERLAP = 0.002
-"""[m] by which objects may sink into each other or into furniture: what soft contacts allow, and more."""
+"""[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
 
 
 def validate(scene: Scene) -> None:
-    """Check that objects do not overlap and that the robot is not inside the furniture.
+    """Check that objects do not overlap and that the robot is not inside a static obstacle.
 
     Raises:
         SceneError: they do, or it is; the message names them.
@@ -27,14 +28,27 @@ def validate(scene: Scene) -> None:
     pairs = [pair for pair in _overlaps(world) if held not in pair]
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
-    state = scene.state
-    hits = world.with_padding(-OVERLAP).hits(state.base, state.q, 0.0, ignore=scene.mask(scene.names))
-    if hits >> FURNITURE_BIT & 1:
-        raise SceneError(f"the robot is inside the furniture at base pose {np.round(state.base, 3).tolist()}")
+    if _is_inside(scene):
+        raise SceneError(
+            f"the robot is inside {' and '.join(_around(scene))} at base pose {np.round(scene.state.base, 3).tolist()}"
+        )
+
+
+def _around(scene: Scene) -> list[str]:
+    """What the robot is inside of."""
+    if _is_inside(replace(scene, static_obstacles=())):
+        return ["the floor"]
+    return [one.name for one in scene.static_obstacles if _is_inside(replace(scene, static_obstacles=(one,)))]
+
+
+def _is_inside(scene: Scene) -> bool:
+    """Whether the robot overlaps the floor or a static obstacle by more than `OVERLAP`."""
+    world = CollisionWorld.from_scene(replace(scene, objects=(), held=None), padding=-OVERLAP)
+    return bool(world.hits(scene.state.base, scene.state.q, 0.0) >> STATIC_BIT & 1)
 
 
 def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
-    """Pairs of objects that share more than a soft contact."""
+    """Pairs of objects that overlap by more than `OVERLAP`."""
     obstacles, names = world.obstacles, world.scene.names
     shrunk = obstacles.objects._replace(half=np.maximum(obstacles.objects.half - OVERLAP / 2, 1e-4))
     simplex = np.empty((4, 3))

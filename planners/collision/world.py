@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.configuration_kernel import Attached, Obstacles
-from planners.collision.geometry import BOX, CYLINDER, Solids
+from planners.collision.geometry import BOX
 from planners.collision.path_kernel import many_hits, path_hits
 from planners.collision.robot_model import RobotArrays, robot_arrays
-from planners.scene import FURNITURE_BIT, SELF_BIT, Body, HeldObject, Scene
+from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays
+from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, Scene
 
 __all__ = ["PADDING", "STEP", "CollisionWorld"]
 
@@ -20,13 +21,13 @@ PADDING = 0.002
 STEP = 0.006
 """[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
 SUPPORT_SLACK = 0.0005
-"""[m] The bottom of an object in hand may press into furniture: one that rests on the table can be lifted from it."""
+"""[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
 _ALL = (1 << 64) - 1
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionWorld:
-    """A scene for collision checks; masks are as in `Scene`: bit i is object i, plus FURNITURE_BIT and SELF_BIT.
+    """A scene for collision checks; masks are as in `Scene`: bit i is object i, plus STATIC_BIT and SELF_BIT.
 
     Attributes:
         scene: what it was made from.
@@ -43,7 +44,7 @@ class CollisionWorld:
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
         """Compile a scene. Objects may stand or lie; the robot's head is taken to be in its usual configuration."""
-        return cls(scene, robot_arrays(scene.robot), _obstacles(scene), padding)
+        return cls(scene, robot_arrays(scene.robot), obstacle_arrays(scene), padding)
 
     def with_padding(self, padding: float) -> CollisionWorld:
         """The same world with another distance to keep [m]."""
@@ -65,12 +66,12 @@ class CollisionWorld:
             nothing = np.zeros((2, 3))
             return Attached(-1, BOX, nothing, 0.0, nothing, np.eye(3), np.array(self.robot.reach))
         body = self.scene.body(held.name)
-        bound = _bounding_radius(body)
+        bound = body_bound(body)
         position, rotation = held.T_tcp_object[:3, 3], np.ascontiguousarray(held.T_tcp_object[:3, :3])
         raised = 0.5 * (self.padding + SUPPORT_SLACK)
         return Attached(
             bit=self.scene.index(held.name),
-            core=_core(body),
+            core=body_core(body),
             half=np.stack([body.half_extents, body.half_extents - [0.0, 0.0, raised]]),
             bound=bound,
             position=np.stack([position, position + raised * rotation[:, 2]]),
@@ -119,51 +120,6 @@ class CollisionWorld:
         return int(path_hits(*arguments, float(opening), self.active(ignore), self.padding, step, first_only))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
-        """The objects, and "furniture" and "robot", whose bits are set."""
-        special = (("furniture", FURNITURE_BIT), ("robot", SELF_BIT))
+        """The objects, "a static obstacle" and "the robot itself", whose bits are set."""
+        special = (("a static obstacle", STATIC_BIT), ("the robot itself", SELF_BIT))
         return (*self.scene.names_of(mask), *(name for name, bit in special if int(mask) >> bit & 1))
-
-
-def _core(body: Body) -> int:
-    return CYLINDER if body.shape == "cylinder" else BOX
-
-
-def _bounding_radius(body: Body) -> float:
-    """[m] of the sphere about a body's centre that contains it."""
-    half = body.half_extents
-    return float(np.hypot(half[0], half[2]) if body.shape == "cylinder" else np.linalg.norm(half))
-
-
-def _obstacles(scene: Scene) -> Obstacles:
-    bodies, furniture = scene.objects, sorted(scene.furniture, key=lambda box: -box.top)
-    corners = np.array(
-        [(*(b.position[:2] + s * b.radius), b.top if s > 0 else b.bottom) for b in bodies for s in (-1, 1)]
-    )
-    nowhere = np.full((1, 3), np.inf)
-    return Obstacles(
-        objects=Solids(
-            core=np.array([_core(body) for body in bodies], dtype=np.int64),
-            half=_rows([body.half_extents for body in bodies]),
-            radius=np.zeros(len(bodies)),
-            bound=np.array([_bounding_radius(body) for body in bodies], dtype=float),
-            position=_rows([body.position for body in bodies]),
-            rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
-        ),
-        radius=np.array([body.radius for body in bodies], dtype=float),
-        bottom=np.array([body.bottom for body in bodies], dtype=float),
-        top=np.array([body.top for body in bodies], dtype=float),
-        lower=(corners if bodies else nowhere).min(axis=0),
-        upper=(corners if bodies else nowhere).max(axis=0),
-        furniture=Solids(
-            core=np.full(len(furniture), BOX, dtype=np.int64),
-            half=_rows([box.half_extents for box in furniture]),
-            radius=np.zeros(len(furniture)),
-            bound=np.array([np.linalg.norm(box.half_extents) for box in furniture], dtype=float),
-            position=_rows([box.position for box in furniture]),
-            rotation=np.tile(np.eye(3), (len(furniture), 1, 1)),
-        ),
-    )
-
-
-def _rows(vectors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.array(vectors, dtype=float).reshape(-1, 3)

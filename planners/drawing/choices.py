@@ -21,8 +21,9 @@ from planners.placing.negative_goal_region import (
     footprint_mask,
     negative_goal_region,
 )
+from planners.placing.static_footprint import static_mask
 from planners.placing.swept_volume import configuration_volume
-from planners.scene import Body, HeldObject, RobotState
+from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.tamp.solution import BoundAction, Solution
 
 __all__ = ["Choice", "choices_of", "last_picture"]
@@ -34,6 +35,8 @@ _WORK_CELL = 0.025
 _WORK_YAWS = 8
 _WORK_TORSOS, _WORK_ROLLS = 3, 9
 """Gripper yaws, torso heights and upper-arm rolls tried for each of them."""
+_ON_TOP = 0.001
+"""[m] above the support; lower obstacles do not stand out of it."""
 _MARGIN = 0.006
 """[m] between the object put down and the objects around it."""
 _SAME_BASE = 1e-3
@@ -89,9 +92,21 @@ def last_picture(solution: Solution) -> ClearancePicture:
     scene = taken.scene
     grid = SupportGrid.over(scene.support)
     last = scene.body(solution.clearances[-1] if solution.clearances else solution.target)
-    region = negative_goal_region(grid, last.top - last.bottom, scene.body(solution.target), _swept(taken))
-    stands = taken.trajectory.base[-1:, :2]
-    return ClearancePicture(grid, region, scene.objects, solution.target, cleared=solution.clearances, stands=stands)
+    return ClearancePicture(
+        grid,
+        negative_goal_region(grid, last.top - last.bottom, scene.body(solution.target), _swept(taken)),
+        scene.objects,
+        solution.target,
+        cleared=solution.clearances,
+        stands=taken.trajectory.base[-1:, :2],
+        outlines=_outlines_on_support(scene),
+    )
+
+
+def _outlines_on_support(scene: Scene) -> list[Array]:
+    """Corners (k, 2) [m] from above of each static obstacle that stands on the support or beside it and is higher."""
+    top = scene.support.top
+    return [one.outline for one in scene.static_obstacles if one.lower[2] < top + _ON_TOP and one.top > top + _ON_TOP]
 
 
 def _choice(
@@ -114,15 +129,17 @@ def _choice(
     grid, body, left = SupportGrid.over(scene.support), scene.body(put.target), _hold(put, "open")
     start = put.scene.state.base if picked is None else _hold(picked, "close").state.base
     obstacles = [step for step in later if step.target != solution.target and solution.strategy.region == "ngr"]
+    height = body.top - body.bottom
     region = negative_goal_region(
         grid,
-        body.top - body.bottom,
+        height,
         scene.body(solution.target),
         _swept(later[-1]),
         [scene.body(step.target) for step in obstacles],
         [_swept(step) for step in obstacles],
     )
-    occupied = footprint_mask(grid, [other for other in scene.objects if other.name != body.name], _MARGIN)
+    others = [other for other in scene.objects if other.name != body.name]
+    occupied = footprint_mask(grid, others, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
     in_work = _work_mask(CollisionWorld.from_scene(scene), grid, start, left.touched, body)
     candidates = placement_grid(scene.support)
     forbidden = grid.empty() if solution.strategy.region == "none" else region.mask
@@ -142,6 +159,7 @@ def _choice(
         moved=body.name,
         cleared=cleared,
         stands=np.array([start[:2], left.state.base[:2]]),
+        outlines=_outlines_on_support(scene),
     )
     return Choice(body.name, put.obstructed, picture, not np.allclose(start, left.state.base, atol=_SAME_BASE))
 

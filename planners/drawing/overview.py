@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
+from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from planners.drawing.region import COLOURS, outline
 from planners.scene import Body, Scene
@@ -36,7 +36,7 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
         raise ValueError("a plan without actions has nothing to draw")
     axes = plt.subplots(figsize=(6.4, 7.2), layout="constrained")[1] if ax is None else ax
     scene = solution.actions[0].scene
-    _draw_furniture(axes, scene)
+    _draw_obstacles(axes, scene)
     for body in scene.objects:
         kind = "target" if body.name == solution.target else "moved" if body.name in solution.clearances else "object"
         axes.add_patch(outline(body, COLOURS[kind]))
@@ -49,15 +49,14 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def _draw_furniture(axes: Axes, scene: Scene) -> None:
-    """The outlines of all furniture, the support filled; what lies below is drawn first."""
-    for box in sorted(scene.furniture, key=lambda entry: entry.top):
-        is_support = box.name == scene.support.name
-        depth, width = 2 * box.half_extents[:2]
-        corner = (box.lower[1], box.lower[0])
+def _draw_obstacles(axes: Axes, scene: Scene) -> None:
+    """The outlines of all static obstacles, the support filled; lower ones are drawn first."""
+    for obstacle in sorted(scene.static_obstacles, key=lambda entry: entry.top):
+        is_support = obstacle.name == scene.support.name
         face = COLOURS["table"] if is_support else "none"
         edge = COLOURS["ink"] if is_support else COLOURS["refused"]
-        axes.add_patch(Rectangle(corner, width, depth, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
+        corners = obstacle.outline[:, ::-1]
+        axes.add_patch(Polygon(corners, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
 
 
 def _draw_clearances(axes: Axes, solution: Solution) -> None:

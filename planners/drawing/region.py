@@ -56,6 +56,7 @@ class ClearancePicture:
         moved: name of the object to be put aside, "" for none.
         cleared: names of the objects put aside before.
         stands: (k, 2) base positions [m], first to take the object, then to put it down.
+        outlines: (k, 2) corners [m] of each static obstacle on the support.
     """
 
     grid: SupportGrid
@@ -71,6 +72,7 @@ class ClearancePicture:
     moved: str = ""
     cleared: Sequence[str] = ()
     stands: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    outlines: Sequence[NDArray[np.float64]] = ()
 
     def kind(self, body: Body) -> str:
         """What an object is in this picture."""
@@ -88,6 +90,8 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
     x_low, x_high, y_low, y_high = picture.grid.extent
     axes.set_facecolor(COLOURS["table"])
     _draw_regions(axes, picture)
+    for corners in picture.outlines:
+        axes.add_patch(Polygon(corners[:, ::-1], facecolor=COLOURS["refused"], edgecolor=COLOURS["ink"], zorder=4))
     for body in picture.bodies:
         axes.add_patch(outline(body, COLOURS[picture.kind(body)]))
         at = (body.position[1], body.position[0])

@@ -24,6 +24,8 @@ _MEMBERS = (
     "data",
     "robot",
     "control_mode",
+    "object_names",
+    "support_name",
     "target",
     "lift_height",
     "joint_action",
@@ -54,6 +56,16 @@ class ControlledEnv(Protocol):
     @property
     def control_mode(self) -> str:
         """What the actions are, one of `CONTROL_MODES`: "joint" calls for `joint_action`, "ee" for `ee_action`."""
+        ...
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the bodies that the robot may move, in the order of the bodies of `model`."""
+        ...
+
+    @property
+    def support_name(self) -> str:
+        """Name of the geom on whose top face the objects stand."""
         ...
 
     @property

@@ -60,7 +60,7 @@ class Episode:
         self.solution: Solution | Infeasible | None = None
         self._data = env.data
         self._started = self._now = float(env.data.time)
-        self._sensor = Sensor(env.model, env.data, env.robot)
+        self._sensor = Sensor(env.model, env.data, env.robot, env.object_names)
         self._report = EpisodeReport()
         self._executor: Executor | None = None
         self._wait = 0
@@ -128,7 +128,10 @@ class Episode:
 
     def _measure(self, held: str = "") -> Scene:
         """The scene as it is now, with this object in the gripper."""
-        return Scene.from_mujoco(self._env.model, self._env.data, self._env.robot, held)
+        env = self._env
+        return Scene.from_mujoco(
+            env.model, env.data, env.robot, held, movable=env.object_names, support=env.support_name
+        )
 
     def _held(self) -> str:
         """The object between the fingers that is above the support; "" for none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.execution.errors import check_number
-from planners.scene.mujoco_reading import OBJECT_PREFIX
+from planners.scene.mujoco_reading import MovableBodies, RobotJoints
 
 __all__ = [
     "Deviation",
@@ -94,25 +95,33 @@ class Snapshot(NamedTuple):
 
 
 class Sensor:
-    """Reads snapshots from a simulation: exact states, nothing is written."""
+    """Reads snapshots of a scene's movable objects and robot from a simulation, exactly; it writes nothing."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, names: Sequence[str]) -> None:
+        """Look up what to read.
+
+        Args:
+            model, data: the simulation.
+            robot: which robot it is.
+            names: of the movable objects, `Scene.names`.
+
+        Raises:
+            SceneError: a name that is no movable object.
+        """
         self._data = data
-        bodies = [i for i in range(model.nbody) if model.body(i).name.startswith(OBJECT_PREFIX)]
-        self.names = tuple(model.body(i).name for i in bodies)
-        starts = np.array([model.jnt_qposadr[model.body_jntadr[i]] for i in bodies], dtype=int)
-        self._poses = starts[:, None] + np.arange(7)
-        self._drive = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
+        self._objects = MovableBodies.of(model, robot, names)
+        self.names = self._objects.names
+        self._joints = RobotJoints.of(model, data, robot)
         self._site = model.site(robot.tcp_site).id
 
     def read(self) -> Snapshot:
         """The present state."""
-        poses = self._data.qpos[self._poses]
+        positions, quaternions = self._objects.poses(self._data)
         T = np.eye(4)
         T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
         T[:3, 3] = self._data.site_xpos[self._site]
-        uprightness = 1 - 2 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
-        return Snapshot(poses[:, :3].copy(), uprightness, T, self._data.qpos[self._drive].copy())
+        uprightness = 1 - 2 * (quaternions[:, 1] ** 2 + quaternions[:, 2] ** 2)
+        return Snapshot(positions, uprightness, T, self._joints.read(self._data))
 
 
 def object_moved(

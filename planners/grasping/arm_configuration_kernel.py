@@ -13,15 +13,15 @@ from irm.arm.kinematics import arm_jacobian, fk_frames, ik_arm
 from irm.arm.manipulability import condition
 from planners.collision.configuration_kernel import Attached, Obstacles, Workspace, configuration_hits, make_workspace
 from planners.collision.robot_model import RobotArrays
-from planners.scene.masks import FURNITURE_BIT, SELF_BIT, bit_count
+from planners.scene.masks import SELF_BIT, STATIC_BIT, bit_count
 
 __all__ = ["many_gripper_hits", "scan"]
 
 Array = NDArray[np.float64]
 
-_FURNITURE = np.uint64(1 << FURNITURE_BIT)
+_STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
-_SOLID = np.uint64((1 << FURNITURE_BIT) | (1 << SELF_BIT))
+_SOLID = np.uint64((1 << STATIC_BIT) | (1 << SELF_BIT))
 _NONE = np.uint64(0)
 _PER_MASK = 6
 """ArmConfigurations kept for one set of blockers, each from another hand pose or base."""
@@ -244,7 +244,7 @@ def scan(
         if by_gripper & _SOLID != _NONE or (first_free and by_gripper != _NONE):
             continue
         base, hand = bases[pair], gripper_poses[pair]
-        if configuration_hits(robot, obstacles, work, base, home, opening, active & _FURNITURE, padding, True):
+        if configuration_hits(robot, obstacles, work, base, home, opening, active & _STATIC, padding, True):
             continue
         R[0, 0] = R[1, 1] = math.cos(hand[3] - base[2])
         R[1, 0] = math.sin(hand[3] - base[2])

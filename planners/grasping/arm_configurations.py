@@ -75,7 +75,7 @@ def scan_configurations(
     ignore: int = 0,
     first_free: bool = False,
 ) -> ArmConfigurations:
-    """ArmConfigurations that hit neither furniture nor the robot itself, and of those the ones that hit fewest objects.
+    """Configurations that hit no static obstacle and not the robot itself; of those, the ones that hit fewest objects.
 
     Base poses at which the home configuration does not fit are left out, and so is a configuration if another one hits
     only a part of what it hits. Among configurations with the same hits those of

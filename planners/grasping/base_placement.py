@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
 from irm.floor.free_space import FreeSpace
 from irm.queries.inverse import InverseReachabilityMap
+from planners.collision.robot_model import BASE, robot_arrays
 from planners.scene import Scene
 
 __all__ = ["MapPlacer", "free_floor"]
@@ -16,16 +19,36 @@ __all__ = ["MapPlacer", "free_floor"]
 Array = NDArray[np.float64]
 
 FLOOR_MARGIN = 0.02
-"""[m] that the base keeps from furniture."""
+"""[m] that the base keeps from static obstacles."""
 FLOOR_SIZE = 2.5
-"""[m] from the table's centre to the edges of the floor that is used."""
+"""[m] from the centre of the support to the edges of the floor that is used."""
 
 
 def free_floor(scene: Scene) -> FreeSpace:
-    """The floor around the furniture, grown by the base's footprint."""
-    boxes = [(*box.position[:2], *(2 * box.half_extents[:2])) for box in scene.furniture]
-    bounds = (-FLOOR_SIZE, -FLOOR_SIZE, FLOOR_SIZE, FLOOR_SIZE)
-    return FreeSpace.from_boxes(boxes, scene.robot.base_radius + FLOOR_MARGIN, bounds)
+    """The floor around the support where the base may stand: clear of the outlines of static obstacles.
+
+    Obstacles that are lower than the base, such as a slab that is the floor, and those above the robot do not count.
+
+    Raises:
+        SceneError: the scene has no support.
+    """
+    low, high = _trunk_heights(scene.robot)
+    outlines = [one.outline for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
+    x, y = scene.support.position[:2]
+    bounds = (x - FLOOR_SIZE, y - FLOOR_SIZE, x + FLOOR_SIZE, y + FLOOR_SIZE)
+    return FreeSpace.from_polygons(outlines, scene.robot.base_radius + FLOOR_MARGIN, bounds)
+
+
+@cache
+def _trunk_heights(robot: RobotSpec) -> tuple[float, float]:
+    """[m] below and above which neither the base nor the torso with the head reaches, at any height of the torso."""
+    arrays = robot_arrays(robot)
+    is_base, is_torso = arrays.link == BASE, arrays.link == 0
+    raised = np.where(is_torso, arrays.offsets[0, 2] + arrays.upper[0], 0.0)
+    top = (arrays.position[:, 2] + raised + arrays.bound)[is_base | is_torso].max()
+    corners = np.abs(arrays.rotation[:, 2]) * arrays.half
+    bottom = (arrays.position[:, 2] - corners.sum(axis=1) - arrays.radius)[is_base].min()
+    return float(bottom), float(top)
 
 
 @dataclass(frozen=True)

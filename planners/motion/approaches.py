@@ -152,10 +152,9 @@ def _is_covered(world: CollisionWorld) -> bool:
     """Whether something above the table keeps the hand from coming from above."""
     table = world.scene.support
     return any(
-        box.lower[2] > table.top
-        and (np.abs(box.position - table.position) < box.half_extents + table.half_extents)[:2].all()
-        for box in world.scene.furniture
-        if box.lower[2] < table.top + 0.8
+        table.top < obstacle.lower[2] < table.top + 0.8
+        and (np.abs(obstacle.position - table.position) < obstacle.extent + table.extent)[:2].all()
+        for obstacle in world.scene.static_obstacles
     )
 
 

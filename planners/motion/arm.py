@@ -15,7 +15,7 @@ from planners.collision.configuration_kernel import make_workspace
 from planners.collision.robot_model import RobotArrays
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.rrt_connect import blend_corners, rrt_connect, shortcut
-from planners.scene import FURNITURE_BIT, SELF_BIT, HeldObject, RobotState
+from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, RobotState
 
 __all__ = [
     "ArmPath",
@@ -27,7 +27,7 @@ __all__ = [
     "tcp_pose",
 ]
 
-FIXED_BITS = 1 << FURNITURE_BIT | 1 << SELF_BIT
+FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT
 """Hits that no clearing can remove."""
 _ROLL_RANGE = 2 * math.pi
 """[rad] A joint with more play has several angles for one orientation."""
@@ -83,7 +83,7 @@ class BlockedBy:
 
 @dataclass(frozen=True)
 class NoPath:
-    """No motion, whatever is cleared: limits, furniture, the robot itself, or the planner's patience."""
+    """No motion, whatever is cleared: limits, static obstacles, the robot itself, or the planner's patience."""
 
     reason: str
 

@@ -18,7 +18,7 @@ from planners.scene import HeldObject
 __all__ = ["BasePath", "plan_base"]
 
 DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
-"""Ways round furniture are far from straight."""
+"""Ways around static obstacles are far from straight."""
 RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
 ROAM = 1.0
@@ -86,7 +86,9 @@ def plan_base(
         if touched:
             return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
     found = _way_round(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
-    return NoPath("drive: no way round the furniture") if found is None else BasePath(found, configuration, held)
+    return (
+        NoPath("drive: no way around the static obstacles") if found is None else BasePath(found, configuration, held)
+    )
 
 
 def _simple_ways(start: Array, goal: Array) -> Iterator[Array]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planners.collision.robot_model import collision_geoms, link_of_body, robot_arrays
 from planners.motion.trajectory import Trajectory
-from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle
 
 __all__ = ["TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport"]
 
@@ -20,8 +20,19 @@ TOLERANCE = 0.001
 STEP = 0.02
 """[m] that a point of the robot may move between two judged configurations, unless told."""
 
-_ROBOT, _THING = 1, 2
-"""Collision bits: the robot meets itself and things; of things, only the one in hand meets others."""
+_ROBOT, _OTHER = 1, 2
+"""Collision bits: the robot meets itself and all other geoms; of those, only the object in the gripper meets others."""
+_OTHER_BITS = {"contype": _OTHER, "conaffinity": 0}
+_OBJECT, _OBSTACLE = "object/", "obstacle/"
+"""Begin the names in the model, so that an object or obstacle may be called as a geom or joint of the robot is."""
+_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "hull": mujoco.mjtGeom.mjGEOM_MESH,
+}
 _NEIGHBOURS = 1
 """Links this far apart in the chain may touch."""
 
@@ -75,8 +86,8 @@ class MujocoCollisionChecker:
             self._data.joint(joint).qpos = angle
         self._tcp = model.site(robot.tcp_site).id
         self._hand = _gripper_geoms(model, scene)
-        self._geoms = {body.name: int(model.geom(body.name).id) for body in scene.objects}
-        self._start = {body.name: int(model.joint(body.name).qposadr[0]) for body in scene.objects}
+        self._geoms = {body.name: int(model.geom(_OBJECT + body.name).id) for body in scene.objects}
+        self._start = {body.name: int(model.joint(_OBJECT + body.name).qposadr[0]) for body in scene.objects}
         self.move_to(scene)
 
     def move_to(self, scene: Scene) -> None:
@@ -86,7 +97,7 @@ class MujocoCollisionChecker:
             SceneError: it differs in more than the poses of its objects and the robot's state.
         """
         if _signature(scene) != _signature(self.scene):
-            raise SceneError("a referee serves scenes with the same robot, furniture and objects only")
+            raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         self.scene = scene
         for body in scene.objects:
             self._put(body.name, body.position, body.quaternion)
@@ -106,13 +117,13 @@ class MujocoCollisionChecker:
         for stretch in self._segments(motion):
             in_hand = -1 if stretch.held is None else self._geoms[stretch.held.name]
             ignored = {self._geoms[name] for name in self.scene.names_of(stretch.ignore)}
-            self._meet_things(in_hand, _THING)
+            self._meet_others(in_hand, _OTHER)
             for state in self._refine(stretch, step):
                 self._place(state, stretch.held)
                 worst = self._worse(worst, state, in_hand, ignored)
             if stretch.held is not None:
                 self._leave(stretch.held.name)
-            self._meet_things(in_hand, 0)
+            self._meet_others(in_hand, 0)
         self.move_to(self.scene)
         return worst
 
@@ -169,7 +180,7 @@ class MujocoCollisionChecker:
         self._data.qpos[start : start + 3] = position
         self._data.qpos[start + 3 : start + 7] = quaternion
 
-    def _meet_things(self, geom: int, bits: int) -> None:
+    def _meet_others(self, geom: int, bits: int) -> None:
         """Let the object in hand meet other objects; MuJoCo keeps the bits of geoms once more per body."""
         if geom >= 0:
             self._model.geom_conaffinity[geom] = bits
@@ -188,16 +199,20 @@ class MujocoCollisionChecker:
             pair = {int(geoms[0]), int(geoms[1])}
             is_grip = in_hand in pair and bool(pair & self._hand)
             if not is_grip and not pair & ignored:
-                names = (self._model.geom(geoms[0]).name, self._model.geom(geoms[1]).name)
-                worst = PenetrationReport(-float(distance), names, state[:-1].copy())
+                first, second = (_reported(self._model.geom(geom).name) for geom in geoms)
+                worst = PenetrationReport(-float(distance), (first, second), state[:-1].copy())
         return worst
 
 
 def _signature(scene: Scene) -> tuple[object, ...]:
     """What a model is built from, poses of objects excepted."""
     objects = tuple((body.name, body.shape, *body.half_extents) for body in scene.objects)
-    furniture = tuple((box.name, *box.position, *box.half_extents) for box in scene.furniture)
-    return scene.robot.name, objects, furniture
+    return scene.robot.name, objects, tuple(_obstacle_signature(one) for one in scene.static_obstacles)
+
+
+def _obstacle_signature(obstacle: StaticObstacle) -> tuple[object, ...]:
+    arrays = (obstacle.position, obstacle.half_extents, obstacle.rotation, obstacle.vertices)
+    return (obstacle.name, obstacle.shape, *(array.tobytes() for array in arrays))
 
 
 def _gripper_geoms(model: mujoco.MjModel, scene: Scene) -> set[int]:
@@ -208,32 +223,50 @@ def _gripper_geoms(model: mujoco.MjModel, scene: Scene) -> set[int]:
 
 
 def _build(scene: Scene) -> mujoco.MjModel:
-    """Robot, floor, furniture and free bodies for the objects, with the collision bits of this module."""
+    """Robot, floor, static obstacles and free bodies for the objects, with the collision bits of this module."""
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _THING
+            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _OTHER
     _let_neighbours_touch(spec, scene)
-    world, static = spec.worldbody, {"contype": _THING, "conaffinity": 0}
-    world.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **static)
-    for box in scene.furniture:
-        world.add_geom(name=box.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.position, size=box.half_extents, **static)
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_BITS)
+    for obstacle in scene.static_obstacles:
+        _add_obstacle(spec, obstacle)
     for body in scene.objects:
-        _add_object(world, body, static)
+        _add_object(spec, body)
     return spec.compile()
 
 
-def _add_object(world: mujoco.MjsBody, body: Body, bits: dict[str, int]) -> None:
-    is_box = body.shape == "box"
-    half = body.half_extents
-    thing = world.add_body(name=body.name)
-    thing.add_freejoint(name=body.name)
-    thing.add_geom(
-        name=body.name,
-        type=mujoco.mjtGeom.mjGEOM_BOX if is_box else mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=half if is_box else [half[0], half[2], 0.0],
-        **bits,
-    )
+def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
+    """Its true shape, whatever its contact bits were in the simulation that it was read from."""
+    name, half, quaternion = _OBSTACLE + obstacle.name, obstacle.half_extents, np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, obstacle.rotation.ravel())
+    shape: dict[str, object] = {"type": _GEOMS[obstacle.shape]}
+    if obstacle.shape == "hull":
+        spec.add_mesh(
+            name=name, uservert=obstacle.vertices.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        )
+        shape["meshname"] = name
+    elif obstacle.shape == "capsule":
+        shape["size"] = [half[0], half[2] - half[0], 0.0]
+    elif obstacle.shape == "cylinder":
+        shape["size"] = [half[0], half[2], 0.0]
+    else:
+        shape["size"] = half
+    spec.worldbody.add_geom(name=name, pos=obstacle.position, quat=quaternion, **shape, **_OTHER_BITS)
+
+
+def _add_object(spec: mujoco.MjSpec, body: Body) -> None:
+    name, half = _OBJECT + body.name, body.half_extents
+    size = half if body.shape == "box" else [half[0], half[2], 0.0]
+    thing = spec.worldbody.add_body(name=name)
+    thing.add_freejoint(name=name)
+    thing.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
+
+
+def _reported(name: str) -> str:
+    """Name of an object, a static obstacle or a geom of the robot, from that of a geom of the model."""
+    return name.removeprefix(_OBJECT).removeprefix(_OBSTACLE)
 
 
 def _let_neighbours_touch(spec: mujoco.MjSpec, scene: Scene) -> None:

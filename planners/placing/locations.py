@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.scene import Body, FurnitureBox
+from planners.scene import Body, StaticObstacle
 
 __all__ = ["PlacementConfig", "placement_grid", "placement_levels", "stand_at"]
 
@@ -34,7 +34,7 @@ class PlacementConfig:
     finest: float = 0.015
 
 
-def stand_at(body: Body, location: Array, support: FurnitureBox, turn: float = 0.0) -> Body:
+def stand_at(body: Body, location: Array, support: StaticObstacle, turn: float = 0.0) -> Body:
     """The object standing at `location` (2,) [m] on the support, turned about the vertical by `turn` [rad]."""
     cosine, sine = math.cos(turn), math.sin(turn)
     T = body.pose.copy()
@@ -43,14 +43,14 @@ def stand_at(body: Body, location: Array, support: FurnitureBox, turn: float = 0
     return body.at_pose(T)
 
 
-def placement_grid(support: FurnitureBox, config: PlacementConfig | None = None) -> Array:
+def placement_grid(support: StaticObstacle, config: PlacementConfig | None = None) -> Array:
     """The (c + 1)(r + 1) corners of the cells of a grid on the support plane (Figs. 7 and 8), shape (n, 2) [m]."""
     config = config or PlacementConfig()
     return _grid(support, config, config.rows, config.columns)
 
 
 def placement_levels(
-    support: FurnitureBox, rng: np.random.Generator, config: PlacementConfig | None = None
+    support: StaticObstacle, rng: np.random.Generator, config: PlacementConfig | None = None
 ) -> Iterator[Array]:
     """The paper's grid, then grids twice as fine each time, their points moved at random within their cells.
 
@@ -68,13 +68,13 @@ def placement_levels(
         yield np.clip(grid + rng.uniform(-0.5, 0.5, grid.shape) * spacing, low, high)
 
 
-def _grid(support: FurnitureBox, config: PlacementConfig, rows: int, columns: int) -> Array:
+def _grid(support: StaticObstacle, config: PlacementConfig, rows: int, columns: int) -> Array:
     low, high = _bounds(support, config)
     x = np.linspace(low[0], high[0], rows + 1)
     y = np.linspace(low[1], high[1], columns + 1)
     return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _bounds(support: FurnitureBox, config: PlacementConfig) -> tuple[Array, Array]:
-    half = np.maximum(support.half_extents[:2] - config.margin, 0.0)
+def _bounds(support: StaticObstacle, config: PlacementConfig) -> tuple[Array, Array]:
+    half = np.maximum(support.extent[:2] - config.margin, 0.0)
     return support.position[:2] - half, support.position[:2] + half

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.placing.rasterise import cells_of_marks, free_discs, mark_boxes, mark_discs, mark_spheres
-from planners.scene import Body, FurnitureBox
+from planners.scene import Body, StaticObstacle
 
 __all__ = [
     "CELL_SIZE",
@@ -57,8 +57,8 @@ class SupportGrid:
     height: float
 
     @classmethod
-    def over(cls, support: FurnitureBox, resolution: float = CELL_SIZE) -> SupportGrid:
-        """The grid that just covers the top face of a piece of furniture."""
+    def over(cls, support: StaticObstacle, resolution: float = CELL_SIZE) -> SupportGrid:
+        """The grid that just covers the top face of a support."""
         cells = np.ceil((support.upper - support.lower)[:2] / resolution - 1e-9).astype(int)
         return cls(
             float(support.lower[0]), float(support.lower[1]), resolution, (int(cells[0]), int(cells[1])), support.top

@@ -16,6 +16,7 @@ from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels, stand_at
 from planners.placing.negative_goal_region import SupportGrid, clearance_order, footprint_mask, swept_mask
+from planners.placing.static_footprint import static_mask
 from planners.placing.swept_volume import grasp_volume
 from planners.scene import Body, Scene
 from planners.strategies import Strategy
@@ -107,8 +108,9 @@ class PlacementSearch:
         body = scene.body(scene.held.name)
         grid = SupportGrid.over(scene.support)
         standing = [other for other in scene.objects if other.name != body.name]
-        occupied = footprint_mask(grid, standing, _MARGIN)
-        forbidden = keep_clear_mask(world, grid, keep_clear, body.top - body.bottom + 2 * _GAP)
+        height = body.top - body.bottom + 2 * _GAP
+        occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
+        forbidden = keep_clear_mask(world, grid, keep_clear, height)
         here = scene.state.base[:2]
         for locations in self._levels(scene, strategy, rng):
             nowhere = np.zeros(len(locations), dtype=bool)

@@ -1,19 +1,20 @@
 """The world as the planner sees it: `Scene`, what it is made of, object masks, and how it is read from MuJoCo."""
 
-from planners.scene.bodies import Body, FurnitureBox, HeldObject, RobotState, SceneError, UnknownObject
-from planners.scene.masks import FURNITURE_BIT, MAX_OBJECTS, SELF_BIT
+from planners.scene.bodies import Body, HeldObject, RobotState, SceneError, UnknownObject
+from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
 from planners.scene.scene import SUPPORT, Scene
+from planners.scene.static_obstacle import StaticObstacle
 
 __all__ = [
-    "FURNITURE_BIT",
     "MAX_OBJECTS",
     "SELF_BIT",
+    "STATIC_BIT",
     "SUPPORT",
     "Body",
-    "FurnitureBox",
     "HeldObject",
     "RobotState",
     "Scene",
     "SceneError",
+    "StaticObstacle",
     "UnknownObject",
 ]

@@ -1,4 +1,4 @@
-"""What a scene is made of: objects, furniture, the robot's state and what it holds. Immutable, in world coordinates."""
+"""Movable objects, the state of the robot and what it holds. Immutable, in world coordinates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Body", "FurnitureBox", "HeldObject", "RobotState", "SceneError", "UnknownObject"]
+__all__ = ["Body", "HeldObject", "RobotState", "SceneError", "UnknownObject", "frozen"]
 
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
@@ -20,15 +20,15 @@ Shape = Literal["cylinder", "box"]
 
 
 class SceneError(ValueError):
-    """A scene that cannot be: wrong shapes, duplicate names, overlaps, a robot inside the furniture."""
+    """An impossible scene: wrong shapes, duplicate names, overlapping objects, a robot inside a static obstacle."""
 
 
 class UnknownObject(SceneError):
     """No object of that name; the message lists the known ones."""
 
 
-def _frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """A read-only copy of that shape."""
+def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """A read-only copy of that shape; raises `SceneError` if it has another one or is not finite."""
     array = np.array(values, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
         raise SceneError(f"{what} must be finite with shape {shape}, not {array!r}")
@@ -52,7 +52,7 @@ class Body:
 
     def __post_init__(self) -> None:
         for name, size in (("half_extents", 3), ("position", 3), ("quaternion", 4)):
-            object.__setattr__(self, name, _frozen(getattr(self, name), (size,), f"{name} of {self.name!r}"))
+            object.__setattr__(self, name, frozen(getattr(self, name), (size,), f"{name} of {self.name!r}"))
         if self.shape not in ("cylinder", "box"):
             raise SceneError(f"{self.name!r} is a {self.shape!r}; known shapes: box, cylinder")
         if (self.half_extents <= 0).any() or not np.linalg.norm(self.quaternion) > 0.5:
@@ -133,34 +133,6 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class FurnitureBox:
-    """A static axis-aligned box: centre and half extents, each (3,) [m]."""
-
-    name: str
-    position: NDArray[np.float64]
-    half_extents: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for name in ("position", "half_extents"):
-            object.__setattr__(self, name, _frozen(getattr(self, name), (3,), f"{name} of {self.name!r}"))
-
-    @property
-    def lower(self) -> NDArray[np.float64]:
-        """(3,) [m] smallest corner."""
-        return self.position - self.half_extents
-
-    @property
-    def upper(self) -> NDArray[np.float64]:
-        """(3,) [m] largest corner."""
-        return self.position + self.half_extents
-
-    @property
-    def top(self) -> float:
-        """[m] height of the top face."""
-        return float(self.upper[2])
-
-
-@dataclass(frozen=True, eq=False)
 class RobotState:
     """Where the robot is: `base` (3,) x [m], y [m], yaw [rad]; `q` (8,) torso [m] and arm [rad]; one finger [m]."""
 
@@ -169,8 +141,8 @@ class RobotState:
     finger_position: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "base", _frozen(self.base, (3,), "base"))
-        object.__setattr__(self, "q", _frozen(self.q, (len(self.q),), "q"))
+        object.__setattr__(self, "base", frozen(self.base, (3,), "base"))
+        object.__setattr__(self, "q", frozen(self.q, (len(self.q),), "q"))
         object.__setattr__(self, "finger_position", float(self.finger_position))
 
 
@@ -182,4 +154,4 @@ class HeldObject:
     T_tcp_object: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "T_tcp_object", _frozen(self.T_tcp_object, (4, 4), "T_tcp_object"))
+        object.__setattr__(self, "T_tcp_object", frozen(self.T_tcp_object, (4, 4), "T_tcp_object"))

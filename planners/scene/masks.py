@@ -7,14 +7,14 @@ from typing import TypeAlias
 import numpy as np
 from numba import njit
 
-__all__ = ["FURNITURE_BIT", "MAX_OBJECTS", "SELF_BIT", "Mask", "bit_count"]
+__all__ = ["MAX_OBJECTS", "SELF_BIT", "STATIC_BIT", "Mask", "bit_count"]
 
-FURNITURE_BIT = 63
-"""Bit of a hit mask that stands for furniture and floor."""
+STATIC_BIT = 63
+"""Bit of a hit mask for static obstacles and the floor."""
 SELF_BIT = 62
-"""Bit of a hit mask that stands for the robot's own body."""
+"""Bit of a hit mask for the robot itself."""
 MAX_OBJECTS = 60
-"""Objects in one scene at most: one bit each in a 64-bit word, with room for the bits above."""
+"""Objects in one scene at most: one bit each in a 64-bit word, besides the two bits above."""
 
 Mask: TypeAlias = int | np.int64
 """A set of objects; a Python int outside compiled code."""

@@ -1,64 +1,231 @@
-"""Reading a scene out of a simulation, which is not written."""
+"""Reading the robot and the movable objects of a simulation, which is not written."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import Body, FurnitureBox, RobotState, SceneError
+from planners.scene.bodies import Body, RobotState, SceneError, Shape
 
-__all__ = ["OBJECT_PREFIX", "furniture_of", "objects_of", "robot_state_of"]
+__all__ = [
+    "OBJECT_PREFIX",
+    "Movable",
+    "MovableBodies",
+    "RobotJoints",
+    "can_touch",
+    "is_object_name",
+    "robot_bodies",
+    "robot_state_of",
+]
+
+Array: TypeAlias = NDArray[np.float64]
+Movable: TypeAlias = Collection[str] | Callable[[str], bool]
+"""The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
 
 OBJECT_PREFIX = "object_"
-AXIS_TOLERANCE = 1e-6
-"""Rounding of rotation matrices."""
+"""Names of movable bodies begin so, unless told otherwise."""
+_ON_THE_FLOOR = 0.001
+"""[m] and rounding of a rotation matrix: how far the base may be off the floor, or tilted."""
+_SHAPES: dict[int, Shape] = {
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+}
 
 
-def objects_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Body, ...]:
-    """The free bodies that are objects by name, in the order of the model."""
-    named = (body for body in range(model.nbody) if str(model.body(body).name).startswith(OBJECT_PREFIX))
-    return tuple(_object(model, data, body) for body in named)
+def is_object_name(name: str) -> bool:
+    """Whether a free body of that name is movable, unless told otherwise."""
+    return name.startswith(OBJECT_PREFIX)
 
 
-def _object(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Body:
-    """The pose is read from the joint: after a step, `data.xpos` lags by one."""
-    name = model.body(body).name
-    if model.body_geomnum[body] != 1 or model.body_jntnum[body] != 1:
-        raise SceneError(f"{name!r} must have one geom and one free joint")
-    geom = int(model.body_geomadr[body])
-    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-    start = int(model.jnt_qposadr[model.body_jntadr[body]])
-    position, quaternion = data.qpos[start : start + 3], data.qpos[start + 3 : start + 7]
-    if kind == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
-        return Body(name, "cylinder", np.array([size[0], size[0], size[1]]), position, quaternion)
-    if kind == int(mujoco.mjtGeom.mjGEOM_BOX):
-        return Body(name, "box", size, position, quaternion)
-    raise SceneError(f"{name!r} is neither a cylinder nor a box")
+def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which geoms take part in some contact, by their contact bits or by an explicit pair: (ngeom,)."""
+    touches: NDArray[np.bool_] = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    touches[model.pair_geom1] = True
+    touches[model.pair_geom2] = True
+    return touches
 
 
-def furniture_of(model: mujoco.MjModel, data: mujoco.MjData) -> Iterable[FurnitureBox]:
-    """Every box fixed to the world that something can touch."""
-    for geom in range(model.ngeom):
-        is_static = int(model.body_weldid[model.geom_bodyid[geom]]) == 0
-        touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
-        if not (is_static and touches and int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_BOX)):
-            continue
-        name = model.geom(geom).name or f"furniture_{geom}"
-        rotation = np.abs(data.geom_xmat[geom].reshape(3, 3))
-        if np.abs(rotation - rotation.round()).max() > AXIS_TOLERANCE:
-            raise SceneError(f"furniture {name!r} is not axis-aligned")
-        yield FurnitureBox(name, data.geom_xpos[geom], rotation @ model.geom_size[geom])
+def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
+    """Ids of the base body and all that is attached to it.
+
+    Raises:
+        SceneError: the model lacks a body, joint or site that the robot's specification names.
+    """
+    kinds = {
+        mujoco.mjtObj.mjOBJ_BODY: (robot.base_body,),
+        mujoco.mjtObj.mjOBJ_JOINT: (*robot.drive_joints, *robot.finger_joints),
+        mujoco.mjtObj.mjOBJ_SITE: (robot.tcp_site,),
+    }
+    missing = [name for kind, names in kinds.items() for name in names if mujoco.mj_name2id(model, kind, name) < 0]
+    if missing:
+        raise SceneError(
+            f"the model lacks {', '.join(missing)} of robot {robot.name!r}; attach the robot without a name prefix"
+        )
+    return _with_descendants(model, model.body(robot.base_body).id)
+
+
+def _with_descendants(model: mujoco.MjModel, body: int) -> frozenset[int]:
+    found = {body}
+    for other in range(body + 1, model.nbody):
+        if int(model.body_parentid[other]) in found:
+            found.add(other)
+    return frozenset(found)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotJoints:
+    """Where the robot's base and joints are found in `qpos`.
+
+    Attributes:
+        columns: (4 + n,) addresses of base x, y, yaw, torso and arm.
+        origin: (3,) x [m], y [m], yaw [rad] of the base in the world when its three joints are 0.
+    """
+
+    columns: NDArray[np.int64]
+    origin: Array
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotJoints:
+        """Look them up.
+
+        Raises:
+            SceneError: the base is attached to something that moves, or does not stand upright on the floor z = 0.
+        """
+        columns = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
+        body = model.body(robot.base_body).id
+        parent = int(model.body_parentid[body])
+        if int(model.body_weldid[parent]) != 0:
+            raise SceneError(
+                f"the base of robot {robot.name!r} is attached to the moving body {model.body(parent).name!r}"
+            )
+        frame, local = data.xmat[parent].reshape(3, 3), np.empty(9)
+        mujoco.mju_quat2Mat(local, model.body_quat[body])
+        position, rotation = data.xpos[parent] + frame @ model.body_pos[body], frame @ local.reshape(3, 3)
+        if abs(position[2]) > _ON_THE_FLOOR or 1 - rotation[2, 2] > _ON_THE_FLOOR:
+            raise SceneError(
+                f"the base of robot {robot.name!r} must stand upright on the floor z = 0, not at {position}"
+            )
+        reference = model.qpos0[columns[:3]]
+        yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) - reference[2]
+        return cls(columns, np.append(position[:2] - rotation[:2, :2] @ reference[:2], yaw))
+
+    def read(self, data: mujoco.MjData) -> Array:
+        """(4 + n,) base pose in the world, x [m], y [m], yaw [rad], then torso [m] and arm [rad]."""
+        values = data.qpos[self.columns]
+        (x, y, yaw), c, s = self.origin, np.cos(self.origin[2]), np.sin(self.origin[2])
+        values[:3] = x + c * values[0] - s * values[1], y + s * values[0] + c * values[1], yaw + values[2]
+        return np.asarray(values)
 
 
 def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotState:
     """Where its base, joints and fingers are."""
+    drive = RobotJoints.of(model, data, robot).read(data)
+    fingers = np.array([data.qpos[model.joint(name).qposadr[0]] for name in robot.finger_joints])
+    return RobotState(drive[:3], drive[3:], float(fingers.mean()))
 
-    def positions(joints: Iterable[str]) -> NDArray[np.float64]:
-        return np.array([data.qpos[model.joint(name).qposadr[0]] for name in joints])
 
-    drive = positions(robot.drive_joints)
-    return RobotState(drive[:3], drive[3:], float(positions(robot.finger_joints).mean()))
+@dataclass(frozen=True, eq=False)
+class MovableBodies:
+    """The movable objects of a model, in its order: bodies with a free joint and one cylinder or box that can touch.
+
+    Attributes:
+        names: of the n bodies.
+        bodies: (n,) their ids; `geoms` (n,) ids of their cylinders and boxes.
+        addresses: (n,) where the poses of the bodies begin in `qpos`.
+        offsets: (n, 3) [m] centre of the geom in the body's frame; `turns` (n, 4) its quaternion there, wxyz.
+    """
+
+    names: tuple[str, ...]
+    bodies: NDArray[np.int64]
+    geoms: NDArray[np.int64]
+    addresses: NDArray[np.int64]
+    offsets: Array
+    turns: Array
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, robot: RobotSpec, movable: Movable = is_object_name) -> MovableBodies:
+        """Look them up.
+
+        Raises:
+            SceneError: a name that is no free body, or a body that is not one cylinder or one box.
+        """
+        bodies = _movable_ids(model, robot, movable)
+        touches = can_touch(model)
+        geoms = [_object_geom(model, body, touches) for body in bodies]
+        return cls(
+            names=tuple(str(model.body(body).name) for body in bodies),
+            bodies=np.array(bodies, dtype=np.int64),
+            geoms=np.array(geoms, dtype=np.int64),
+            addresses=np.array([model.jnt_qposadr[model.body_jntadr[body]] for body in bodies], dtype=np.int64),
+            offsets=model.geom_pos[geoms].reshape(-1, 3),
+            turns=model.geom_quat[geoms].reshape(-1, 4),
+        )
+
+    def poses(self, data: mujoco.MjData) -> tuple[Array, Array]:
+        """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the geoms.
+
+        They are worked out from the joints: `data.xpos` is one time step behind after a step.
+        """
+        values = data.qpos[self.addresses[:, None] + np.arange(7)]
+        centres, quaternions, turned = values[:, :3].copy(), np.empty((len(values), 4)), np.empty(3)
+        for i, (offset, turn, quaternion) in enumerate(zip(self.offsets, self.turns, values[:, 3:], strict=True)):
+            mujoco.mju_rotVecQuat(turned, offset, quaternion)
+            centres[i] += turned
+            mujoco.mju_mulQuat(quaternions[i], quaternion, turn)
+        return centres, quaternions
+
+    def read(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Body, ...]:
+        """The objects where they are now."""
+        return tuple(
+            Body(name, _SHAPES[int(model.geom_type[geom])], _half_extents(model, int(geom)), centre, quaternion)
+            for name, geom, centre, quaternion in zip(self.names, self.geoms, *self.poses(data), strict=True)
+        )
+
+
+def _half_extents(model: mujoco.MjModel, geom: int) -> Array:
+    size = model.geom_size[geom]
+    is_box = _SHAPES[int(model.geom_type[geom])] == "box"
+    return np.array(size) if is_box else np.array([size[0], size[0], size[1]])
+
+
+def _is_free(model: mujoco.MjModel, body: int) -> bool:
+    """Whether its one joint is a free joint."""
+    kind = int(model.jnt_type[model.body_jntadr[body]]) if model.body_jntnum[body] == 1 else -1
+    return kind == int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> list[int]:
+    robot_ids = robot_bodies(model, robot)
+    free = {str(model.body(i).name): i for i in range(model.nbody) if i not in robot_ids and _is_free(model, i)}
+    if callable(movable):
+        return [body for name, body in free.items() if movable(name)]
+    if isinstance(movable, str):
+        raise SceneError(f"movable is a collection of names or a predicate, not one string; use [{movable!r}]")
+    unknown = [name for name in movable if name not in free]
+    if unknown:
+        raise SceneError(f"no free body {', '.join(map(repr, unknown))}; free bodies: {', '.join(free) or 'none'}")
+    return [body for name, body in free.items() if name in movable]
+
+
+def _object_geom(model: mujoco.MjModel, body: int, touches: NDArray[np.bool_]) -> int:
+    """The one geom of a movable body that can touch something."""
+    name, family = model.body(body).name, _with_descendants(model, body)
+    advice = "without it in `movable` it is a static obstacle"
+    if any(model.body_jntnum[other] for other in family - {body}):
+        raise SceneError(f"movable body {name!r} has joints besides its free joint; {advice}")
+    geoms = [geom for geom in range(model.ngeom) if touches[geom] and int(model.geom_bodyid[geom]) in family]
+    if len(geoms) != 1 or int(model.geom_bodyid[geoms[0]]) != body:
+        raise SceneError(
+            f"movable body {name!r} must have one geom of its own that can touch, not {len(geoms)}; {advice}"
+        )
+    kind = int(model.geom_type[geoms[0]])
+    if kind not in _SHAPES:
+        shape = mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
+        raise SceneError(f"movable body {name!r} is a {shape}, not a cylinder or a box; {advice}")
+    return geoms[0]

@@ -1,6 +1,6 @@
-"""The world as the planner sees it: one immutable snapshot of robot, furniture and objects.
+"""The world as the planner sees it: one immutable snapshot of robot, movable objects and static obstacles.
 
-World frame: origin on the floor under the table's centre, x from the robot towards the table, y left, z up.
+World frame: z up, the floor at z = 0.
 """
 
 from __future__ import annotations
@@ -13,32 +13,48 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import Body, FurnitureBox, HeldObject, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import Body, HeldObject, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS
-from planners.scene.mujoco_reading import furniture_of, objects_of, robot_state_of
+from planners.scene.mujoco_obstacles import IsObstacle, find_support, static_obstacles_of
+from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name, robot_state_of
+from planners.scene.static_obstacle import StaticObstacle
 
 __all__ = ["SUPPORT", "Scene"]
 
 SUPPORT = "table_top"
-"""The piece of furniture whose top face is R_plane."""
+"""Name of the support in the scenes of this package."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything the planner may know, at one instant. Object i of `objects` is bit i of every mask."""
+    """Everything that the planner may know, at one instant. Object i of `objects` is bit i of every mask.
+
+    Attributes:
+        robot: which robot it is.
+        state: where it is.
+        objects: what may be moved: cylinders and boxes.
+        static_obstacles: what may not be touched, the support among it; the floor z = 0 is always there.
+        held: the object in the gripper, None for none.
+        support_name: the static obstacle on whose level top face objects stand, R_plane of the paper.
+
+    Raises:
+        SceneError: two objects or two static obstacles have the same name, or there are too many objects for a mask.
+        UnknownObject: the object in the gripper is not among the objects.
+    """
 
     robot: RobotSpec
     state: RobotState
     objects: tuple[Body, ...]
-    furniture: tuple[FurnitureBox, ...]
+    static_obstacles: tuple[StaticObstacle, ...]
     held: HeldObject | None = None
+    support_name: str = SUPPORT
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
-        object.__setattr__(self, "furniture", tuple(self.furniture))
+        object.__setattr__(self, "static_obstacles", tuple(self.static_obstacles))
         if len(self.objects) > MAX_OBJECTS:
             raise SceneError(f"{len(self.objects)} objects; at most {MAX_OBJECTS} fit a mask")
-        for kind in (self.names, tuple(box.name for box in self.furniture)):
+        for kind in (self.names, tuple(obstacle.name for obstacle in self.static_obstacles)):
             if len(set(kind)) != len(kind):
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
         if self.held is not None:
@@ -65,19 +81,20 @@ class Scene:
         return self.objects[self.index(name)]
 
     @property
-    def support(self) -> FurnitureBox:
-        """The table top; raises `SceneError` where there is none."""
-        for box in self.furniture:
-            if box.name == SUPPORT:
-                return box
-        raise SceneError(f"no furniture {SUPPORT!r}; known: {', '.join(box.name for box in self.furniture) or 'none'}")
+    def support(self) -> StaticObstacle:
+        """The static obstacle on which objects stand; raises `SceneError` where there is none."""
+        for obstacle in self.static_obstacles:
+            if obstacle.name == self.support_name:
+                return obstacle
+        known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
+        raise SceneError(f"no support {self.support_name!r}; static obstacles with a level top: {known or 'none'}")
 
     def mask(self, names: Iterable[str]) -> int:
         """The bits of these objects."""
         return sum({1 << self.index(name) for name in names})
 
     def names_of(self, mask: int) -> tuple[str, ...]:
-        """The objects whose bits are set; furniture and self bits are not objects and are left out."""
+        """The objects whose bits are set; the bits of static obstacles and of the robot are left out."""
         return tuple(body.name for i, body in enumerate(self.objects) if int(mask) >> i & 1)
 
     def with_state(self, state: RobotState) -> Scene:
@@ -90,31 +107,57 @@ class Scene:
         return replace(self, objects=(*self.objects[:index], body, *self.objects[index + 1 :]))
 
     def with_held(self, held: HeldObject | None) -> Scene:
-        """The same scene with another object, or none, in hand."""
+        """The same scene with another object, or none, in the gripper."""
         return replace(self, held=held)
 
     @classmethod
-    def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, held: str = "") -> Scene:
+    def from_mujoco(
+        cls,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        robot: RobotSpec,
+        held: str = "",
+        *,
+        movable: Movable = is_object_name,
+        support: str = SUPPORT,
+        obstacles: IsObstacle | None = None,
+    ) -> Scene:
         """A snapshot of a simulation; neither `model` nor `data` is written.
 
+        What is neither the robot nor movable is a static obstacle where it is now, bodies with joints included.
+
         Args:
-            model: objects are bodies "object_…" with a free joint and one geom; furniture is box geoms of static
-                bodies; the robot has the names of `robot`.
+            model: it contains the robot, with the names of `robot`.
             data: after a step or `mj_forward`.
             robot: which robot it is.
-            held: name of the object in hand, "" for none.
+            held: name of the object in the gripper, "" for none.
+            movable: names of the bodies that may be moved, or a predicate on the names of free bodies; by default
+                names that begin with "object_". Each has one free joint and one cylinder or box that can touch.
+            support: name of the geom on whose level top face objects stand, or of the body that it belongs to.
+            obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
+                a movable body; by default geoms that can touch something are static obstacles.
 
         Raises:
-            SceneError: an object that is neither cylinder nor box, or furniture that is not axis-aligned.
+            SceneError: a movable body that is neither a cylinder nor a box, a static geom that cannot be represented, a
+                name that is missing; the message says which, and lists the valid names. Or `data` has no poses yet.
             UnknownObject: no object named `held`.
         """
-        state, objects = robot_state_of(model, data, robot), objects_of(model, data)
-        scene = cls(robot, state, objects, tuple(furniture_of(model, data)))
+        if not data.geom_xmat.any():
+            raise SceneError("the simulation has no poses yet; call mujoco.mj_forward(model, data) first")
+        bodies = MovableBodies.of(model, robot, movable)
+        found = static_obstacles_of(model, data, robot, bodies.bodies, obstacles)
+        scene = cls(
+            robot,
+            robot_state_of(model, data, robot),
+            bodies.read(model, data),
+            tuple(one.obstacle for one in found),
+            support_name=find_support(found, support),
+        )
         if not held:
             return scene
-        scene.index(held)
+        geom = bodies.geoms[scene.index(held)]
         T_world_tcp, T_world_object = np.eye(4), np.eye(4)
-        site, body = data.site(robot.tcp_site), data.geom(held)
+        site = data.site(robot.tcp_site)
         T_world_tcp[:3, :3], T_world_tcp[:3, 3] = site.xmat.reshape(3, 3), site.xpos
-        T_world_object[:3, :3], T_world_object[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+        T_world_object[:3, :3], T_world_object[:3, 3] = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
         return scene.with_held(HeldObject(held, np.linalg.inv(T_world_tcp) @ T_world_object))

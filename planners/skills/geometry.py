@@ -141,7 +141,7 @@ class SkillGeometry:
 
 
 def skill_geometry(scene: Scene) -> SkillGeometry:
-    """Skills of the scene's robot between the scene's furniture; serves every arrangement of objects."""
+    """Skills of the scene's robot among the scene's static obstacles, for every arrangement of its objects."""
     return SkillGeometry(map_placer(scene), ArmChain.from_robot(scene.robot))
 
 

@@ -12,11 +12,11 @@ from assets.robots import FETCH
 from irm.arm.kinematics import ArmChain, inverse
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
-from planners.scene import Body, FurnitureBox, Scene
+from planners.scene import Body, Scene, StaticObstacle
 from tests.planners.scenes import HEIGHT, random_scene
 
 CHAIN = ArmChain.from_robot(FETCH)
-BOARD = FurnitureBox("shelf_board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0.35, 0.52, 0.01]))
+BOARD = StaticObstacle("shelf_board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0.35, 0.52, 0.01]))
 
 
 def mixed_scene(count: int, seed: int, board: bool = False) -> Scene:
@@ -24,8 +24,8 @@ def mixed_scene(count: int, seed: int, board: bool = False) -> Scene:
     scene = random_scene(count, seed)
     rng = np.random.default_rng(seed)
     objects = tuple(_varied(body, i, rng) for i, body in enumerate(scene.objects))
-    furniture = (*scene.furniture, BOARD) if board else scene.furniture
-    return replace(scene, objects=objects, furniture=furniture)
+    obstacles = (*scene.static_obstacles, BOARD) if board else scene.static_obstacles
+    return replace(scene, objects=objects, static_obstacles=obstacles)
 
 
 def _varied(body: Body, index: int, rng: np.random.Generator) -> Body:

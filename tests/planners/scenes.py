@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from assets.robots import FETCH
-from planners.scene import Body, FurnitureBox, RobotState, Scene
+from planners.scene import Body, RobotState, Scene, StaticObstacle
 
 DEPTH, WIDTH, HEIGHT = 0.7, 1.0, 0.75
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
-FURNITURE = (
-    FurnitureBox("table_top", np.array([0.0, 0.0, HEIGHT - 0.02]), np.array([DEPTH / 2, WIDTH / 2, 0.02])),
-    FurnitureBox("counter_left", np.array([0.0, 0.8, 0.375]), np.array([DEPTH / 2, 0.3, 0.375])),
-    FurnitureBox("counter_right", np.array([0.0, -0.8, 0.375]), np.array([DEPTH / 2, 0.3, 0.375])),
-    FurnitureBox("wall", np.array([0.37, 0.0, 0.8]), np.array([0.02, 1.1, 0.8])),
+OBSTACLES = (
+    StaticObstacle("table_top", np.array([0.0, 0.0, HEIGHT - 0.02]), np.array([DEPTH / 2, WIDTH / 2, 0.02])),
+    StaticObstacle("counter_left", np.array([0.0, 0.8, 0.375]), np.array([DEPTH / 2, 0.3, 0.375])),
+    StaticObstacle("counter_right", np.array([0.0, -0.8, 0.375]), np.array([DEPTH / 2, 0.3, 0.375])),
+    StaticObstacle("wall", np.array([0.37, 0.0, 0.8]), np.array([0.02, 1.1, 0.8])),
 )
 
 
@@ -27,7 +27,7 @@ def cylinder(name: str, x: float, y: float, radius: float = 0.03, height: float 
 def table_scene(*objects: Body) -> Scene:
     """The robot at home in front of a table with these objects."""
     state = RobotState(np.array([-1.1, 0.0, 0.0]), np.array(FETCH.home), FETCH.max_finger_position)
-    return Scene(FETCH, state, objects, FURNITURE)
+    return Scene(FETCH, state, objects, OBSTACLES)
 
 
 def random_scene(count: int, seed: int) -> Scene:

@@ -131,7 +131,7 @@ def test_overlapping_objects_are_named() -> None:
 def test_a_robot_inside_the_table_is_refused() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
     inside = scene.with_state(RobotState(np.array([0.0, 0.8, 0.0]), scene.state.q, 0.0))
-    with pytest.raises(SceneError, match="inside the furniture"):
+    with pytest.raises(SceneError, match="is inside"):
         solve(inside, "object_00")
 
 

@@ -19,18 +19,18 @@ from planners.clearing.minimum_clearances import (
 )
 from planners.clearing.self_clearable import FloorOptionsError, is_self_clearable, removal_orders, usable_options
 
-FURNITURE = 1 << 63
+STATIC = 1 << 63
 
 
 def random_options(rng: np.random.Generator, count: int) -> dict[int, list[int]]:
-    """Sparse random blockers, some options against furniture, some objects without options."""
+    """Sparse random blockers, some options against static obstacles, some objects without options."""
     density = rng.uniform(0.1, 0.5)
     options = {}
     for index in range(count):
         masks = [
             sum(1 << int(i) for i in np.flatnonzero(rng.random(count) < density)) for _ in range(rng.integers(0, 4))
         ]
-        options[index] = [mask | FURNITURE if rng.random() < 0.1 else mask for mask in masks]
+        options[index] = [mask | STATIC if rng.random() < 0.1 else mask for mask in masks]
     return options
 
 
@@ -148,7 +148,7 @@ def test_options_are_asked_for_once_and_only_where_they_matter() -> None:
 
 def test_causes() -> None:
     assert minimum_clearances({0: [], 1: [0]}, 0).cause == UNREACHABLE
-    assert minimum_clearances({0: [FURNITURE | 2], 1: [0]}, 0).cause == UNREACHABLE
+    assert minimum_clearances({0: [STATIC | 2], 1: [0]}, 0).cause == UNREACHABLE
     assert minimum_clearances({0: [0b10], 1: [0b100], 2: [0b10]}, 0).cause == NO_SELF_CLEARABLE_SET
     assert minimum_clearances({0: [0b10], 1: [0b01]}, 0).cause == NO_SELF_CLEARABLE_SET
     assert minimum_clearances({0: [0b01]}, 0).count == 0, "an object never blocks itself"

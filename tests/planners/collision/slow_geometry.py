@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import daqp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.spatial import ConvexHull
 
 from irm.arm.kinematics import ArmChain, fk_frames
-from planners.collision.geometry import CYLINDER, Solids
+from planners.collision.geometry import CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.robot_model import BASE
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
-from planners.scene import FURNITURE_BIT, SELF_BIT, HeldObject
+from planners.scene import SELF_BIT, STATIC_BIT, HeldObject
 
 
 def project(solids: Solids, i: int, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -19,21 +22,47 @@ def project(solids: Solids, i: int, point: NDArray[np.float64]) -> NDArray[np.fl
     if solids.core[i] == CYLINDER:
         local[:2] *= min(1.0, half[0] / max(np.hypot(*local[:2]), 1e-12))
         local[2] = np.clip(local[2], -half[2], half[2])
+    elif solids.core[i] == ELLIPSOID:
+        local = _project_on_ellipsoid(half, local)
+    elif solids.core[i] == HULL:
+        local = _project_on_hull(solids.vertices[solids.first[i] : solids.first[i + 1]], local)
     else:
         local = np.clip(local, -half, half)
     return np.asarray(solids.position[i] + solids.rotation[i] @ local)
 
 
-def distance(solids: Solids, i: int, j: int) -> float:
-    """Distance between two primitives; radii taken off, so that it may be negative."""
-    a = solids.position[i]
+def _project_on_ellipsoid(half: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """x with x_i = a_i^2 p_i / (a_i^2 + t), where t > 0 solves |x / a| = 1."""
+
+    def excess(t: float) -> float:
+        return float(np.sum((half * point / (half**2 + t)) ** 2) - 1)
+
+    if excess(0.0) <= 0:
+        return point
+    t = brentq(excess, 0.0, float(half.max() * np.linalg.norm(point)), xtol=1e-15)
+    return np.asarray(half**2 * point / (half**2 + t))
+
+
+def _project_on_hull(vertices: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The quadratic program min |x - p|^2 with x on the inner side of all faces."""
+    faces = ConvexHull(vertices).equations
+    A, upper = np.ascontiguousarray(faces[:, :3]), -faces[:, 3]
+    lower, sense = np.full(len(upper), -1e30), np.zeros(len(upper), dtype=np.int32)
+    x, _, flag, _ = daqp.solve(np.eye(3), -point, A, upper.copy(), lower, sense)
+    assert flag == 1
+    return np.asarray(x)
+
+
+def distance(a: Solids, i: int, b: Solids, j: int) -> float:
+    """Distance between solid i of `a` and j of `b`; radii taken off, so that it may be negative."""
+    near = a.position[i]
     for _ in range(4000):
-        b = project(solids, j, a)
-        closer = project(solids, i, b)
-        if np.abs(closer - a).max() < 1e-11:
+        far = project(b, j, near)
+        closer = project(a, i, far)
+        if np.abs(closer - near).max() < 1e-11:
             break
-        a = closer
-    return float(np.linalg.norm(a - b) - solids.radius[i] - solids.radius[j])
+        near = closer
+    return float(np.linalg.norm(near - far) - a.radius[i] - b.radius[j])
 
 
 def slow_hits(
@@ -51,11 +80,9 @@ def slow_hits(
     for i in (*range(count), *(c + 1 for c in carried)):
         is_low = moving.position[i, 2] - _height(moving, i) < world.padding
         on_base = i < count and robot.link[i] == BASE
-        furniture = range(len(world.scene.furniture))
-        if (is_low and not on_base) or any(
-            _near(moving, i, world.obstacles.furniture, j, world.padding) for j in furniture
-        ):
-            hits |= 1 << FURNITURE_BIT
+        static = range(len(world.scene.static_obstacles))
+        if (is_low and not on_base) or any(_near(moving, i, world.obstacles.static, j, world.padding) for j in static):
+            hits |= 1 << STATIC_BIT
     pairs = [tuple(pair) for pair in robot.self_pairs]
     pairs += [(i, c) for c in carried for i in range(count) if robot.link[i] < len(robot.offsets) - 1]
     if any(_near(moving, i, moving, j, world.padding) for i, j in pairs):
@@ -66,8 +93,7 @@ def slow_hits(
 def _near(a: Solids, i: int, b: Solids, j: int, padding: float) -> bool:
     if np.linalg.norm(a.position[i] - b.position[j]) > a.bound[i] + b.bound[j] + padding:
         return False
-    both = Solids(*(np.stack([x[i], y[j]]) for x, y in zip(a, b, strict=True)))
-    return distance(both, 0, 1) < padding
+    return distance(a, i, b, j) < padding
 
 
 def _height(solids: Solids, i: int) -> float:
@@ -107,4 +133,8 @@ def _placed(
             position = held.T_tcp_object[:3, 3] + raised * rotation[:, 2]
             half = body.half_extents - [0.0, 0.0, raised]
             rows.append((core, half, 0.0, bound, origin + tcp @ position, tcp @ rotation))
-    return Solids(*(np.array(column) for column in zip(*rows, strict=True)))
+    return Solids(
+        *(np.array(column) for column in zip(*rows, strict=True)),
+        vertices=np.zeros((0, 3)),
+        first=np.zeros(0, dtype=np.int64),
+    )

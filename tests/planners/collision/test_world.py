@@ -14,7 +14,7 @@ from planners.collision.path_kernel import edge_samples
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import ArmPath
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.scene import FURNITURE_BIT, HeldObject
+from planners.scene import STATIC_BIT, HeldObject
 from tests.planners.collision.slow_geometry import slow_hits
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 
@@ -68,7 +68,7 @@ def test_padded_checks_call_little_hit_that_is_far(seed: int) -> None:
 def test_ignored_bits_never_show_and_others_stay() -> None:
     world = CollisionWorld.from_scene(mixed_scene(30, 1))
     Q = random_postures(world, 500, 1)
-    ignore = world.scene.mask(world.scene.names[::2]) | 1 << FURNITURE_BIT
+    ignore = world.scene.mask(world.scene.names[::2]) | 1 << STATIC_BIT
     everything = world.hits_many(BASE, Q, OPENING)
     assert np.array_equal(world.hits_many(BASE, Q, OPENING, ignore=ignore), everything & ~np.uint64(ignore))
 
@@ -90,7 +90,7 @@ def test_object_in_hand_is_no_obstacle_and_may_stand_on_the_table() -> None:
             assert world.hits(base, q, grip, held) == 0
             sunk = held.T_tcp_object.copy()
             sunk[2, 3] -= 0.003
-            assert world.hits(base, q, grip, HeldObject(body.name, sunk)) >> FURNITURE_BIT & 1
+            assert world.hits(base, q, grip, HeldObject(body.name, sunk)) >> STATIC_BIT & 1
             checked += 1
     assert checked > 3
 

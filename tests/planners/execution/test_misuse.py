@@ -135,6 +135,7 @@ class Foreign:
     def __init__(self, inner: Any) -> None:
         self.model, self.data, self.robot = inner.model, inner.data, inner.robot
         self.control_mode, self.target, self.lift_height = "joint", inner.target, 0.10
+        self.object_names, self.support_name = inner.object_names, "table_top"
         self._inner = inner
 
     def joint_action(self, q_target: Any, gripper_width: float) -> Any:

@@ -15,11 +15,11 @@ from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.placing.placements import PlacementSearch
 from planners.planner import map_placer
-from planners.scene import FURNITURE_BIT, SELF_BIT, RobotState, Scene
+from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
 from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
-SOLID = 1 << FURNITURE_BIT | 1 << SELF_BIT
+SOLID = 1 << STATIC_BIT | 1 << SELF_BIT
 CHAIN = ArmChain.from_robot(FETCH)
 
 

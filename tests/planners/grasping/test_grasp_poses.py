@@ -17,9 +17,9 @@ from planners.grasping.grasp_poses import (
     gripper_opening,
 )
 from planners.placing.locations import PlacementConfig, placement_grid, placement_levels, stand_at
-from planners.scene import Body, FurnitureBox
+from planners.scene import Body, StaticObstacle
 
-TABLE = FurnitureBox("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.35, 0.5, 0.02]))
+TABLE = StaticObstacle("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.35, 0.5, 0.02]))
 BOTH = GraspConfig(kinds=("side", "top"))
 LYING = (math.cos(math.pi / 4), math.sin(math.pi / 4), 0.0, 0.0)
 
@@ -131,5 +131,5 @@ def test_levels_get_finer_stay_within_the_margin_and_depend_on_the_seed_alone() 
 
 
 def test_a_table_smaller_than_its_margins_offers_its_centre() -> None:
-    tiny = FurnitureBox("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.04, 0.04, 0.02]))
+    tiny = StaticObstacle("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.04, 0.04, 0.02]))
     np.testing.assert_allclose(placement_grid(tiny), 0.0)

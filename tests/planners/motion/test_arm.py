@@ -143,7 +143,7 @@ def test_what_clearing_cannot_help_is_unreachable_and_says_why() -> None:
     base, rng = np.array([-0.8, 0.0, 0.0]), np.random.default_rng(0)
     found = plan_arm(world, base, HOME, INTO_TABLE, 0.08, rng=rng)
     assert isinstance(found, NoPath)
-    assert "furniture" in found.reason
+    assert "static obstacle" in found.reason
     found = plan_arm(world, base, INTO_TABLE, HOME, 0.08, rng=rng)
     assert isinstance(found, NoPath)
     assert "start" in found.reason

@@ -64,11 +64,11 @@ def test_a_way_round_is_found_where_the_straight_one_is_blocked() -> None:
 @pytest.mark.parametrize(
     ("start", "goal", "name"), [((0.0, 0, 0), (-1, 0, 0), "start"), ((-1, 0, 0), (0.2, 0, 0), "goal")]
 )
-def test_standing_inside_furniture_is_named(start: tuple[float, ...], goal: tuple[float, ...], name: str) -> None:
+def test_standing_inside_an_obstacle_is_named(start: tuple[float, ...], goal: tuple[float, ...], name: str) -> None:
     found = plan_base(CollisionWorld.from_scene(table_scene()), start, goal, HOME)
     assert isinstance(found, NoPath)
     assert name in found.reason
-    assert "furniture" in found.reason
+    assert "static obstacle" in found.reason
 
 
 def test_a_held_object_is_part_of_the_robot() -> None:

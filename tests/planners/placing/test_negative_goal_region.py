@@ -21,9 +21,9 @@ from planners.placing.negative_goal_region import (
     negative_goal_region,
     swept_mask,
 )
-from planners.scene import Body, FurnitureBox
+from planners.scene import Body, StaticObstacle
 
-TABLE = FurnitureBox("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.35, 0.5, 0.02]))
+TABLE = StaticObstacle("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.35, 0.5, 0.02]))
 GRID = SupportGrid.over(TABLE)
 COARSE = SupportGrid(-0.2, -0.2, 0.02, (20, 20), 0.75)
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

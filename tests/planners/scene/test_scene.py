@@ -59,7 +59,12 @@ def test_replacing_a_body_keeps_its_bit() -> None:
 
 def test_arrays_cannot_be_written() -> None:
     scene = mixed_scene(3, 0)
-    for array in (scene.objects[0].position, scene.objects[0].rotation, scene.state.q, scene.furniture[0].half_extents):
+    for array in (
+        scene.objects[0].position,
+        scene.objects[0].rotation,
+        scene.state.q,
+        scene.static_obstacles[0].half_extents,
+    ):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
@@ -69,7 +74,7 @@ def test_arrays_cannot_be_written() -> None:
     [
         (lambda scene: scene.body("cup"), "known objects: object_00, object_01"),
         (lambda scene: scene.with_held(HeldObject("cup", np.eye(4))), "known objects"),
-        (lambda scene: Scene(FETCH, scene.state, (scene.objects[0],) * 2, scene.furniture), "duplicate"),
+        (lambda scene: Scene(FETCH, scene.state, (scene.objects[0],) * 2, scene.static_obstacles), "duplicate"),
         (lambda scene: Scene(FETCH, scene.state, scene.objects, ()).support, "table_top"),
     ],
 )
@@ -124,7 +129,7 @@ def test_from_mujoco_reads_what_the_simulation_holds(layout: str) -> None:
     for body in scene.objects:
         assert np.allclose(body.position, data.geom(body.name).xpos)
         assert np.allclose(body.rotation, data.geom(body.name).xmat.reshape(3, 3))
-    for box in scene.furniture:
+    for box in scene.static_obstacles:
         assert np.allclose(box.half_extents, model.geom(box.name).size)
         assert np.allclose(box.position, data.geom(box.name).xpos)
     assert scene.support.top == pytest.approx(0.75)

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from planners import Infeasible, Solution
+from planners import Infeasible, Solution, solve
 from planners.cause import Cause
 from planners.execution.executor import Executor, Outcome
 from planners.execution.monitor import MonitorConfig, Snapshot
@@ -19,6 +20,7 @@ from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
 from planners.tamp.plan_file import VERSION, PlanFileError, is_same, write_plan
 from planners.tamp.solution import BoundAction
+from tests.planners.own_scenes import kitchen, read
 from tests.planners.plans import refused, solved
 
 
@@ -85,6 +87,18 @@ def test_a_loaded_plan_equals_the_saved_one_bit_for_bit(tmp_path: Path) -> None:
         assert is_same(mine.scene, other.scene)
     assert loaded.summary() == plan.summary()
     assert loaded.stats.history == plan.stats.history
+
+
+def test_a_plan_among_obstacles_of_any_shape_is_read_again(tmp_path: Path) -> None:
+    model, data = kitchen('<geom type="mesh" mesh="wedge" pos="1.3 0.35 0.85"/>')
+    plan = solve(read(model, data), "can")
+    assert isinstance(plan, Solution), plan
+    plan.save(tmp_path / "plan.npz")
+    loaded = Solution.load(tmp_path / "plan.npz")
+    assert loaded == plan
+    shapes = {obstacle.shape for obstacle in loaded.actions[0].scene.static_obstacles}
+    assert {"box", "cylinder", "hull"} <= shapes
+    plan.plot(Figure().subplots())
 
 
 def test_a_loaded_failure_equals_the_saved_one(tmp_path: Path) -> None:

@@ -1,0 +1,98 @@
+"""A scene's objects and static obstacles as arrays for kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.configuration_kernel import Obstacles
+from planners.collision.geometry import BOX, CYLINDER, ELLIPSOID, HULL, Solids
+from planners.scene import Body, Scene, StaticObstacle
+
+__all__ = ["body_bound", "body_core", "obstacle_arrays"]
+
+Array = NDArray[np.float64]
+
+_CORES = {
+    "box": BOX,
+    "cylinder": CYLINDER,
+    "capsule": BOX,
+    "sphere": BOX,
+    "ellipsoid": ELLIPSOID,
+    "hull": HULL,
+}
+"""A capsule is a segment, a sphere a point, both boxes without width, grown by their radius."""
+
+
+def body_core(body: Body) -> int:
+    """BOX or CYLINDER."""
+    return _CORES[body.shape]
+
+
+def body_bound(body: Body) -> float:
+    """[m] of the sphere about an object's centre that contains it."""
+    half = body.half_extents
+    return float(np.hypot(half[0], half[2]) if body.shape == "cylinder" else np.linalg.norm(half))
+
+
+def obstacle_arrays(scene: Scene) -> Obstacles:
+    """The objects in the order of their bits, and the static obstacles, the one with the highest top first."""
+    bodies = scene.objects
+    static = sorted(scene.static_obstacles, key=lambda obstacle: -(obstacle.position[2] + obstacle.extent[2]))
+    corners = np.array(
+        [(*(b.position[:2] + s * b.radius), b.top if s > 0 else b.bottom) for b in bodies for s in (-1, 1)]
+    )
+    nowhere = np.full((1, 3), np.inf)
+    return Obstacles(
+        objects=Solids(
+            core=np.array([body_core(body) for body in bodies], dtype=np.int64),
+            half=_rows([body.half_extents for body in bodies]),
+            radius=np.zeros(len(bodies)),
+            bound=np.array([body_bound(body) for body in bodies], dtype=float),
+            position=_rows([body.position for body in bodies]),
+            rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
+            vertices=np.zeros((0, 3)),
+            first=np.zeros(0, dtype=np.int64),
+        ),
+        radius=np.array([body.radius for body in bodies], dtype=float),
+        bottom=np.array([body.bottom for body in bodies], dtype=float),
+        top=np.array([body.top for body in bodies], dtype=float),
+        lower=(corners if bodies else nowhere).min(axis=0),
+        upper=(corners if bodies else nowhere).max(axis=0),
+        static=_static_solids(static),
+        extent=_rows([obstacle.extent for obstacle in static]),
+    )
+
+
+def _static_solids(obstacles: Sequence[StaticObstacle]) -> Solids:
+    radius = np.array([_radius(obstacle) for obstacle in obstacles], dtype=float)
+    half = _rows([_core_half(obstacle) for obstacle in obstacles])
+    return Solids(
+        core=np.array([_CORES[obstacle.shape] for obstacle in obstacles], dtype=np.int64),
+        half=half,
+        radius=radius,
+        bound=np.linalg.norm(half, axis=1) + radius,
+        position=_rows([obstacle.position for obstacle in obstacles]),
+        rotation=np.array([obstacle.rotation for obstacle in obstacles]).reshape(-1, 3, 3),
+        vertices=np.concatenate([np.zeros((0, 3)), *(obstacle.vertices for obstacle in obstacles)]),
+        first=np.cumsum([0, *(len(obstacle.vertices) for obstacle in obstacles)]),
+    )
+
+
+def _radius(obstacle: StaticObstacle) -> float:
+    """[m] by which the core is grown."""
+    return float(obstacle.half_extents[0]) if obstacle.shape in ("capsule", "sphere") else 0.0
+
+
+def _core_half(obstacle: StaticObstacle) -> Array:
+    """(3,) half extents [m] of the core."""
+    half = obstacle.half_extents
+    if obstacle.shape in ("capsule", "sphere"):
+        return np.array([0.0, 0.0, half[2] - half[0]])
+    return half
+
+
+def _rows(vectors: Sequence[Array]) -> Array:
+    return np.array(vectors, dtype=float).reshape(-1, 3)

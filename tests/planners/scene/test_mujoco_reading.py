@@ -1,0 +1,223 @@
+"""What is read from a simulation of the user's own: movable bodies, the support, every other geom as an obstacle."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners.execution.monitor import Sensor
+from planners.scene import Scene, SceneError
+from tests.planners.own_scenes import MOVABLE, SUPPORT, TABLE_X, TOP, kitchen, read
+
+PLACE = 'pos="0.4 1.2 0.6" euler="0.3 -0.5 0.9"'
+GEOMS = {
+    "box": f'<geom name="extra" type="box" size="0.04 0.06 0.4" {PLACE}/>',
+    "cylinder": f'<geom name="extra" type="cylinder" size="0.04 0.4" {PLACE}/>',
+    "capsule": f'<geom name="extra" type="capsule" size="0.04 0.4" {PLACE}/>',
+    "sphere": f'<geom name="extra" type="sphere" size="0.2" {PLACE}/>',
+    "ellipsoid": f'<geom name="extra" type="ellipsoid" size="0.04 0.06 0.4" {PLACE}/>',
+    "hull": f'<geom name="extra" type="mesh" mesh="wedge" {PLACE}/>',
+}
+
+
+@pytest.mark.parametrize("shape", GEOMS)
+def test_every_static_geom_is_an_obstacle_with_its_true_extent(shape: str) -> None:
+    model, data = kitchen(GEOMS[shape])
+    obstacle = next(one for one in read(model, data).static_obstacles if one.name == "extra")
+    assert obstacle.shape == shape
+    for axis in range(3):
+        for sign, corner in ((-1, obstacle.lower), (1, obstacle.upper)):
+            assert _farthest(model, data, axis, sign) == pytest.approx(sign * corner[axis], abs=1e-4)
+    assert np.all(obstacle.position - obstacle.extent <= obstacle.lower + 1e-12)
+    assert np.all(obstacle.position + obstacle.extent >= obstacle.upper - 1e-12)
+
+
+def _farthest(model: mujoco.MjModel, data: mujoco.MjData, axis: int, sign: int) -> float:
+    """How far geom "extra" reaches along an axis: MuJoCo's distance to a plate 5 m away, or the mesh's vertices."""
+    geom, placed = model.geom("extra"), data.geom("extra")
+    if geom.type[0] == mujoco.mjtGeom.mjGEOM_MESH:
+        start, count = model.mesh_vertadr[geom.dataid[0]], model.mesh_vertnum[geom.dataid[0]]
+        world = placed.xpos + model.mesh_vert[start : start + count] @ placed.xmat.reshape(3, 3).T
+        return float((sign * world[:, axis]).max())
+    spec, half, quaternion = mujoco.MjSpec(), np.full(3, 3.0), np.empty(4)
+    half[axis] = 0.5
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=np.eye(3)[axis] * sign * 5.5)
+    mujoco.mju_mat2Quat(quaternion, placed.xmat)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom(int(geom.type[0])), pos=placed.xpos, quat=quaternion, size=geom.size)
+    own = spec.compile()
+    scratch = mujoco.MjData(own)
+    mujoco.mj_kinematics(own, scratch)
+    return 5.0 - mujoco.mj_geomDistance(own, scratch, 0, 1, 10.0, None)
+
+
+def test_movable_bodies_by_name_and_by_predicate() -> None:
+    model, data = kitchen()
+    assert read(model, data).names == MOVABLE
+    boxes = Scene.from_mujoco(model, data, FETCH, movable=lambda name: name.startswith("box"), support=SUPPORT)
+    assert boxes.names == ("box_a", "box_b")
+    can = next(one for one in boxes.static_obstacles if one.name.startswith("can/"))
+    assert can.shape == "cylinder"
+    assert np.allclose(can.position, [TABLE_X, 0.02, TOP + 0.06])
+
+
+def test_free_and_jointed_bodies_that_are_not_movable_are_obstacles_where_they_are() -> None:
+    model, data = kitchen(
+        '<body name="bottle" pos="1.2 0.3 0.85"><freejoint name="b"/>'
+        '<geom name="glass" type="capsule" size="0.03 0.07"/></body>'
+        '<body name="door" pos="1.5 1 0.5"><joint name="hinge" axis="0 0 1"/>'
+        '<geom name="leaf" type="box" size="0.3 0.02 0.5" pos="0.3 0 0"/></body>'
+    )
+    data.joint("b").qpos[:3] = [1.2, -0.3, 0.85]
+    data.joint("hinge").qpos = np.pi / 2
+    mujoco.mj_forward(model, data)
+    found = {one.name: one for one in read(model, data).static_obstacles}
+    assert np.allclose(found["glass"].position, [1.2, -0.3, 0.85])
+    assert found["glass"].shape == "capsule"
+    assert np.allclose(found["leaf"].position, [1.5, 1.3, 0.5])
+    assert np.allclose(found["leaf"].half_extents, [0.02, 0.3, 0.5], atol=1e-6)
+
+
+def test_geoms_that_touch_nothing_count_only_if_asked_for() -> None:
+    decoration = '<geom name="rug" type="box" size="0.1 0.1 0.1" pos="0 2 0.2" contype="0" conaffinity="0" group="2"/>'
+    model, data = kitchen(
+        decoration + '<geom name="post" type="box" size="0.1 0.1 0.1" pos="0 -2 0.2" contype="8" conaffinity="0"/>'
+    )
+    names = {one.name for one in read(model, data).static_obstacles}
+    assert "rug" not in names
+    assert "post" in names
+    asked = Scene.from_mujoco(
+        model, data, FETCH, movable=MOVABLE, support=SUPPORT, obstacles=lambda geom: geom.name != "post"
+    )
+    assert {"rug", "plate"} <= {one.name for one in asked.static_obstacles}
+    assert "post" not in {one.name for one in asked.static_obstacles}
+
+
+def test_a_geom_that_touches_by_an_explicit_pair_is_an_obstacle() -> None:
+    model, data = kitchen(
+        '<geom name="rail" type="box" size="0.1 0.1 0.1" pos="0 2 0.2" contype="0" conaffinity="0"/></worldbody>'
+        '<contact><pair geom1="rail" geom2="palm"/></contact><worldbody>'
+    )
+    assert "rail" in {one.name for one in read(model, data).static_obstacles}
+
+
+def test_planes_are_the_floor_or_thick_boxes() -> None:
+    model, data = kitchen('<geom name="side" type="plane" size="1 1 0.1" pos="0 2 0" zaxis="0 -1 0"/>')
+    found = {one.name: one for one in read(model, data).static_obstacles}
+    assert "ground" not in found
+    assert found["side"].lower[1] == pytest.approx(2.0)
+    assert found["side"].upper[1] == pytest.approx(3.0)
+
+
+def test_the_support_is_a_geom_or_a_body_of_that_name() -> None:
+    model, data = kitchen('<body name="stool"><geom name="seat" type="cylinder" size="0.2 0.02" pos="2 0 0.5"/></body>')
+    assert read(model, data).support.name == "plate"
+    for wanted, name in (("plate", "plate"), ("stool", "seat")):
+        assert Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, support=wanted).support.name == name
+    with pytest.raises(SceneError, match=r"'table_top'.*leg, table, plate, seat, stool"):
+        Scene.from_mujoco(model, data, FETCH, movable=MOVABLE)
+
+
+HFIELD = '</worldbody><asset><hfield name="hills" nrow="3" ncol="3" size="1 1 1 0.1"/></asset><worldbody>'
+BALL = '<body name="ball" pos="2 0 1"><freejoint/><geom type="sphere" size="0.1"/></body>'
+CUP = '<body name="cup" pos="2 0 1"><freejoint/><geom type="box" size="1 1 1"/><geom type="box" size="1 1 2"/></body>'
+LID = '<body name="pot" pos="2 0 1"><freejoint/><geom size="0.1"/><body><joint/><geom size="0.1"/></body></body>'
+
+
+@pytest.mark.parametrize(
+    ("extra", "movable", "message"),
+    [
+        (
+            HFIELD + '<body name="garden"><geom name="hill" type="hfield" hfield="hills"/></body>',
+            MOVABLE,
+            "'hill'.*'garden'.*'hfield'",
+        ),
+        (BALL, ("ball",), "'ball' is a sphere.*static obstacle"),
+        (CUP, ("cup",), "'cup' must have one geom.*not 2"),
+        (LID, ("pot",), "'pot' has joints"),
+        ("", ("table",), "no free body 'table'; free bodies: can, box_a, box_b"),
+        ("", "can", r"use \['can'\]"),
+        ("", ("base_link",), "no free body"),
+    ],
+)
+def test_what_cannot_be_represented_is_named(extra: str, movable: object, message: str) -> None:
+    model, data = kitchen(extra)
+    with pytest.raises(SceneError, match=message):
+        Scene.from_mujoco(model, data, FETCH, movable=movable, support=SUPPORT)  # type: ignore[arg-type] # misuse
+
+
+def test_an_object_may_have_visual_geoms_and_its_geom_may_lie_anywhere_in_its_body() -> None:
+    model, data = kitchen(
+        '<body name="mug" pos="1.2 0.3 1" euler="0 0 0.4"><freejoint/>'
+        '<geom type="cylinder" size="0.03 0.05" pos="0.1 0 0.05" euler="1.5707963 0 0"/>'
+        '<geom type="mesh" mesh="wedge" contype="0" conaffinity="0"/></body>'
+    )
+    scene = Scene.from_mujoco(model, data, FETCH, movable=("mug",), support=SUPPORT)
+    (mug,) = scene.objects
+    geom = int(model.body("mug").geomadr[0])
+    assert np.allclose(mug.position, data.geom_xpos[geom])
+    assert np.allclose(mug.rotation, data.geom_xmat[geom].reshape(3, 3))
+    assert not mug.is_upright
+    snapshot = Sensor(model, data, FETCH, scene.names).read()
+    assert np.allclose(snapshot.positions[0], mug.position)
+    assert snapshot.uprightness[0] == pytest.approx(mug.rotation[2, 2])
+
+
+def test_the_sensor_watches_the_movable_objects_of_the_scene() -> None:
+    model, data = kitchen()
+    scene = read(model, data)
+    sensor = Sensor(model, data, FETCH, scene.names)
+    assert sensor.names == MOVABLE
+    assert np.allclose(sensor.read().positions, [body.position for body in scene.objects])
+
+
+@pytest.mark.parametrize("held", MOVABLE)
+def test_the_object_in_the_gripper_is_found_by_its_body(held: str) -> None:
+    model, data = kitchen()
+    scene = Scene.from_mujoco(model, data, FETCH, held, movable=MOVABLE, support=SUPPORT)
+    assert scene.held is not None
+    site = data.site(FETCH.tcp_site)
+    grip = site.xmat.reshape(3, 3) @ scene.held.T_tcp_object[:3, 3] + site.xpos
+    assert np.allclose(grip, scene.body(held).position)
+
+
+def test_the_base_pose_is_that_in_the_world_wherever_the_robot_was_attached() -> None:
+    robot = mujoco.MjSpec.from_file(str(FETCH.mjcf_path))
+    robot.body(FETCH.base_body).pos = [1.0, -2.0, 0.0]
+    robot.body(FETCH.base_body).quat = [np.cos(0.6), 0.0, 0.0, np.sin(0.6)]
+    robot.worldbody.add_geom(name="table_top", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.3, 0.3, 0.1], pos=[5, 5, 1])
+    model = robot.compile()
+    data = mujoco.MjData(model)
+    for joint, value in zip(FETCH.base_joints, (0.3, 0.4, 0.5), strict=True):
+        data.joint(joint).qpos = value
+    mujoco.mj_forward(model, data)
+    base = Scene.from_mujoco(model, data, FETCH).state.base
+    body = data.body(FETCH.base_body)
+    assert np.allclose(base[:2], body.xpos[:2])
+    assert np.allclose([np.cos(base[2]), np.sin(base[2])], body.xmat[[0, 3]])
+    robot.body(FETCH.base_body).pos = [0.0, 0.0, 0.2]
+    raised = robot.compile()
+    data = mujoco.MjData(raised)
+    with pytest.raises(SceneError, match="mj_forward"):
+        Scene.from_mujoco(raised, data, FETCH)
+    mujoco.mj_forward(raised, data)
+    with pytest.raises(SceneError, match="z = 0"):
+        Scene.from_mujoco(raised, data, FETCH)
+
+
+def test_a_robot_under_other_names_and_what_rides_on_it_are_refused() -> None:
+    spec = mujoco.MjSpec.from_file(str(FETCH.mjcf_path))
+    spec.worldbody.add_geom(name="table_top", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.3, 0.3, 0.1], pos=[5, 5, 1])
+    tray = spec.body("torso_lift_link").add_body(name="tray")
+    tray.add_geom(name="tray_bottom", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.01])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with pytest.raises(SceneError, match="'tray_bottom' rides on the robot"):
+        Scene.from_mujoco(model, data, FETCH)
+    empty = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=".1"/></worldbody></mujoco>')
+    data = mujoco.MjData(empty)
+    mujoco.mj_forward(empty, data)
+    with pytest.raises(SceneError, match="lacks base_link, base_x"):
+        Scene.from_mujoco(empty, data, FETCH)
