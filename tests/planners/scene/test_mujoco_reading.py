@@ -103,11 +103,14 @@ def test_a_geom_that_touches_by_an_explicit_pair_is_an_obstacle() -> None:
 
 
 def test_planes_are_the_floor_or_thick_boxes() -> None:
-    model, data = kitchen('<geom name="side" type="plane" size="1 1 0.1" pos="0 2 0" zaxis="0 -1 0"/>')
+    model, data = kitchen('<geom name="ramp" type="plane" size="1 1 0.1" pos="0 -1 0" zaxis="0 0.6 0.8"/>')
     found = {one.name: one for one in read(model, data).static_obstacles}
     assert "ground" not in found
-    assert found["side"].lower[1] == pytest.approx(2.0)
-    assert found["side"].upper[1] == pytest.approx(3.0)
+    assert found["left_wall"].lower[1] == pytest.approx(0.9)
+    assert found["left_wall"].upper[1] == pytest.approx(1.9)
+    ramp = found["ramp"]
+    assert np.allclose(ramp.rotation[:, 2], [0, 0.6, 0.8])
+    assert np.allclose(ramp.position + 0.5 * ramp.rotation[:, 2], [0, -1, 0])
 
 
 def test_the_support_is_a_geom_or_a_body_of_that_name() -> None:
