@@ -235,12 +235,12 @@ def _object_geoms(model: mujoco.MjModel, bodies: Sequence[int]) -> list[int]:
             owner[body] = parent
     geoms: dict[int, list[int]] = {body: [] for body in bodies}
     for geom in np.flatnonzero(can_touch(model)):
-        body = owner.get(int(model.geom_bodyid[geom]))
-        if body is not None:
-            geoms[body].append(int(geom))
-    for body, root in owner.items():
-        if body != root and model.body_jntnum[body]:
-            raise SceneError(f"movable body {model.body(root).name!r} has joints besides its free joint; {_ADVICE}")
+        root = owner.get(int(model.geom_bodyid[geom]))
+        if root is not None:
+            geoms[root].append(int(geom))
+    for body, movable in owner.items():
+        if body != movable and model.body_jntnum[body]:
+            raise SceneError(f"movable body {model.body(movable).name!r} has joints besides its free joint; {_ADVICE}")
     return [_the_geom(model, body, geoms[body]) for body in bodies]
 
 

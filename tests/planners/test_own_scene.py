@@ -60,8 +60,10 @@ def test_a_plan_keeps_clear_of_a_pillar_beside_the_target(kind: str) -> None:
 
 def test_a_scene_whose_support_is_missing_lists_what_could_be_one() -> None:
     scene = replace(table_scene(), support_name="desk")
-    with pytest.raises(SceneError, match=r"'desk'.*table_top, counter_left"):
-        _ = scene.support
+    ball = StaticObstacle("desk", np.array([0.0, 0.0, 0.5]), np.full(3, 0.2), "sphere")
+    for own in (scene, replace(scene, static_obstacles=(*scene.static_obstacles, ball))):
+        with pytest.raises(SceneError, match=r"'desk'.*table_top, counter_left"):
+            _ = own.support
 
 
 def test_obstacles_on_the_support_leave_no_place_to_put_things() -> None:
