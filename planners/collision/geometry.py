@@ -119,7 +119,7 @@ def height(solids: Solids, i: int) -> float:
 
 @njit(cache=True)
 def core_distance(solids: Solids, i: int, x: float, y: float, z: float) -> float:
-    """[m] from a point to the oriented box around core i: never more than to the core itself."""
+    """[m] from a point to the oriented box around core i: a lower bound of the distance to the core."""
     half, R = solids.half, solids.rotation
     x, y, z = x - solids.position[i, 0], y - solids.position[i, 1], z - solids.position[i, 2]
     a = max(abs(R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z) - half[i, 0], 0.0)
@@ -165,7 +165,7 @@ def _reduce_triangle(simplex: Array, i: int, j: int, k: int) -> tuple[float, flo
 
 @njit(cache=True)
 def _is_beyond(simplex: Array, i: int, j: int, k: int, inside: int) -> bool:
-    """Whether the origin lies on the far side of a face, seen from the fourth vertex (or the simplex is flat)."""
+    """Whether a face separates the origin from the fourth vertex, or the simplex is flat."""
     ax, ay, az = simplex[i, 0], simplex[i, 1], simplex[i, 2]
     bx, by, bz = simplex[j, 0] - ax, simplex[j, 1] - ay, simplex[j, 2] - az
     cx, cy, cz = simplex[k, 0] - ax, simplex[k, 1] - ay, simplex[k, 2] - az

@@ -16,7 +16,7 @@ from planners.collision.geometry import BOX, CYLINDER
 __all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
 
 BASE = -1
-"""Link of what is fixed to the base; 0 is the torso, 1 … n - 1 the arm."""
+"""Link number of solids fixed to the base; 0 is the torso, 1 … n - 1 are the links of the arm."""
 
 _CORES = {
     int(mujoco.mjtGeom.mjGEOM_BOX): BOX,
@@ -31,18 +31,18 @@ class GeometryError(ValueError):
 
 
 class RobotArrays(NamedTuple):
-    """A robot for kernels: a chain of n joints and p collision primitives, the gripper's first. Lengths in metres.
+    """A robot for kernels: a chain of n joints and p collision solids, those of the gripper first. Lengths in metres.
 
     Attributes:
         offsets: (n, 3), `axes` (n,), `tip` (3,), `links` (7,), `lower`, `upper` (n,): see `ArmChain`.
         core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
-        bound: (p,) radius of the sphere about the primitive's centre that contains it.
+        bound: (p,) radius of the sphere about the solid's centre that contains it.
         link: (p,) BASE, 0 (torso) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
-        slides: (p,) whether it rides on a finger; `slide` (p, 3) how it then moves in its link per metre of finger way.
-        gap: opening of the closed gripper; `slide_end`: the end of a finger's way.
-        self_pairs: (s, 2) primitives that must not meet: those on links that are not neighbours.
-        held_from: primitives from this one on must not meet an object in hand.
-        reach: (3 + n,) how far each joint moves any point of the robot at most, per radian or metre.
+        slides: (p,) whether it is part of a finger; `slide` (p, 3) its motion in its link per metre of that.
+        gap: opening of the closed gripper; `slide_end`: upper limit of the finger joints.
+        self_pairs: (s, 2) solids checked for self-collision: those on links that are not neighbours.
+        held_from: solids from this one on are checked against the held object; those before are the gripper's.
+        reach: (3 + n,) upper bound of the motion of any point of the robot per radian or metre of each joint.
         tip_reach: (3 + n,) the same for the TCP alone.
     """
 
@@ -70,7 +70,7 @@ class RobotArrays(NamedTuple):
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something, from the gripper to the base."""
+    """Ids of the robot's geoms that can touch something, in the order from the gripper to the base."""
     base = model.body(robot.base_body).id
     return [
         geom
@@ -82,10 +82,10 @@ def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
 
 @cache
 def robot_arrays(robot: RobotSpec) -> RobotArrays:
-    """The primitives of a robot, with its head in `robot.head_configuration`.
+    """The collision solids of a robot, with its head in `robot.head_configuration`; read once.
 
     Raises:
-        GeometryError: its MJCF has collision geoms of other kinds.
+        GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
     """
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     data = mujoco.MjData(model)
@@ -134,7 +134,7 @@ def _joint_bodies(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
 
 
 def link_of_body(model: mujoco.MjModel, robot: RobotSpec) -> dict[int, int]:
-    """The link that each body rides on; head and fingers ride on theirs."""
+    """The link that each body belongs to; the head belongs to the torso, the fingers to the last link."""
     joint_bodies = _joint_bodies(model, robot)
     links: dict[int, int] = {}
     for body in range(model.nbody):
@@ -184,7 +184,7 @@ def _shapes(
 def _finger_directions(
     model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: list[int], links: dict[int, int]
 ) -> NDArray[np.float64]:
-    """Which way each geom slides in its link as the gripper opens, (p, 3)."""
+    """Motion of each geom in its link per metre of the finger joint, (p, 3); 0 for geoms that are not on a finger."""
     bodies = {int(model.jnt_bodyid[model.joint(name).id]): model.joint(name).id for name in robot.finger_joints}
     slide = np.zeros((len(geoms), 3))
     for row, geom in enumerate(geoms):
@@ -196,7 +196,7 @@ def _finger_directions(
 
 
 def _pairs_of_distant_links(link: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs of primitives that are neither on one link nor on neighbouring ones."""
+    """Pairs of solids that are neither on the same link nor on neighbouring links."""
     return np.array(
         [(i, j) for i in range(len(link)) for j in range(i + 1, len(link)) if abs(link[i] - link[j]) > 1],
         dtype=np.int64,
@@ -206,7 +206,7 @@ def _pairs_of_distant_links(link: NDArray[np.int64]) -> NDArray[np.int64]:
 def _reach(
     chain: ArmChain, link: NDArray[np.int64], position: NDArray[np.float64], bound: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Per joint, how far from its axis any point that it turns can be, over all configurations; 1 for slides."""
+    """Per joint, upper bound of the distance from its axis of any point that it turns; 1 for slides."""
     reach = np.ones(3 + chain.size)
     reach[2] = max(_leg_length(chain, BASE, 2, *leg) for leg in zip(link, position, bound, strict=True))
     for joint in range(1, chain.size):
@@ -219,7 +219,7 @@ def _reach(
 def _leg_length(
     chain: ArmChain, joint: int, axis: int, link: int, position: NDArray[np.float64], bound: float
 ) -> float:
-    """[m] from an axis of one link to the farthest point of a sphere on a later link, the arm stretched out."""
+    """[m] from the axis of a joint to the farthest point of a sphere on a later link, with the arm stretched out."""
     legs = [*chain.offsets[joint + 1 : link + 1], position]
     across = np.delete(np.arange(3), axis)
     return float(np.linalg.norm(legs[0][across]) + sum(np.linalg.norm(leg) for leg in legs[1:]) + bound)

@@ -270,7 +270,7 @@ def _reported(name: str) -> str:
 
 
 def _let_neighbours_touch(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Exclude contacts between bodies on the same or on neighbouring links."""
+    """Exclude contacts between bodies on the same link or on neighbouring links."""
     model = spec.compile()
     links = link_of_body(model, scene.robot)
     bodies = range(1, model.nbody)

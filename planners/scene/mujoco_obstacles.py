@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
@@ -53,47 +53,52 @@ def static_obstacles_of(
         is_obstacle: which geoms count; by default those that can touch something.
 
     Raises:
-        SceneError: a geom that cannot be represented, something deformable, or a body on the robot that is not its own.
+        SceneError: a geom that cannot be represented, something deformable, or a geom on the robot that is not its own.
     """
     if model.nflex:
         raise SceneError(f"deformable bodies cannot be represented: {', '.join(_flex_names(model))}")
     on_robot, touches = robot_bodies(model, robot), can_touch(model)
-    moved = set(movable)
-    for body in range(model.nbody):
-        if int(model.body_parentid[body]) in moved:
-            moved.add(body)
-    return tuple(_each(model, data, robot, on_robot, moved, lambda geom: _counts(model, geom, touches, is_obstacle)))
-
-
-def _counts(model: mujoco.MjModel, geom: int, touches: NDArray[np.bool_], is_obstacle: IsObstacle | None) -> bool:
-    return bool(touches[geom]) if is_obstacle is None else bool(is_obstacle(model.geom(geom)))
-
-
-def _each(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    robot: RobotSpec,
-    on_robot: frozenset[int],
-    moved: set[int],
-    counts: Callable[[int], bool],
-) -> Iterator[FoundObstacle]:
+    _check_robot(model, robot, on_robot, touches)
+    elsewhere = on_robot | _with_attached(model, movable)
+    found: list[FoundObstacle] = []
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
+        if body in elsewhere or _is_floor(model, data, geom):
+            continue
+        if touches[geom] if is_obstacle is None else is_obstacle(model.geom(geom)):
+            found.append(FoundObstacle(_obstacle(model, data, geom), str(model.body(body).name)))
+    return tuple(found)
+
+
+def _with_attached(model: mujoco.MjModel, bodies: Iterable[int]) -> set[int]:
+    """These bodies and all that are attached to them; MuJoCo numbers parents before their children."""
+    found = set(bodies)
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in found:
+            found.add(body)
+    return found
+
+
+def _check_robot(model: mujoco.MjModel, robot: RobotSpec, on_robot: frozenset[int], touches: NDArray[np.bool_]) -> None:
+    """Refuse geoms on the robot that can touch something but are not in its own MJCF: no check would see them."""
+    for geom in np.flatnonzero(touches):
+        body = int(model.geom_bodyid[geom])
+        if body not in on_robot:
+            continue
         name = str(model.body(body).name)
-        if body in on_robot:
-            if name not in _own_bodies(robot) and counts(geom):
-                raise SceneError(
-                    f"geom {_name(model, geom)!r} rides on the robot, but {robot.name!r} has no body {name!r}"
-                )
-        elif body not in moved and counts(geom) and not _is_floor(model, data, geom):
-            yield FoundObstacle(_obstacle(model, data, geom), name)
+        if (name, str(model.geom(geom).name)) not in _own_geoms(robot):
+            raise SceneError(
+                f"geom {_name(model, int(geom))!r} on body {name!r} moves with the robot, but is not in the MJCF of "
+                f"{robot.name!r}"
+            )
 
 
 @cache
-def _own_bodies(robot: RobotSpec) -> frozenset[str]:
-    """The bodies of the robot's own MJCF."""
+def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
+    """Names of body and geom of every geom of the robot's own MJCF."""
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    return frozenset(str(model.body(body).name) for body in range(model.nbody))
+    bodies = (model.body(model.geom_bodyid[geom]).name for geom in range(model.ngeom))
+    return frozenset((str(body), str(model.geom(geom).name)) for geom, body in enumerate(bodies))
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import mujoco
@@ -30,6 +31,7 @@ Movable: TypeAlias = Collection[str] | Callable[[str], bool]
 
 OBJECT_PREFIX = "object_"
 """Names of movable bodies begin so, unless told otherwise."""
+_ADVICE = "without it in `movable` it is a static obstacle"
 _ON_THE_FLOOR = 0.001
 """[m] and rounding of a rotation matrix: how far the base may be off the floor, or tilted."""
 _SHAPES: dict[int, Shape] = {
@@ -156,8 +158,7 @@ class MovableBodies:
             SceneError: a name that is no free body, or a body that is not one cylinder or one box.
         """
         bodies = _movable_ids(model, robot, movable)
-        touches = can_touch(model)
-        geoms = [_object_geom(model, body, touches) for body in bodies]
+        geoms = _object_geoms(model, bodies)
         return cls(
             names=tuple(str(model.body(body).name) for body in bodies),
             bodies=np.array(bodies, dtype=np.int64),
@@ -167,12 +168,24 @@ class MovableBodies:
             turns=model.geom_quat[geoms].reshape(-1, 4),
         )
 
+    @cached_property
+    def _columns(self) -> NDArray[np.int64]:
+        """(n, 7) addresses of the poses of the bodies in `qpos`."""
+        return np.asarray(self.addresses[:, None] + np.arange(7))
+
+    @cached_property
+    def _are_centred(self) -> bool:
+        """Whether all geoms have the frames of their bodies."""
+        return not self.offsets.any() and bool((self.turns == (1.0, 0.0, 0.0, 0.0)).all())
+
     def poses(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the geoms.
 
         They are worked out from the joints: `data.xpos` is one time step behind after a step.
         """
-        values = data.qpos[self.addresses[:, None] + np.arange(7)]
+        values = data.qpos[self._columns]
+        if self._are_centred:
+            return values[:, :3].copy(), values[:, 3:].copy()
         centres, quaternions, turned = values[:, :3].copy(), np.empty((len(values), 4)), np.empty(3)
         for i, (offset, turn, quaternion) in enumerate(zip(self.offsets, self.turns, values[:, 3:], strict=True)):
             mujoco.mju_rotVecQuat(turned, offset, quaternion)
@@ -213,19 +226,32 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
     return [body for name, body in free.items() if name in movable]
 
 
-def _object_geom(model: mujoco.MjModel, body: int, touches: NDArray[np.bool_]) -> int:
-    """The one geom of a movable body that can touch something."""
-    name, family = model.body(body).name, _with_descendants(model, body)
-    advice = "without it in `movable` it is a static obstacle"
-    if any(model.body_jntnum[other] for other in family - {body}):
-        raise SceneError(f"movable body {name!r} has joints besides its free joint; {advice}")
-    geoms = [geom for geom in range(model.ngeom) if touches[geom] and int(model.geom_bodyid[geom]) in family]
+def _object_geoms(model: mujoco.MjModel, bodies: Sequence[int]) -> list[int]:
+    """The one geom of each movable body that can touch something."""
+    owner = {body: body for body in bodies}
+    for body in range(1, model.nbody):
+        parent = owner.get(int(model.body_parentid[body]))
+        if parent is not None and body not in owner:
+            owner[body] = parent
+    geoms: dict[int, list[int]] = {body: [] for body in bodies}
+    for geom in np.flatnonzero(can_touch(model)):
+        root = owner.get(int(model.geom_bodyid[geom]))
+        if root is not None:
+            geoms[root].append(int(geom))
+    for body, movable in owner.items():
+        if body != movable and model.body_jntnum[body]:
+            raise SceneError(f"movable body {model.body(movable).name!r} has joints besides its free joint; {_ADVICE}")
+    return [_the_geom(model, body, geoms[body]) for body in bodies]
+
+
+def _the_geom(model: mujoco.MjModel, body: int, geoms: Sequence[int]) -> int:
+    name = model.body(body).name
     if len(geoms) != 1 or int(model.geom_bodyid[geoms[0]]) != body:
         raise SceneError(
-            f"movable body {name!r} must have one geom of its own that can touch, not {len(geoms)}; {advice}"
+            f"movable body {name!r} must have one geom of its own that can touch, not {len(geoms)}; {_ADVICE}"
         )
     kind = int(model.geom_type[geoms[0]])
     if kind not in _SHAPES:
         shape = mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
-        raise SceneError(f"movable body {name!r} is a {shape}, not a cylinder or a box; {advice}")
+        raise SceneError(f"movable body {name!r} is a {shape}, not a cylinder or a box; {_ADVICE}")
     return geoms[0]

@@ -82,9 +82,9 @@ class Scene:
 
     @property
     def support(self) -> StaticObstacle:
-        """The static obstacle on which objects stand; raises `SceneError` where there is none."""
+        """The static obstacle on which objects stand; raises `SceneError` if there is none with a level top."""
         for obstacle in self.static_obstacles:
-            if obstacle.name == self.support_name:
+            if obstacle.name == self.support_name and obstacle.has_level_top:
                 return obstacle
         known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
         raise SceneError(f"no support {self.support_name!r}; static obstacles with a level top: {known or 'none'}")

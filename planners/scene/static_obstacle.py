@@ -135,7 +135,7 @@ class StaticObstacle:
         """Whether its own axes are those of the world."""
         return bool(np.abs(self.rotation - np.eye(3)).max() < _LEVEL)
 
-    @property
+    @cached_property
     def has_level_top(self) -> bool:
         """Whether objects can stand on it: a box with a vertical axis, or an upright cylinder."""
         vertical = np.abs(self.rotation[2]) > 1 - _LEVEL

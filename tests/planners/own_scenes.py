@@ -25,6 +25,9 @@ KITCHEN = """
   </asset>
   <worldbody>
     <geom name="ground" type="plane" size="0 0 1"/>
+    <geom name="back_wall" type="plane" size="1 1 1" pos="1.5 0 0" zaxis="-1 0 0"/>
+    <geom name="left_wall" type="plane" size="1 1 1" pos="0 0.9 0" zaxis="0 -1 0"/>
+    <geom name="right_wall" type="plane" size="1 1 1" pos="0 -0.9 0" zaxis="0 1 0"/>
     <body name="table" pos="{x} 0 0">
       <geom name="leg" type="cylinder" size="0.05 0.35" pos="0 0 0.35"/>
       <geom name="plate" type="box" size="0.35 0.5 0.02" pos="0 0 0.72"/>
@@ -39,7 +42,7 @@ KITCHEN = """
 
 
 def kitchen(extra: str = "", robot: RobotSpec = FETCH) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A table with a can and two boxes, the robot at home in front of it, and whatever else is in `extra` (MJCF)."""
+    """A table in an alcove with a can and two boxes, the robot at home before it, and what is in `extra` (MJCF)."""
     places = {"x": TABLE_X, "x_a": TABLE_X - 0.12, "z_can": TOP + 0.06, "z_box": TOP + 0.08}
     model = mujoco.MjModel.from_xml_string(KITCHEN.format(robot=robot.mjcf_path, extra=extra, **places))
     data = mujoco.MjData(model)

@@ -103,11 +103,14 @@ def test_a_geom_that_touches_by_an_explicit_pair_is_an_obstacle() -> None:
 
 
 def test_planes_are_the_floor_or_thick_boxes() -> None:
-    model, data = kitchen('<geom name="side" type="plane" size="1 1 0.1" pos="0 2 0" zaxis="0 -1 0"/>')
+    model, data = kitchen('<geom name="ramp" type="plane" size="1 1 0.1" pos="0 -1 0" zaxis="0 0.6 0.8"/>')
     found = {one.name: one for one in read(model, data).static_obstacles}
     assert "ground" not in found
-    assert found["side"].lower[1] == pytest.approx(2.0)
-    assert found["side"].upper[1] == pytest.approx(3.0)
+    assert found["left_wall"].lower[1] == pytest.approx(0.9)
+    assert found["left_wall"].upper[1] == pytest.approx(1.9)
+    ramp = found["ramp"]
+    assert np.allclose(ramp.rotation[:, 2], [0, 0.6, 0.8])
+    assert np.allclose(ramp.position + 0.5 * ramp.rotation[:, 2], [0, -1, 0])
 
 
 def test_the_support_is_a_geom_or_a_body_of_that_name() -> None:
@@ -209,13 +212,24 @@ def test_the_base_pose_is_that_in_the_world_wherever_the_robot_was_attached() ->
 def test_a_robot_under_other_names_and_what_rides_on_it_are_refused() -> None:
     spec = mujoco.MjSpec.from_file(str(FETCH.mjcf_path))
     spec.worldbody.add_geom(name="table_top", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.3, 0.3, 0.1], pos=[5, 5, 1])
-    tray = spec.body("torso_lift_link").add_body(name="tray")
-    tray.add_geom(name="tray_bottom", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.01])
+    label = spec.body("torso_lift_link").add_geom(
+        name="label", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.01], contype=0, conaffinity=0
+    )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    with pytest.raises(SceneError, match="'tray_bottom' rides on the robot"):
-        Scene.from_mujoco(model, data, FETCH)
+    assert [one.name for one in Scene.from_mujoco(model, data, FETCH).static_obstacles] == ["table_top"]
+    tray = spec.body("torso_lift_link").add_body(name="tray")
+    tray.add_geom(name="tray_bottom", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.01])
+    for name, part in (("tray_bottom", tray), ("label", None)):
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        with pytest.raises(SceneError, match=f"'{name}'.*moves with the robot"):
+            Scene.from_mujoco(model, data, FETCH)
+        if part is not None:
+            spec.delete(part)
+            label.contype = 1
     empty = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=".1"/></worldbody></mujoco>')
     data = mujoco.MjData(empty)
     mujoco.mj_forward(empty, data)
