@@ -26,8 +26,6 @@ LIFT_ARM = dataclasses.replace(
     max_velocity=FETCH.max_velocity[:10],
     max_acceleration=FETCH.max_acceleration[:10],
     home=(0.1, 0.0, -0.9, 1.6, -0.7, 0.0, 0.0),
-    max_velocity=FETCH.max_velocity[:10],
-    max_acceleration=FETCH.max_acceleration[:10],
     closed_form_ik="",
 )
 
