@@ -10,6 +10,7 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.execution.controlled_env import ControlledEnv
+from planners.execution.direct import ExecutionResult, execute
 from planners.execution.expert import EpisodeReport, ExpertConfig, ExpertError, TampExpert
 from planners.planner import Planner, clearance_floor, solve
 from planners.scene import Scene
@@ -24,6 +25,7 @@ __all__ = [
     "ClearanceFloor",
     "ControlledEnv",
     "EpisodeReport",
+    "ExecutionResult",
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
@@ -41,5 +43,6 @@ __all__ = [
     "TaskPlanner",
     "TaskProblem",
     "clearance_floor",
+    "execute",
     "solve",
 ]

@@ -124,6 +124,14 @@ class RobotJoints:
         values[:3] = x + c * values[0] - s * values[1], y + s * values[0] + c * values[1], yaw + values[2]
         return np.asarray(values)
 
+    def positions(self, drive: Array) -> Array:
+        """(4 + n,) joint positions of a whole-body configuration (4 + n,) in the world: the inverse of `read`."""
+        values = np.array(drive, dtype=float)
+        (x, y, yaw), c, s = self.origin, np.cos(self.origin[2]), np.sin(self.origin[2])
+        dx, dy = values[0] - x, values[1] - y
+        values[:3] = c * dx + s * dy, c * dy - s * dx, values[2] - yaw
+        return values
+
 
 def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotState:
     """Where its base, joints and fingers are."""
