@@ -118,6 +118,15 @@ def test_examples_run(page: str, code: str) -> None:
         assert np.shape(observation["observation"]) == (last + 1,)
 
 
+EXTENSIONS = re.findall(r"^```python\n(.*?)^```", (DOCS / "extend.md").read_text(), re.DOTALL | re.M)
+
+
+@pytest.mark.parametrize("code", EXTENSIONS, ids=["strategy", "task planner", "layout"])
+def test_extensions_run(code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    exec(code, {})
+    assert capsys.readouterr().out
+
+
 def test_named_columns_are_where_the_page_says() -> None:
     assert OBSERVATION_LAYOUT["robot"]["base_velocity"] == slice(12, 15)
     for heading, entry in (("### `robot`", "robot"), ("### `objects`", "objects"), ("### `goal`", "goal")):
@@ -135,7 +144,7 @@ def test_layout_and_robot_fields_are_documented() -> None:
     assert named == set(RobotSpec.__dataclass_fields__)
 
 
-@pytest.mark.parametrize("page", ["retrieve", "reach", "pick", "skill", "benchmarks", "add_a_robot"])
+@pytest.mark.parametrize("page", sorted(page.stem for page in DOCS.glob("*.md")))
 def test_files_and_modules_named_in_the_pages_exist(page: str) -> None:
     text = (DOCS / f"{page}.md").read_text()
     for file in re.findall(r"(?:assets|tests|scripts|docs)/[\w/]+\.(?:py|xml|md|png)", text):
