@@ -70,7 +70,7 @@ def group_field(rm: ReachabilityMap, group: int) -> GroupField:
     return GroupField(mu, torso, grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom, grid.voxel)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
     """Layer, x and y index of the voxel that contains a point in a base frame, and whether it and the next one exist.
 
@@ -92,18 +92,25 @@ def _best_yaw(
     field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
 ) -> tuple[float, int]:
     """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
-    yaws = field.mu.shape[1]
+    mu_of, yaws = field.mu, field.mu.shape[1]
     layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
     best, sample = 0.0, -1
     if not inside:
         return best, sample
     for g in range(yaws):
-        mu = field.mu[layer, g, i, j]
+        mu = mu_of[layer, g, i, j]
         if mu > best:
             beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
             if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
                 best, sample = mu, g
     return best, sample
+
+
+@njit(cache=True)
+def _mu_at(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
+    """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    return float(field.mu[layer, sample, i, j]) if inside else 0.0
 
 
 @njit(cache=True)
@@ -141,7 +148,6 @@ def _best_common_base(
     """Score, base and turn of the best base that is free and farther than `apart` from `count` rows of `taken`."""
     best, best_base, best_turn = 0.0, -1, -1
     bounded = raster.cells.size > 0
-    samples = field.mu.shape[1]
     x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
     points, yaws, windows = query.points, query.yaws, query.windows
     for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
@@ -162,10 +168,10 @@ def _best_common_base(
                 score = float(mu_of[base])
                 own = _own_sample(field, yaw_of[base])
                 for m in range(1, points.shape[1]):
-                    low, span = windows[m, 0], windows[m, 1]
                     if query.same_yaw:
-                        low, span = yaw + 2.0 * pi * own / samples, 0.0
-                    mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], low, span)
+                        mu = _mu_at(field, x, y, yaw, points[turn, m], own)
+                    else:
+                        mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
                     score = min(score, mu)
                     if score <= best:
                         break
@@ -215,10 +221,9 @@ def best_common_bases(
         certain = exact
         for m in range(query.points.shape[1]):
             point = query.points[turn, m]
-            low, span = query.windows[m, 0], query.windows[m, 1]
-            if query.same_yaw or m == 0:
-                low, span = yaw + 2.0 * pi * own / samples, 0.0
-            _, sample = _best_yaw(field, x, y, yaw, point, low, span)
+            sample = own
+            if not query.same_yaw and m > 0:
+                _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
             layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
             certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
             height_offset = point[2] - field.z0 - (layer + 0.5) * field.voxel
