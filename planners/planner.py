@@ -35,8 +35,6 @@ __all__ = ["Planner", "clearance_floor", "map_placer", "solve"]
 
 _BASES, _BASES_NEAR_HOME = 3, 8
 """Base poses tried for each hand pose; more where only one configuration counts at each."""
-_ATTEMPTS = 3
-"""Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
 
 
 def solve(
@@ -122,7 +120,7 @@ class Planner:
         started = time.process_time()
         deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
         outcomes: list[Solution | Infeasible] = []
-        for motion_layer in self._motion_layers(scene, rng, _ATTEMPTS if chosen.plans_ahead else 1):
+        for motion_layer in self._motion_layers(scene, rng, chosen.attempts):
             motion_layer.is_timed_out = lambda: time.perf_counter() > deadline
             search = Search(target, chosen, self._task_planner, motion_layer)
             outcomes.append(task_and_motion_plan(search, scene))

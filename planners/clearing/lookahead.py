@@ -36,16 +36,8 @@ from planners.strategies import Strategy
 
 __all__ = ["ClearancePlan", "OrderByTaskPlan", "commitments_for", "grasped", "keep_clear"]
 
-_SETS = 12
-"""Sets of objects looked at before giving up; most scenes need one."""
-_VARIATIONS = 6
-"""Other orders and grasps tried for each of them."""
 _CELL = 0.02
 """[m] of the cells in which swept space is compared."""
-_SLACK = 2
-"""Sets with so many objects more than the fewest are looked at too."""
-
-
 OrderByTaskPlan: TypeAlias = Callable[[Commitments], Commitments]
 """Puts the objects to clear in the order in which a task plan clears them."""
 
@@ -105,7 +97,7 @@ def commitments_for(
             return commitments
         if unusable := tuple(grasp for grasp in commitments.grasps.values() if not usable(grasp)):
             return RejectedGrasps(unusable)
-        if strategy.grasps == "greedy":
+        if not strategy.plans_ahead:
             return ClearancePlan(commitments)
         commitments = arrange(commitments)
         places = _places(strategy, search, scene, commitments, rng)
@@ -126,19 +118,17 @@ def _alternatives(
     limits: FloorLimits | None,
     is_timed_out: Callable[[], bool],
 ) -> Iterator[Commitments | NoCommitment]:
-    """The smallest sets as they are found, each followed by other orders and grasps for the same objects.
-
-    Who does not look ahead has but one way.
-    """
+    """Sets of objects as they are found, each followed by other orders and grasps for the same objects."""
+    sets: Iterator[Commitments | NoCommitment]
     if strategy.grasps == "greedy":
-        yield greedy_commitments(source, scene, target, is_timed_out)
-        return
-    sets = smallest_commitments(source, scene, target, slack=_SLACK, limits=limits)
-    volume = _volumes(scene)
-    for commitments in itertools.islice(sets, _SETS):
+        sets = iter((greedy_commitments(source, scene, target, is_timed_out),))
+    else:
+        sets = smallest_commitments(source, scene, target, slack=strategy.slack, limits=limits)
+    volume = _volumes(scene) if strategy.variations else None
+    for commitments in itertools.islice(sets, strategy.sets):
         yield commitments
-        if isinstance(commitments, Commitments) and commitments.order:
-            for _ in range(_VARIATIONS):
+        if volume is not None and isinstance(commitments, Commitments) and commitments.order:
+            for _ in range(strategy.variations):
                 yield varied_commitments(source, scene, commitments, rng, volume)
 
 

@@ -76,7 +76,6 @@ class PlacementSearch:
         config: the grid of locations, and how far it is refined.
         yaws: directions of the hand tried at each location.
         torsos, rolls: values of torso height and upper-arm roll tried for each.
-        candidates_per_level: locations tried per refinement of the grid.
         near_home: only the configuration nearest to home, for robots that are told TCP poses.
     """
 
@@ -86,7 +85,6 @@ class PlacementSearch:
     yaws: int = 24
     torsos: int = 4
     rolls: int = 12
-    candidates_per_level: int = 120
     near_home: bool = False
 
     def find(
@@ -112,22 +110,25 @@ class PlacementSearch:
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
         forbidden = keep_clear_mask(world, grid, keep_clear, height)
         here = scene.state.base[:2]
-        for locations in self._levels(scene, strategy, rng):
-            nowhere = np.zeros(len(locations), dtype=bool)
-            order = clearance_order(grid, forbidden, occupied, body.radius + _GAP, locations, nowhere, here)
-            if strategy.locations == "random":
-                order = rng.permutation(order)
-            chosen = locations[order[: self.candidates_per_level]]
-            yield from self._from_here(scene, world, chosen[::-1] if strategy.locations == "priority" else chosen)
-            yield from self._after_a_drive(scene, world, chosen)
 
-    def _levels(self, scene: Scene, strategy: Strategy, rng: np.random.Generator) -> Iterator[Array]:
-        """The paper's grid of locations, then finer ones; all at once where they are drawn at random."""
+        def allowed(locations: Array) -> Array:
+            """Those that keep clear, nearest first."""
+            nowhere = np.zeros(len(locations), dtype=bool)
+            radius = body.radius + _GAP
+            return locations[clearance_order(grid, forbidden, occupied, radius, locations, nowhere, here)]
+
         levels = placement_levels(scene.support, rng, self.config)
         if strategy.locations == "random":
-            yield np.concatenate(list(levels))
-        else:
-            yield from levels
+            every = list(levels)
+            count = sum(min(len(allowed(level)), strategy.locations_per_level) for level in every)
+            drawn = rng.permutation(allowed(np.concatenate(every)))[:count]
+            yield from self._from_here(scene, world, drawn)
+            yield from self._after_a_drive(scene, world, drawn)
+            return
+        for level in levels:
+            nearest = allowed(level)[: strategy.locations_per_level]
+            yield from self._from_here(scene, world, nearest[::-1])
+            yield from self._after_a_drive(scene, world, nearest)
 
     def _from_here(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
         """Placements from where the base stands."""

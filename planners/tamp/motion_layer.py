@@ -29,8 +29,6 @@ __all__ = ["BoundMotion", "MotionLayer"]
 
 Array = NDArray[np.float64]
 
-_PLACEMENTS = 12
-"""Placements tried before a location counts as refuted."""
 _TRIES = 2
 """Motions tried, with other random choices, where MuJoCo finds fault with the first."""
 
@@ -69,9 +67,9 @@ class MotionLayer:
     ) -> ClearancePlan | NoCommitment:
         """The first way to go about it that the strategy can think of, through grasps that the hand can leave again.
 
-        A strategy with a full Negative Goal Region takes up what was `cleared` before only if nothing else helps.
+        What was `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
         """
-        left_alone = frozenset(cleared) if strategy.region == "ngr" else frozenset()
+        left_alone = frozenset(cleared) if strategy.leaves_cleared else frozenset()
         found = self._choose_grasps(strategy, ExcludingObjects(self.candidates, left_alone), scene, target, arrange)
         if isinstance(found, NoCommitment) and left_alone and not self.is_timed_out():
             return self._choose_grasps(strategy, self.candidates, scene, target, arrange)
@@ -120,7 +118,7 @@ class MotionLayer:
         """Where the object in hand may be put: the place planned for it, then others."""
         first = () if planned is None else (planned,)
         others = self.placement_search.find(scene, keep_clear, strategy, self.rng)
-        return itertools.islice(itertools.chain(first, others), _PLACEMENTS)
+        return itertools.islice(itertools.chain(first, others), strategy.placements)
 
     def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration."""

@@ -1,0 +1,81 @@
+"""Which locations are tried for an object in hand, how many, and in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from planners.clearing.lookahead import grasped
+from planners.grasping.candidates import GraspCandidates
+from planners.placing.locations import placement_levels
+from planners.placing.placements import Placement, PlacementSearch
+from planners.planner import map_placer
+from planners.scene import Scene
+from planners.strategies import STRATEGIES, Strategy, StrategyError
+from tests.planners.motion_scenes import CHAIN
+from tests.planners.scenes import cylinder, table_scene
+
+CHOICES = ("name", "grasps", "region", "locations")
+PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations")
+
+
+@pytest.fixture(scope="module")
+def in_hand() -> Scene:
+    """One of two objects of a nearly empty table, grasped."""
+    scene = table_scene(cylinder("object_00", -0.2, 0.1), cylinder("object_01", 0.0, -0.3))
+    return grasped(scene, GraspCandidates(map_placer(scene), CHAIN).options(scene, "object_00")[0])
+
+
+def search(scene: Scene) -> PlacementSearch:
+    return PlacementSearch(map_placer(scene), CHAIN)
+
+
+def locations_tried(
+    scene: Scene, strategy: Strategy, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, list[NDArray[np.float64]]]:
+    """The locations at which each part of the search looks, if it never finds anything."""
+    tried: dict[str, list[NDArray[np.float64]]] = {"_from_here": [], "_after_a_drive": []}
+
+    def recorder(name: str) -> Any:
+        def record(*arguments: Any) -> Iterator[Placement]:
+            tried[name].append(np.array(next(a for a in arguments if isinstance(a, np.ndarray))))
+            return iter(())
+
+        return record
+
+    for name in tried:
+        monkeypatch.setattr(PlacementSearch, name, recorder(name))
+    assert next(search(scene).find(scene, [], strategy, np.random.default_rng(0)), None) is None
+    return tried
+
+
+def test_strategies_differ_in_three_choices_and_in_planning_ahead() -> None:
+    budget = [field.name for field in fields(Strategy) if field.name not in (*CHOICES, *PLANNING_AHEAD)]
+    assert {"attempts", "locations_per_level", "placements", "leaves_cleared"} <= set(budget)
+    assert len({tuple(getattr(strategy, name) for name in budget) for strategy in STRATEGIES.values()}) == 1
+    greedy = [strategy for strategy in STRATEGIES.values() if not strategy.plans_ahead]
+    assert len({tuple(getattr(strategy, name) for name in PLANNING_AHEAD) for strategy in greedy}) == 1
+
+
+def test_every_strategy_tries_as_many_locations(in_hand: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = {
+        name: {part: sum(map(len, tried)) for part, tried in locations_tried(in_hand, strategy, monkeypatch).items()}
+        for name, strategy in STRATEGIES.items()
+    }
+    assert len({tuple(count.values()) for count in counts.values()}) == 1, counts
+
+
+@pytest.mark.parametrize(("field", "value"), [("attempts", 0), ("sets", 1.5), ("slack", -1), ("placements", None)])
+def test_a_budget_that_is_none_is_refused(field: str, value: Any) -> None:
+    with pytest.raises(StrategyError, match=f"{field}=.*integer of at least"):
+        replace(STRATEGIES["ngr"], **{field: value})
+
+
+def test_levels_grow_finer(in_hand: Scene) -> None:
+    sizes = [len(level) for level in placement_levels(in_hand.support, np.random.default_rng(0))]
+    assert sizes == [25, 81, 289, 1089]
