@@ -92,8 +92,9 @@ class PlacementSearch:
     ) -> Iterator[Placement]:
         """Placements of the object in hand, best first; lazily, since the first one usually does.
 
-        The paper's grid of locations comes first, then ever finer ones. At each level the locations that can be
-        served from where the base stands come before those that need a drive (R_work before R_plane - R_work).
+        The paper's grid of locations comes first, then ever finer ones. At each level the locations within reach of
+        where the base stands come first, the farthest of them first (R_work); then, after a base motion, all locations,
+        the nearest first (section 3.3).
 
         Args:
             scene: with an object in hand.
@@ -126,9 +127,10 @@ class PlacementSearch:
             yield from self._after_a_drive(scene, world, drawn)
             return
         for level in levels:
-            nearest = allowed(level)[: strategy.locations_per_level]
-            yield from self._from_here(scene, world, nearest[::-1])
-            yield from self._after_a_drive(scene, world, nearest)
+            nearest_first = allowed(level)
+            within_reach = nearest_first[self._is_within_reach(scene, nearest_first)]
+            yield from self._from_here(scene, world, within_reach[::-1][: strategy.locations_per_level])
+            yield from self._after_a_drive(scene, world, nearest_first[: strategy.locations_per_level])
 
     def _from_here(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
         """Placements from where the base stands."""
@@ -146,8 +148,24 @@ class PlacementSearch:
             if len(bases):
                 yield from self._configurations(scene, world, GripperPoses(bases, gripper_poses[index]), drives=True)
 
+    def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
+        """Which locations (k, 2) are not plainly out of reach from where the base stands: (k,)."""
+        if not len(locations):
+            return np.zeros(0, dtype=np.bool_)
+        gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
+        return _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), self.yaws).any(axis=1)
+
     def _free_gripper_poses(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Array]:
-        """Per location, the level hands (k, 4) there that hit nothing, with the object and the fingers opened."""
+        """Per location, the gripper poses (k, 4) there that hit nothing, with the object and the fingers opened."""
+        opening = self._opening(scene)
+        for location in locations:
+            gripper_poses = self._gripper_poses(scene, location)
+            free = gripper_hits(world, gripper_poses, opening, held=scene.held) == 0
+            if free.any():
+                yield gripper_poses[free]
+
+    def _gripper_poses(self, scene: Scene, location: Array) -> Array:
+        """Level gripper poses (yaws, 4) that hold the object just above a location: x, y, z [m], yaw [rad]."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
         offset = scene.held.T_tcp_object[:3, 3]
@@ -155,19 +173,14 @@ class PlacementSearch:
         c, s = np.cos(yaws), np.sin(yaws)
         shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
         height = scene.support.top + (body.top - body.bottom) / 2 + _GAP - offset[2]
-        for location in locations:
-            gripper_poses = np.column_stack((location - shift, np.full(len(yaws), height), yaws))
-            free = gripper_hits(world, gripper_poses, self._opening(scene, body), held=scene.held) == 0
-            if free.any():
-                yield gripper_poses[free]
+        return np.column_stack((location - shift, np.full(len(yaws), height), yaws))
 
     def _configurations(
         self, scene: Scene, world: CollisionWorld, poses: GripperPoses, drives: bool
     ) -> Iterator[Placement]:
         """The first of these poses for which a configuration exists that the hand can come to and leave."""
         assert scene.held is not None
-        body = scene.body(scene.held.name)
-        opening = self._opening(scene, body)
+        opening = self._opening(scene)
         found = scan_configurations(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, hand = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
@@ -175,8 +188,9 @@ class PlacementSearch:
                 yield Placement(_put_down(scene, hand), base, found.q[best], float(hand[3]), opening, drives)
                 return
 
-    def _opening(self, scene: Scene, body: Body) -> float:
-        return gripper_opening(scene.robot, body.half_width)
+    def _opening(self, scene: Scene) -> float:
+        assert scene.held is not None
+        return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
 
     def _grid(self) -> ConfigurationGrid:
         return (
@@ -187,15 +201,18 @@ class PlacementSearch:
 
 
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:
-    """Hands (k, 4) not plainly out of reach: a cheap test before the arm is looked at."""
+    """Gripper poses (k, 4) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
+
+    The arm starts at its first joint, which turns about the vertical through the sum of the first two offsets.
+    """
     links = scene.robot.chain
-    reach = sum(float(np.linalg.norm(link.offset)) for link in links[2:]) + float(
-        np.linalg.norm(scene.robot.tcp_offset)
-    )
+    lengths = [*(link.offset for link in links[2:]), scene.robot.tcp_offset]
+    reach = sum(float(np.linalg.norm(length)) for length in lengths)
+    reach += float(np.linalg.norm(np.add(links[0].offset, links[1].offset)[:2]))
     away = gripper_poses[:, :2] - base[:2]
     bearing = np.arctan2(away[:, 1], away[:, 0])
     turn = np.abs((gripper_poses[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)
-    return (np.linalg.norm(away, axis=1) < reach + 0.1) & (turn < np.pi / 2)
+    return (np.linalg.norm(away, axis=1) < reach) & (turn < np.pi / 2)
 
 
 def _put_down(scene: Scene, hand: Array) -> Body:

@@ -11,7 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.clearing.lookahead import grasped
+from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidates
+from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
 from planners.planner import map_placer
@@ -63,11 +65,13 @@ def test_strategies_differ_in_three_choices_and_in_planning_ahead() -> None:
 
 
 def test_every_strategy_tries_as_many_locations(in_hand: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    counts = {
-        name: {part: sum(map(len, tried)) for part, tried in locations_tried(in_hand, strategy, monkeypatch).items()}
-        for name, strategy in STRATEGIES.items()
-    }
-    assert len({tuple(count.values()) for count in counts.values()}) == 1, counts
+    """After a base motion all of them, from where the base stands those within reach."""
+    counts = {}
+    for name, strategy in STRATEGIES.items():
+        tried = locations_tried(in_hand, strategy, monkeypatch)
+        counts[name] = sum(map(len, tried["_after_a_drive"]))
+        assert 0.9 * counts[name] < sum(map(len, tried["_from_here"])) <= counts[name]
+    assert len(set(counts.values())) == 1, counts
 
 
 @pytest.mark.parametrize(("field", "value"), [("attempts", 0), ("sets", 1.5), ("slack", -1), ("placements", None)])
@@ -79,3 +83,32 @@ def test_a_budget_that_is_none_is_refused(field: str, value: Any) -> None:
 def test_levels_grow_finer(in_hand: Scene) -> None:
     sizes = [len(level) for level in placement_levels(in_hand.support, np.random.default_rng(0))]
     assert sizes == [25, 81, 289, 1089]
+
+
+def test_farthest_within_reach_first_however_many_locations_there_are(
+    in_hand: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = locations_tried(in_hand, replace(STRATEGIES["ngr"], locations_per_level=5), monkeypatch)
+    every = locations_tried(in_hand, replace(STRATEGIES["ngr"], locations_per_level=10_000), monkeypatch)
+    here = in_hand.state.base[:2]
+    for some, of_all in zip(tried["_from_here"], every["_from_here"], strict=True):
+        distances = np.linalg.norm(some - here, axis=1)
+        assert np.array_equal(some, of_all[:5])
+        assert distances[0] == np.linalg.norm(of_all - here, axis=1).max()
+        assert (np.diff(distances) <= 0).all()
+    for some, of_all in zip(tried["_after_a_drive"], every["_after_a_drive"], strict=True):
+        assert np.array_equal(some, of_all[:5])
+        assert (np.diff(np.linalg.norm(of_all - here, axis=1)) >= 0).all()
+
+
+def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
+    in_hand: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finder, world = search(in_hand), CollisionWorld.from_scene(in_hand)
+    locations = list(placement_levels(in_hand.support, np.random.default_rng(0)))[2]
+    assert not finder._is_within_reach(in_hand, locations).all()
+    with monkeypatch.context() as patch:
+        patch.setattr(placements, "_can_reach", lambda _scene, _base, poses: np.ones(len(poses), dtype=bool))
+        served = np.array([placement.location for placement in finder._from_here(in_hand, world, locations)])
+    assert len(served) > 50
+    assert finder._is_within_reach(in_hand, served).all()
