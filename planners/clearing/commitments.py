@@ -15,6 +15,7 @@ import numpy as np
 
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import FloorLimits, FloorResult, self_clearable_sets
+from planners.clock import NO_DEADLINE, Deadline
 from planners.grasping.candidates import GraspCandidate
 from planners.scene import Scene
 
@@ -24,7 +25,6 @@ __all__ = [
     "ExcludingObjects",
     "NoCommitment",
     "greedy_commitments",
-    "never",
     "smallest_commitments",
     "varied_commitments",
 ]
@@ -87,17 +87,12 @@ class NoCommitment:
     proved: bool = True
 
 
-def never() -> bool:
-    """Time is never up."""
-    return False
-
-
 def greedy_commitments(
-    source: CandidateSource, scene: Scene, target: str, is_timed_out: Callable[[], bool] = never
+    source: CandidateSource, scene: Scene, target: str, deadline: Deadline = NO_DEADLINE
 ) -> Commitments | NoCommitment:
     """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
 
-    The grasps that would make an object wait for itself are passed over. `is_timed_out` says when to give up.
+    Grasps that would make an object wait for itself are passed over.
     """
     grasps: dict[str, GraspCandidate] = {}
     order: list[str] = []
@@ -105,7 +100,7 @@ def greedy_commitments(
     def commit(name: str, waiting: int) -> bool:
         waiting |= 1 << scene.index(name)
         for option in sorted(source.options(scene, name), key=lambda option: option.blockers.bit_count()):
-            if is_timed_out():
+            if deadline.is_over:
                 return False
             if option.blockers & waiting:
                 continue
@@ -122,14 +117,20 @@ def greedy_commitments(
 
     if commit(target, 0):
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
-    if is_timed_out():
+    if deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
     reachable = bool(source.options(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 
 
 def smallest_commitments(
-    source: CandidateSource, scene: Scene, target: str, *, slack: int = 1, limits: FloorLimits | None = None
+    source: CandidateSource,
+    scene: Scene,
+    target: str,
+    *,
+    slack: int = 1,
+    limits: FloorLimits | None = None,
+    deadline: Deadline = NO_DEADLINE,
 ) -> Iterator[Commitments | NoCommitment]:
     """Commitments to the smallest self-clearable sets, fewest clearances first, up to `slack` more than the fewest.
 
@@ -140,10 +141,9 @@ def smallest_commitments(
     def masks(index: int) -> list[int]:
         return [option.blockers for option in source.options(scene, names[index])]
 
-    for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits):
+    for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits, deadline=deadline):
         if result.count is None:
-            cause = Cause.UNREACHABLE if result.cause == Cause.UNREACHABLE else Cause.NO_SELF_CLEARABLE_SET
-            yield NoCommitment(cause, (target,), result.proved)
+            yield NoCommitment(Cause(result.cause), (target,), result.proved)
             return
         yield _committed(source, scene, target, result)
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.candidates import BasePlacer, GraspCandidate
@@ -88,7 +90,12 @@ class PlacementSearch:
     near_home: bool = False
 
     def find(
-        self, scene: Scene, keep_clear: Sequence[GraspCandidate], strategy: Strategy, rng: np.random.Generator
+        self,
+        world: CollisionWorld,
+        keep_clear: Sequence[GraspCandidate],
+        strategy: Strategy,
+        rng: np.random.Generator,
+        deadline: Deadline = NO_DEADLINE,
     ) -> Iterator[Placement]:
         """Placements of the object in hand, best first; lazily, since the first one usually does.
 
@@ -97,72 +104,88 @@ class PlacementSearch:
         the nearest first (section 3.3).
 
         Args:
-            scene: with an object in hand.
+            world: the scene, compiled, with an object in hand.
             keep_clear: grasps whose volume the object must stay out of.
-            strategy: whether locations come in order of priority or at random.
+            strategy: whether locations come in order of priority or at random, and how many are tried.
             rng: for the finer grids.
+            deadline: when to stop.
         """
+        scene = world.scene
         assert scene.held is not None
-        world = CollisionWorld.from_scene(scene)
         body = scene.body(scene.held.name)
         grid = SupportGrid.over(scene.support)
         standing = [other for other in scene.objects if other.name != body.name]
         height = body.top - body.bottom + 2 * _GAP
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
         forbidden = keep_clear_mask(world, grid, keep_clear, height)
-        here = scene.state.base[:2]
 
         def allowed(locations: Array) -> Array:
             """Those that keep clear, nearest first."""
             nowhere = np.zeros(len(locations), dtype=bool)
-            radius = body.radius + _GAP
+            radius, here = body.radius + _GAP, scene.state.base[:2]
             return locations[clearance_order(grid, forbidden, occupied, radius, locations, nowhere, here)]
 
         levels = placement_levels(scene.support, rng, self.config)
+        for from_here, after_a_drive in self._locations(scene, levels, allowed, strategy, rng):
+            for location in _until(deadline, from_here):
+                yield from self._from_here(world, location)
+            for location in _until(deadline, after_a_drive):
+                yield from self._after_a_drive(world, location)
+
+    def _locations(
+        self,
+        scene: Scene,
+        levels: Iterator[Array],
+        allowed: Callable[[Array], Array],
+        strategy: Strategy,
+        rng: np.random.Generator,
+    ) -> Iterator[tuple[Array, Array]]:
+        """The locations to try from where the base stands, and after a base motion, level by level.
+
+        In random order as many are drawn in all, from the locations of all levels.
+        """
+        most = strategy.locations_per_level
         if strategy.locations == "random":
             every = list(levels)
-            count = sum(min(len(allowed(level)), strategy.locations_per_level) for level in every)
+            count = sum(min(len(allowed(level)), most) for level in every)
             drawn = rng.permutation(allowed(np.concatenate(every)))[:count]
-            yield from self._from_here(scene, world, drawn)
-            yield from self._after_a_drive(scene, world, drawn)
+            yield drawn[self._is_within_reach(scene, drawn)], drawn
             return
         for level in levels:
             nearest_first = allowed(level)
             within_reach = nearest_first[self._is_within_reach(scene, nearest_first)]
-            yield from self._from_here(scene, world, within_reach[::-1][: strategy.locations_per_level])
-            yield from self._after_a_drive(scene, world, nearest_first[: strategy.locations_per_level])
+            yield within_reach[::-1][:most], nearest_first[:most]
 
-    def _from_here(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
-        """Placements from where the base stands."""
-        base = np.array(scene.state.base)
-        for gripper_poses in self._free_gripper_poses(scene, world, locations):
-            near = _can_reach(scene, base, gripper_poses)
-            if near.any():
-                bases = np.tile(base, (int(near.sum()), 1))
-                yield from self._configurations(scene, world, GripperPoses(bases, gripper_poses[near]), drives=False)
+    def _from_here(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
+        """The placement at a location (2,) from where the base stands, if there is one."""
+        scene = world.scene
+        gripper_poses = self._free_gripper_poses(world, location)
+        near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
+        if len(near):
+            bases = np.tile(np.array(scene.state.base), (len(near), 1))
+            yield from self._configurations(world, GripperPoses(bases, near), drives=False)
 
-    def _after_a_drive(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
-        """Placements from wherever the base may stand."""
-        for gripper_poses in self._free_gripper_poses(scene, world, locations):
+    def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
+        """The placement at a location (2,) from wherever the base may stand, if there is one."""
+        gripper_poses = self._free_gripper_poses(world, location)
+        if len(gripper_poses):
             bases, index = self.placer.bases(gripper_poses)
             if len(bases):
-                yield from self._configurations(scene, world, GripperPoses(bases, gripper_poses[index]), drives=True)
+                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), drives=True)
 
     def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
         """Which locations (k, 2) are not plainly out of reach from where the base stands: (k,)."""
         if not len(locations):
             return np.zeros(0, dtype=np.bool_)
         gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
-        return _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), self.yaws).any(axis=1)
+        can_reach = _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), self.yaws)
+        return np.asarray(can_reach.any(axis=1))
 
-    def _free_gripper_poses(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Array]:
-        """Per location, the gripper poses (k, 4) there that hit nothing, with the object and the fingers opened."""
-        opening = self._opening(scene)
-        for location in locations:
-            gripper_poses = self._gripper_poses(scene, location)
-            free = gripper_hits(world, gripper_poses, opening, held=scene.held) == 0
-            if free.any():
-                yield gripper_poses[free]
+    def _free_gripper_poses(self, world: CollisionWorld, location: Array) -> Array:
+        """The gripper poses (k, 4) at a location that hit nothing, with the object and with the fingers opened."""
+        gripper_poses = self._gripper_poses(world.scene, location)
+        hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
+        return gripper_poses[hits == 0]
 
     def _gripper_poses(self, scene: Scene, location: Array) -> Array:
         """Level gripper poses (yaws, 4) that hold the object just above a location: x, y, z [m], yaw [rad]."""
@@ -175,10 +198,9 @@ class PlacementSearch:
         height = scene.support.top + (body.top - body.bottom) / 2 + _GAP - offset[2]
         return np.column_stack((location - shift, np.full(len(yaws), height), yaws))
 
-    def _configurations(
-        self, scene: Scene, world: CollisionWorld, poses: GripperPoses, drives: bool
-    ) -> Iterator[Placement]:
-        """The first of these poses for which a configuration exists that the hand can come to and leave."""
+    def _configurations(self, world: CollisionWorld, poses: GripperPoses, drives: bool) -> Iterator[Placement]:
+        """The best of these poses for which there is a configuration that the gripper can come to and leave."""
+        scene = world.scene
         assert scene.held is not None
         opening = self._opening(scene)
         found = scan_configurations(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
@@ -198,6 +220,10 @@ class PlacementSearch:
             if self.near_home
             else ConfigurationGrid.over(self.chain, self.torsos, self.rolls)
         )
+
+
+def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:
+    return itertools.takewhile(lambda _: not deadline.is_over, locations)
 
 
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from irm.arm.kinematics import ArmChain
 from planners.clearing.lookahead import grasped
-from planners.collision.world import CollisionWorld
+from planners.collision.compiled_scenes import CompiledScenes
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.candidates import OFF_TABLE, BasePlacer, GraspCandidate, SamplingConfig, level_gripper_poses
 from planners.grasping.grasp_poses import GraspConfig, generate_grasps
@@ -56,11 +56,13 @@ class SkillGeometry:
         placer: base poses for hand poses.
         chain: the arm.
         sampling: how finely grasps are sampled.
+        compiled: scenes compiled so far.
     """
 
     placer: BasePlacer
     chain: ArmChain
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
+    compiled: CompiledScenes = field(default_factory=CompiledScenes)
 
     @property
     def search(self) -> PlacementSearch:
@@ -84,7 +86,7 @@ class SkillGeometry:
         chosen = [grasp for grasp in grasps if _is_from(grasp.yaw, skill.direction)]
         if not chosen:
             return []
-        world = CollisionWorld.from_scene(scene)
+        world = self.compiled.world(scene)
         gripper_poses = level_gripper_poses(chosen)
         opening = max(grasp.opening for grasp in chosen)
         bases, index = self.placer.bases(gripper_poses)
@@ -106,7 +108,8 @@ class SkillGeometry:
         assert scene.held is not None
         if planned is not None:
             yield planned
-        yield from self.search.find(scene, self._wanted_grasp(scene, target), _CLEARANCE_REGION, rng)
+        wanted = self._wanted_grasp(scene, target)
+        yield from self.search.find(self.compiled.world(scene), wanted, _CLEARANCE_REGION, rng)
 
     def simulate_kinematically(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator

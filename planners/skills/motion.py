@@ -45,9 +45,9 @@ class SkillPlanner:
         Raises:
             UnknownObject: no object of that name.
         """
-        motion_layer = MotionLayer(
-            GraspCandidates(self.geometry.placer, self.geometry.chain), self.geometry.search, self.rng
-        )
+        geometry = self.geometry
+        candidates = GraspCandidates(geometry.placer, geometry.chain, compiled=geometry.compiled)
+        motion_layer = MotionLayer(candidates, geometry.search, self.rng)
         done: tuple[BoundAction, ...] = ()
         if scene.held is not None:
             emptied = self._put_down(motion_layer, scene, target)

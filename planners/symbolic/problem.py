@@ -68,7 +68,7 @@ class SymbolicState:
 
     Attributes:
         facts: ground atoms; whatever is absent is false.
-        retired: locations used or refuted; a new location gets a new symbol.
+        retired: locations used before; a new location gets a new symbol.
     """
 
     facts: frozenset[Atom]

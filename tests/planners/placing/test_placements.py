@@ -40,20 +40,28 @@ def search(scene: Scene) -> PlacementSearch:
 def locations_tried(
     scene: Scene, strategy: Strategy, monkeypatch: pytest.MonkeyPatch
 ) -> dict[str, list[NDArray[np.float64]]]:
-    """The locations at which each part of the search looks, if it never finds anything."""
-    tried: dict[str, list[NDArray[np.float64]]] = {"_from_here": [], "_after_a_drive": []}
+    """The locations at which each part of the search looks, level by level, if it never finds anything."""
+    tried: dict[str, list[list[NDArray[np.float64]]]] = {"_from_here": [], "_after_a_drive": []}
+    last = ""
 
     def recorder(name: str) -> Any:
-        def record(*arguments: Any) -> Iterator[Placement]:
-            tried[name].append(np.array(next(a for a in arguments if isinstance(a, np.ndarray))))
+        def record(
+            _search: PlacementSearch, _world: CollisionWorld, location: NDArray[np.float64]
+        ) -> Iterator[Placement]:
+            nonlocal last
+            if last != name or not tried[name]:
+                tried[name].append([])
+            last = name
+            tried[name][-1].append(location)
             return iter(())
 
         return record
 
     for name in tried:
         monkeypatch.setattr(PlacementSearch, name, recorder(name))
-    assert next(search(scene).find(scene, [], strategy, np.random.default_rng(0)), None) is None
-    return tried
+    world = CollisionWorld.from_scene(scene)
+    assert next(search(scene).find(world, [], strategy, np.random.default_rng(0)), None) is None
+    return {name: [np.array(level) for level in levels] for name, levels in tried.items()}
 
 
 def test_strategies_differ_in_three_choices_and_in_planning_ahead() -> None:
@@ -109,6 +117,7 @@ def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
     assert not finder._is_within_reach(in_hand, locations).all()
     with monkeypatch.context() as patch:
         patch.setattr(placements, "_can_reach", lambda _scene, _base, poses: np.ones(len(poses), dtype=bool))
-        served = np.array([placement.location for placement in finder._from_here(in_hand, world, locations)])
+        placements_there = [placement for place in locations for placement in finder._from_here(world, place)]
+    served = np.array([placement.location for placement in placements_there])
     assert len(served) > 50
     assert finder._is_within_reach(in_hand, served).all()
