@@ -215,6 +215,7 @@ class _Blockers:
     scene: Scene
 
     def blockers(self, name: str) -> Sequence[int]:
+        """As `BlockerMasks.blockers`."""
         return [option.blockers for option in self.candidates.options(self.scene, name)]
 
 

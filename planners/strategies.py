@@ -26,7 +26,7 @@ class StrategyError(ValueError):
 
 @dataclass(frozen=True)
 class Strategy:
-    """A way to clear: three choices, how far it plans ahead, and a budget.
+    """A way to clear: three choices, planning ahead or not, and a budget.
 
     The strategies of `STRATEGIES` have the same budget; `sets`, `slack` and `variations` are part of planning ahead,
     which is the idea of "lookahead".
@@ -49,7 +49,7 @@ class Strategy:
             clears an object twice.
         locations_per_level: locations tried at each refinement of the grid, once from where the base stands and once
             after a base motion. In "random" order the same number in all are drawn from the locations of all levels.
-        placements: placements for which motions are planned before there counts as being no location for an object.
+        placements: placements for which motions are planned before an object counts as having no location.
 
     Raises:
         StrategyError: a field has no valid value.

@@ -1,7 +1,7 @@
 """Which grasp each object's references stand for: the choice that decides what is in whose way.
 
-To commit to a target is to choose a grasp for it, for everything in the way of that grasp, for everything in the way
-of those, and so on, such that no object waits for itself. The task planner then sees each choice as facts.
+To commit to a target is to choose a grasp for it, for every object in the way of that grasp, for every object in the
+way of those, and so on, such that no object waits for itself. The task planner gets the choices as facts.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class CandidateSource(Protocol):
 
 @dataclass(frozen=True)
 class ExcludingObjects:
-    """The same grasps, but none of some objects: they stay where they are."""
+    """The same grasps without those of some objects, which then stay where they are."""
 
     source: CandidateSource
     names: frozenset[str]
@@ -60,7 +60,7 @@ class Commitments:
 
     Attributes:
         target: the object wanted.
-        order: objects to clear, in an order in which each is free when its turn comes.
+        order: objects to clear, in an order in which each grasp is free when it is taken.
         grasps: the chosen grasp of each of them and of the target.
     """
 
@@ -80,7 +80,7 @@ class Commitments:
 
 @dataclass(frozen=True)
 class NoCommitment:
-    """There is no way to commit: the cause, and the objects that show it."""
+    """No commitments are possible: the cause, and the objects concerned; `proved` if it follows from all grasps."""
 
     cause: Cause
     objects: tuple[str, ...]
@@ -98,6 +98,7 @@ def greedy_commitments(
     order: list[str] = []
 
     def commit(name: str, waiting: int) -> bool:
+        """Commit to a grasp of that object and of all in its way, none of which may block those of `waiting`."""
         waiting |= 1 << scene.index(name)
         for option in sorted(source.options(scene, name), key=lambda option: option.blockers.bit_count()):
             if deadline.is_over:
@@ -139,6 +140,7 @@ def smallest_commitments(
     names = scene.names
 
     def masks(index: int) -> list[int]:
+        """What is in the way of each grasp of that object."""
         return [option.blockers for option in source.options(scene, names[index])]
 
     for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits, deadline=deadline):

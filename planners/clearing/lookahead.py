@@ -163,6 +163,7 @@ def _swept_cells(world: CollisionWorld) -> Callable[[GraspCandidate], int]:
     known: dict[tuple[str, bytes, bytes], int] = {}
 
     def swept_cells(grasp: GraspCandidate) -> int:
+        """The cells that one grasp sweeps."""
         if grasp.key not in known:
             mask = keep_clear_mask(world, grid, [grasp], tallest)
             known[grasp.key] = int.from_bytes(np.packbits(mask).tobytes(), "big")
@@ -172,7 +173,7 @@ def _swept_cells(world: CollisionWorld) -> Callable[[GraspCandidate], int]:
 
 
 def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> list[GraspCandidate]:
-    """The grasps whose volume an object put aside must stay out of: NGR1, NGR1 + NGR2, or nothing (eq. 1-3)."""
+    """The grasps whose volume a cleared object must stay out of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
     if strategy.region == "none":
         return []
     if strategy.region == "ngr1":
@@ -181,9 +182,9 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> lis
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
-    """The scene once that grasp has been taken: object in hand, robot at its base pose in the home configuration."""
-    hand = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
-    T_tcp_object = np.linalg.inv(hand) @ scene.body(grasp.object).pose
+    """The scene after a grasp: the object is held, the robot is at the base pose of the grasp, its arm at home."""
+    T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
+    T_tcp_object = np.linalg.inv(T_world_tcp) @ scene.body(grasp.object).pose
     state = RobotState(grasp.base, np.array(scene.robot.home), scene.state.finger_position)
     return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
 

@@ -122,6 +122,7 @@ class _Enumeration:
         self.size = self._first_size()
 
     def run(self) -> Iterator[FloorResult]:
+        """The sets, fewest objects first, or the one result that says why there is none."""
         fewest: int | None = None
         while self.size and (fewest is None or self.size - 1 <= fewest + self.slack):
             for found in self._sets_of_size():

@@ -1,4 +1,4 @@
-"""Where and how to put down the object in hand: a location, a base pose and an arm configuration that hit nothing."""
+"""Where and how to put down the held object: a location, a base pose and an arm configuration without collision."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ __all__ = ["Placement", "PlacementSearch", "keep_clear_mask"]
 Array = NDArray[np.float64]
 
 _GAP = 0.001
-"""[m] between the object and the table when the fingers let go."""
+"""[m] between the object and the table when the fingers open."""
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A way to put down the object in hand.
+    """A way to put down the held object.
 
     Attributes:
         body: the object where it will stand.
         base: (3,) x [m], y [m], yaw [rad].
         q: (8,) torso [m] and arm [rad] when the fingers open.
-        yaw: [rad] of the hand.
-        opening: of the gripper [m] after letting go.
-        drives: whether the base has to move first.
+        yaw: [rad] of the gripper.
+        opening: of the gripper [m] after the release.
+        drives: whether the base has to move there first.
     """
 
     body: Body
@@ -73,10 +73,10 @@ class PlacementSearch:
     """Finds placements; see `find`.
 
     Attributes:
-        placer: base poses for hand poses.
+        placer: base poses for gripper poses.
         chain: the arm.
         config: the grid of locations, and how far it is refined.
-        yaws: directions of the hand tried at each location.
+        yaws: directions of the gripper tried at each location.
         torsos, rolls: values of torso height and upper-arm roll tried for each.
         near_home: only the configuration nearest to home, for robots that are told TCP poses.
     """
@@ -97,14 +97,14 @@ class PlacementSearch:
         rng: np.random.Generator,
         deadline: Deadline = NO_DEADLINE,
     ) -> Iterator[Placement]:
-        """Placements of the object in hand, best first; lazily, since the first one usually does.
+        """Placements of the held object, best first; lazily, since the first one usually suffices.
 
         The paper's grid of locations comes first, then ever finer ones. At each level the locations within reach of
         where the base stands come first, the farthest of them first (R_work); then, after a base motion, all locations,
         the nearest first (section 3.3).
 
         Args:
-            world: the scene, compiled, with an object in hand.
+            world: the scene, compiled, with an object held.
             keep_clear: grasps whose volume the object must stay out of.
             strategy: whether locations come in order of priority or at random, and how many are tried.
             rng: for the finer grids.
@@ -205,9 +205,9 @@ class PlacementSearch:
         opening = self._opening(scene)
         found = scan_configurations(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
-            base, hand = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
+            base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
-                yield Placement(_put_down(scene, hand), base, found.q[best], float(hand[3]), opening, drives)
+                yield Placement(_put_down(scene, pose), base, found.q[best], float(pose[3]), opening, drives)
                 return
 
     def _opening(self, scene: Scene) -> float:
@@ -241,14 +241,14 @@ def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bo
     return (np.linalg.norm(away, axis=1) < reach) & (turn < np.pi / 2)
 
 
-def _put_down(scene: Scene, hand: Array) -> Body:
-    """The object in hand as it stands after being let go at a hand pose."""
+def _put_down(scene: Scene, gripper_pose: Array) -> Body:
+    """The held object as it stands after it is released at a gripper pose (4,): x, y, z [m], yaw [rad]."""
     assert scene.held is not None
     body = scene.body(scene.held.name)
-    c, s = np.cos(hand[3]), np.sin(hand[3])
+    c, s = np.cos(gripper_pose[3]), np.sin(gripper_pose[3])
     T_world_tcp = np.eye(4)
     T_world_tcp[:2, :2] = [[c, -s], [s, c]]
-    T_world_tcp[:3, 3] = hand[:3]
+    T_world_tcp[:3, 3] = gripper_pose[:3]
     dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
     upright = replace(dropped, quaternion=np.array([np.cos(dropped.yaw / 2), 0.0, 0.0, np.sin(dropped.yaw / 2)]))
     return stand_at(upright, dropped.position[:2], scene.support)

@@ -1,8 +1,7 @@
 """Skills: clear one object from one direction, or take the target; their geometry, without planning any motion.
 
 A skill is a choice among the grasps and placements that the strategies choose from. `simulate_kinematically` returns
-the scene that a skill leaves
-behind if every motion to a free configuration exists and succeeds.
+the scene after a skill, if every motion to a free configuration exists and succeeds.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ __all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geomet
 DIRECTIONS = 6
 """Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
 _CLEARANCE_REGION = find_strategy("dogar")
-"""Where a cleared object may go: out of the target's grasp (eq. 1), farthest first."""
+"""A cleared object keeps clear of the target's grasp (eq. 1), the farthest location first."""
 _EDGE = 1e-6
 """[rad] Yaws on the border of two directions belong to both."""
 
@@ -53,7 +52,7 @@ class SkillGeometry:
     """Grasps and placements of skills.
 
     Attributes:
-        placer: base poses for hand poses.
+        placer: base poses for gripper poses.
         chain: the arm.
         sampling: how finely grasps are sampled.
         compiled: scenes compiled so far.
@@ -66,7 +65,7 @@ class SkillGeometry:
 
     @property
     def search(self) -> PlacementSearch:
-        """Finds where to put things."""
+        """Finds placements."""
         return PlacementSearch(self.placer, self.chain)
 
     def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
@@ -104,7 +103,7 @@ class SkillGeometry:
     def placements(
         self, scene: Scene, target: str, rng: np.random.Generator, planned: Placement | None = None
     ) -> Iterator[Placement]:
-        """Places for the object in hand, out of the way of the target's least obstructed grasp, best first."""
+        """Placements for the held object that keep clear of the target's least obstructed grasp, best first."""
         assert scene.held is not None
         if planned is not None:
             yield planned
@@ -114,7 +113,7 @@ class SkillGeometry:
     def simulate_kinematically(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> Scene | SkillFailure:
-        """The scene that the skill leaves if every motion succeeds; taking the target leaves it in hand."""
+        """The scene after the skill if every motion succeeds; after taking the target, it is held."""
         grasps = self.grasps(scene, skill)
         if isinstance(grasps, SkillFailure):
             return grasps

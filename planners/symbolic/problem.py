@@ -152,6 +152,7 @@ class TaskProblem:
         base_poses = {fact[2] for fact in motions}
 
         def matters(fact: Atom) -> bool:
+            """Whether the fact is about an object that matters."""
             match fact[0]:
                 case "isGrasp" | "isMotion":
                     return fact in grasps or fact in motions

@@ -23,6 +23,7 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     before = cpu_seconds()
 
     def order_by_task_plan(commitments: Commitments) -> Commitments:
+        """The commitments in the order in which the task planner clears."""
         return _in_planned_order(search, _with_obstructions(search, symbols, scene, commitments), commitments)
 
     found = search.motion_layer.choose_grasps(
