@@ -17,7 +17,7 @@ class TimeLimitError(ValueError):
 
 @dataclass(frozen=True)
 class Deadline:
-    """A point in wall time at which a solve is given up. It ends a search; it never decides between two answers.
+    """A point in wall time at which a solve ends. Without one, no clock has an influence on its answer.
 
     Attributes:
         at: [s] on the clock of `time.monotonic`.

@@ -52,8 +52,8 @@ def solve(
         target: name of the object wanted.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
-        time_limit: [s] of wall time, None for none. It ends a solve and never decides between two plans. What is
-            compiled on the first run of a machine does not count; see `warmup`.
+        time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
+            else with the cause "time limit". Compilation on the first run of a machine does not count; see `warmup`.
 
     Returns:
         The plan with all its motions, or the cause why there is none.

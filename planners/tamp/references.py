@@ -13,7 +13,7 @@ from planners.symbolic.problem import ROBOT_INIT_LOC, NoPlan, SymbolicState, Tas
 from planners.symbolic.references import grasp_references
 from planners.symbolic.transitions import GraspObstructed, update_from_error
 from planners.tamp.solution import Infeasible
-from planners.tamp.state import PlanState, Search, infeasible
+from planners.tamp.state import PlanState, Search, infeasible, out_of_time
 
 __all__ = ["bind_grasps", "rebind_grasps", "task_plan"]
 
@@ -30,6 +30,8 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
         search.strategy, scene, search.target, order_by_task_plan, search.clearances
     )
     search.motion_planning_s += cpu_seconds() - before
+    if search.has_given_up:
+        return out_of_time(search)
     if isinstance(found, NoCommitment):
         return infeasible(search, found.cause, _explain(found), found.objects)
     return PlanState(_with_obstructions(search, symbols, scene, found.commitments), scene, found)
@@ -57,7 +59,9 @@ def task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
     answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
     search.task_planning_s += cpu_seconds() - before
     search.task_plans += 1
-    return checked_answer(problem, answer, search.task_planner)
+    checked = checked_answer(problem, answer, search.task_planner)
+    search.has_given_up |= isinstance(checked, NoPlan) and checked.reason == "gave up"
+    return checked
 
 
 def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:

@@ -25,7 +25,7 @@ class TampLimits:
     Attributes:
         clearances: put-downs in one plan.
         replans: turns of the loop that ended with a refuted action.
-        task_planning_s: [s] of wall time for one call of the task planner.
+        task_planning_s: [s] of wall time for one call of the task planner; a call that takes longer ends the run.
     """
 
     clearances: int = 60
@@ -60,7 +60,10 @@ class Refutation:
 
 @dataclass
 class Search:
-    """One run of Algorithm 1: what it was given, the plan F so far, and its counts."""
+    """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
+
+    `has_given_up`: a call of the task planner reached its time limit.
+    """
 
     target: str
     strategy: Strategy
@@ -71,6 +74,7 @@ class Search:
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)
     task_plans: int = 0
+    has_given_up: bool = False
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
     started_cpu: float = field(default_factory=cpu_seconds)

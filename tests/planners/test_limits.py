@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 import math
+import os
 import subprocess
 import sys
 import time
@@ -77,6 +78,22 @@ def test_a_slow_task_planner_does_not_hold_up_the_solve(strategy: str) -> None:
     before = time.monotonic()
     found = planner.solve(FREE, "object_00", strategy, time_limit=0.5)
     assert 0.4 < time.monotonic() - before < 0.7
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.TIME_LIMIT
+
+
+def test_a_task_planner_that_gives_up_ends_the_solve_and_changes_no_order() -> None:
+    """An order that depended on how fast the task planner is would be another plan on another machine."""
+
+    class GivesUpOnce:
+        def __init__(self) -> None:
+            self.calls = 0
+
+        def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
+            self.calls += 1
+            return NoPlan("gave up") if self.calls == 1 else Recorder().plan(problem, time_limit)
+
+    found = Planner(FETCH, engine=GivesUpOnce()).solve(FREE, "object_00", "lookahead")
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.TIME_LIMIT
 
@@ -215,3 +232,23 @@ def test_whoever_waits_for_compilation_is_told_once(
     assert [record.message for record in caplog.records] == [
         "compiling the planner's kernels, once per machine (some minutes)"
     ]
+
+
+COLD_SOLVE = """
+from planners import Solution, solve
+from tests.planners.scenes import cylinder, table_scene
+
+found = solve(table_scene(cylinder("object_00", 0.0, 0.0)), "object_00", time_limit=10.0)
+assert isinstance(found, Solution), found
+assert found.stats.total_s < 10.0
+"""
+
+
+@pytest.mark.slow
+def test_on_a_cold_kernel_cache_compiling_does_not_count(tmp_path: Path) -> None:
+    """Compiling takes minutes, the solve after it less than its limit of 10 s."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", COLD_SOLVE]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("compiling the planner's kernels") == 1
