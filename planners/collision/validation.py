@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.collision.geometry import are_within
 from planners.collision.world import CollisionWorld
-from planners.scene import STATIC_BIT, SceneError
+from planners.scene import STATIC_BIT, Scene, SceneError
 
 __all__ = ["validate"]
 
