@@ -12,7 +12,7 @@ from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.execution.controlled_env import ControlledEnv
 from planners.execution.direct import ExecutionResult, execute
 from planners.execution.expert import EpisodeReport, ExpertConfig, ExpertError, TampExpert
-from planners.planner import Planner, clearance_floor, solve
+from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Scene
 from planners.strategies import STRATEGIES, Strategy
 from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
@@ -45,4 +45,5 @@ __all__ = [
     "clearance_floor",
     "execute",
     "solve",
+    "warmup",
 ]

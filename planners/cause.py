@@ -8,7 +8,15 @@ __all__ = ["Cause"]
 
 
 class Cause(StrEnum):
-    """Why a solve ended without a plan."""
+    """Why a solve ended without a plan.
+
+    Attributes:
+        NO_SELF_CLEARABLE_SET: whatever is removed first, some object that must go before the target blocks itself.
+        UNREACHABLE: no free base pose and arm configuration reach the target.
+        NO_CLEARANCE_LOCATION: an object must be put down, but no location keeps clear of what remains to be done.
+        MOTION: grasps exist, but motion planning refuted so many that no way to clear and take the target is left.
+        TIME_LIMIT: the time limit, or the limit on replans or clearances, was reached.
+    """
 
     NO_SELF_CLEARABLE_SET = "no self-clearable set"
     UNREACHABLE = "unreachable"

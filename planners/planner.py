@@ -2,41 +2,40 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
 
-from assets.robots import RobotSpec
+from assets.robots import FETCH, RobotSpec
 from irm.arm.kinematics import ArmChain
 from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
+from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
+from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
 from planners.grasping.base_placement import MapPlacer, free_floor
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
 from planners.scene import Scene
-from planners.strategies import Strategy, find_strategy
+from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
 from planners.tamp.algorithm1 import task_and_motion_plan
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
+from planners.warming import warm_once
 
-__all__ = ["Planner", "clearance_floor", "map_placer", "solve"]
+__all__ = ["Planner", "clearance_floor", "map_placer", "solve", "warmup"]
 
 _BASES, _BASES_NEAR_HOME = 3, 8
-"""Base poses tried for each hand pose; more where only one configuration counts at each."""
-_ATTEMPTS = 3
-"""Runs of Algorithm 1 with other random choices, for strategies that plan ahead."""
+"""Base poses tried for each gripper pose; more where only one configuration counts at each."""
 
 
 def solve(
@@ -53,7 +52,8 @@ def solve(
         target: name of the object wanted.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
-        time_limit: [s] of wall time, None for none.
+        time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
+            else with the cause "time limit". Compilation on the first run of a machine does not count; see `warmup`.
 
     Returns:
         The plan with all its motions, or the cause why there is none.
@@ -61,6 +61,7 @@ def solve(
     Raises:
         UnknownObject: no object of that name.
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
+        TimeLimitError: the time limit is not a number, or is negative.
         SceneError: objects overlap, or the robot is inside a static obstacle.
     """
     return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
@@ -78,8 +79,17 @@ def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None
     return Planner(scene.robot).clearance_floor(scene, target, limits)
 
 
+def warmup(robot: RobotSpec = FETCH) -> None:
+    """Load or compile every kernel that a solve uses, and load or build the robot's reachability map.
+
+    `solve`, `clearance_floor` and the expert do this themselves before their clocks start. Once done in a process it
+    takes microseconds. The first run on a machine compiles for some minutes and logs a warning that says so.
+    """
+    Planner(robot).warmup()
+
+
 def map_placer(scene: Scene, per_gripper_pose: int = _BASES) -> MapPlacer:
-    """Base poses for hand poses in this scene, from the robot's cached reachability map."""
+    """Base poses for gripper poses in this scene, from the robot's cached reachability map."""
     return MapPlacer(_inverse_map(scene.robot), free_floor(scene), per_gripper_pose)
 
 
@@ -116,37 +126,60 @@ class Planner:
     ) -> Solution | Infeasible:
         """As the function `solve`."""
         scene.index(target)
-        validate(scene)
         chosen = find_strategy(strategy)
-        rng = rng or np.random.default_rng(0)
-        started = time.process_time()
-        deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
-        outcomes: list[Solution | Infeasible] = []
-        for motion_layer in self._motion_layers(scene, rng, _ATTEMPTS if chosen.plans_ahead else 1):
-            motion_layer.is_timed_out = lambda: time.perf_counter() > deadline
-            search = Search(target, chosen, self._task_planner, motion_layer)
-            outcomes.append(task_and_motion_plan(search, scene))
-            if _is_final(outcomes[-1], motion_layer) or motion_layer.is_timed_out():
-                break
-        best = min(outcomes, key=_shortcoming)
-        return replace(best, stats=replace(best.stats, total_s=time.process_time() - started))
+        Deadline.after(time_limit)
+        self.warmup()
+        return self._solve(scene, target, chosen, rng or np.random.default_rng(0), Deadline.after(time_limit))
 
     def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
         """As the function `clearance_floor`."""
-        return floor_of_options(scene, target, _Blockers(self._candidates(scene), scene), limits)
+        scene.index(target)
+        self.warmup()
+        return self._clearance_floor(scene, target, limits)
 
-    def _motion_layers(self, scene: Scene, rng: np.random.Generator, attempts: int) -> Iterator[MotionLayer]:
-        """A motion layer for each attempt; for a robot told TCP poses the first one keeps to configurations near
-        home."""
+    def warmup(self) -> None:
+        """As the function `warmup`, for this robot and task planner."""
+        warm_once(self, self._exercise)
+
+    def _exercise(self, scene: Scene, target: str) -> None:
+        """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
+        planner = replace(self, engine="astar")
+        for name in ("lookahead", "ngr"):
+            planner._solve(scene, target, STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
+
+    def _solve(
+        self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
+    ) -> Solution | Infeasible:
+        started = cpu_seconds()
+        compiled = CompiledScenes()
+        validate(compiled.world(scene))
+        outcomes: list[Solution | Infeasible] = []
+        for motion_layer in self._motion_layers(scene, compiled, rng, deadline, strategy.attempts):
+            search = Search(target, strategy, self._task_planner, motion_layer)
+            outcomes.append(task_and_motion_plan(search, scene))
+            if deadline.is_over or _is_final(outcomes[-1], motion_layer):
+                break
+        best = min(outcomes, key=_shortcoming)
+        return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
+
+    def _clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None) -> ClearanceFloor:
+        candidates = GraspCandidates(map_placer(scene), self.chain)
+        return floor_of_options(scene, target, _Blockers(candidates, scene), limits)
+
+    def _motion_layers(
+        self, scene: Scene, compiled: CompiledScenes, rng: np.random.Generator, deadline: Deadline, attempts: int
+    ) -> Iterator[MotionLayer]:
+        """A motion layer for each attempt.
+
+        For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
+        """
+        inverse_map, floor = _inverse_map(scene.robot), free_floor(scene)
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
-            placer = map_placer(scene, _BASES_NEAR_HOME if near_home else _BASES)
-            candidates = GraspCandidates(placer, self.chain, SamplingConfig(near_home=near_home))
+            placer = MapPlacer(inverse_map, floor, _BASES_NEAR_HOME if near_home else _BASES)
+            candidates = GraspCandidates(placer, self.chain, SamplingConfig(near_home=near_home), compiled)
             search = PlacementSearch(placer, self.chain, near_home=near_home)
-            yield MotionLayer(candidates, search, rng, follower=self.follower)
-
-    def _candidates(self, scene: Scene) -> GraspCandidates:
-        return GraspCandidates(map_placer(scene), self.chain)
+            yield MotionLayer(candidates, search, rng, follower=self.follower, deadline=deadline)
 
     @cached_property
     def chain(self) -> ArmChain:
@@ -157,12 +190,13 @@ class Planner:
 def _is_final(outcome: Solution | Infeasible, motion_layer: MotionLayer) -> bool:
     """Whether another attempt could do no better.
 
-    A plan that clears something twice can be bettered; a refusal cannot if the grasps, none of them banned, say so.
+    A plan that clears an object twice can be improved on. A refusal cannot if it follows from the grasps alone, none of
+    them refuted by motion planning and no object moved.
     """
     if isinstance(outcome, Solution):
         return not outcome.duplicated
     by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
-    is_proved = by_grasps and not outcome.clearances and not motion_layer.has_banned and motion_layer.follower is None
+    is_proved = by_grasps and not outcome.clearances and not motion_layer.has_refuted and motion_layer.follower is None
     return is_proved or outcome.cause is Cause.TIME_LIMIT
 
 
@@ -175,12 +209,13 @@ def _shortcoming(outcome: Solution | Infeasible) -> tuple[bool, int, int]:
 
 @dataclass(frozen=True)
 class _Blockers:
-    """The blocker masks of a catalogue's grasps in one scene."""
+    """The blocker masks of the grasp candidates in one scene."""
 
     candidates: GraspCandidates
     scene: Scene
 
     def blockers(self, name: str) -> Sequence[int]:
+        """As `BlockerMasks.blockers`."""
         return [option.blockers for option in self.candidates.options(self.scene, name)]
 
 

@@ -1,7 +1,7 @@
 """Four ways to decide what to clear and where to put it, from the same grasps, bases and motions.
 
-They differ in three choices only: how grasps are committed to, which region is kept clear (eq. 1-3 of Lee & Kim
-2019), and the order in which clearance locations are tried.
+They differ in three choices: how grasps are committed to, which region is kept clear (eq. 1-3 of Lee & Kim 2019), and
+the order in which clearance locations are tried. One of them also plans ahead. Their budget is the same.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ class StrategyError(ValueError):
 
 @dataclass(frozen=True)
 class Strategy:
-    """A way to clear.
+    """A way to clear: three choices, planning ahead or not, and a budget.
+
+    The strategies of `STRATEGIES` have the same budget; `sets`, `slack` and `variations` are part of planning ahead,
+    which is the idea of "lookahead".
 
     Attributes:
         name: what it is called.
@@ -36,7 +39,20 @@ class Strategy:
             grasps of the obstacles still to be cleared, eq. 3).
         locations: "random" order, or by "priority" (section 3.3): farthest within R_work, then nearest outside it.
         plans_ahead: whether grasps, order and locations of the whole set are chosen before the first motion is
-            planned, and other sets are tried where locations are missing.
+            planned, and the task planner is told what obstructs these grasps.
+        sets: self-clearable sets looked at, one after another, until every object of one finds a location; "greedy"
+            grasps yield one.
+        slack: sets with so many objects more than the fewest are looked at too.
+        variations: other orders and grasps tried for each set.
+        leaves_cleared: whether an object that was cleared before is cleared again only if nothing else helps.
+        attempts: runs of Algorithm 1, with other random choices, before a solve ends without a plan or with a plan that
+            clears an object twice.
+        locations_per_level: locations tried at each refinement of the grid, once from where the base stands and once
+            after a base motion. In "random" order the same number in all are drawn from the locations of all levels.
+        placements: placements for which motions are planned before an object counts as having no location.
+
+    Raises:
+        StrategyError: a field has no valid value.
     """
 
     name: str
@@ -44,23 +60,37 @@ class Strategy:
     region: Region
     locations: Locations
     plans_ahead: bool = False
+    sets: int = 1
+    slack: int = 0
+    variations: int = 0
+    leaves_cleared: bool = True
+    attempts: int = 3
+    locations_per_level: int = 120
+    placements: int = 12
 
     def __post_init__(self) -> None:
         for field, valid in (("grasps", Grasps), ("region", Region), ("locations", Locations)):
             if getattr(self, field) not in get_args(valid):
-                raise StrategyError(
-                    f"strategy {self.name!r}: {field}={getattr(self, field)!r} is not valid; valid values: "
-                    f"{', '.join(map(repr, get_args(valid)))}"
-                )
+                values = ", ".join(map(repr, get_args(valid)))
+                raise StrategyError(f"{self._field(field)} is not valid; valid values: {values}")
+        for field, least in _LEAST.items():
+            if not isinstance(getattr(self, field), int) or getattr(self, field) < least:
+                raise StrategyError(f"{self._field(field)} is not valid; it must be an integer of at least {least}")
 
+    def _field(self, name: str) -> str:
+        return f"strategy {self.name!r}: {name}={getattr(self, name)!r}"
+
+
+_LEAST = {"sets": 1, "slack": 0, "variations": 0, "attempts": 1, "locations_per_level": 1, "placements": 1}
+"""Smallest valid values."""
 
 STRATEGIES = {
     entry.name: entry
     for entry in (
-        Strategy("lookahead", grasps="smallest", region="ngr", locations="priority", plans_ahead=True),
-        Strategy("ngr", grasps="greedy", region="ngr", locations="priority"),
-        Strategy("dogar", grasps="greedy", region="ngr1", locations="priority"),
-        Strategy("srivastava", grasps="greedy", region="none", locations="random"),
+        Strategy("lookahead", "smallest", "ngr", "priority", plans_ahead=True, sets=12, slack=2, variations=6),
+        Strategy("ngr", "greedy", "ngr", "priority"),
+        Strategy("dogar", "greedy", "ngr1", "priority"),
+        Strategy("srivastava", "greedy", "none", "random"),
     )
 }
 """By name: ours; Lee & Kim 2019; Dogar & Srinivasa 2011 (NGR1); Srivastava et al. 2014 (no region)."""

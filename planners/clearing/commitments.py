@@ -1,7 +1,7 @@
 """Which grasp each object's references stand for: the choice that decides what is in whose way.
 
-To commit to a target is to choose a grasp for it, for everything in the way of that grasp, for everything in the way
-of those, and so on, such that no object waits for itself. The task planner then sees each choice as facts.
+To commit to a target is to choose a grasp for it, for every object in the way of that grasp, for every object in the
+way of those, and so on, such that no object waits for itself. The task planner gets the choices as facts.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import FloorLimits, FloorResult, self_clearable_sets
+from planners.clock import NO_DEADLINE, Deadline
 from planners.grasping.candidates import GraspCandidate
 from planners.scene import Scene
 
@@ -24,7 +25,6 @@ __all__ = [
     "ExcludingObjects",
     "NoCommitment",
     "greedy_commitments",
-    "never",
     "smallest_commitments",
     "varied_commitments",
 ]
@@ -44,7 +44,7 @@ class CandidateSource(Protocol):
 
 @dataclass(frozen=True)
 class ExcludingObjects:
-    """The same grasps, but none of some objects: they stay where they are."""
+    """The same grasps without those of some objects, which then stay where they are."""
 
     source: CandidateSource
     names: frozenset[str]
@@ -60,7 +60,7 @@ class Commitments:
 
     Attributes:
         target: the object wanted.
-        order: objects to clear, in an order in which each is free when its turn comes.
+        order: objects to clear, in an order in which each grasp is free when it is taken.
         grasps: the chosen grasp of each of them and of the target.
     """
 
@@ -80,32 +80,28 @@ class Commitments:
 
 @dataclass(frozen=True)
 class NoCommitment:
-    """There is no way to commit: the cause, and the objects that show it."""
+    """No commitments are possible: the cause, and the objects concerned; `proved` if it follows from all grasps."""
 
     cause: Cause
     objects: tuple[str, ...]
     proved: bool = True
 
 
-def never() -> bool:
-    """Time is never up."""
-    return False
-
-
 def greedy_commitments(
-    source: CandidateSource, scene: Scene, target: str, is_timed_out: Callable[[], bool] = never
+    source: CandidateSource, scene: Scene, target: str, deadline: Deadline = NO_DEADLINE
 ) -> Commitments | NoCommitment:
     """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
 
-    The grasps that would make an object wait for itself are passed over. `is_timed_out` says when to give up.
+    Grasps that would make an object wait for itself are passed over.
     """
     grasps: dict[str, GraspCandidate] = {}
     order: list[str] = []
 
     def commit(name: str, waiting: int) -> bool:
+        """Commit to a grasp of that object and of all in its way, none of which may block those of `waiting`."""
         waiting |= 1 << scene.index(name)
         for option in sorted(source.options(scene, name), key=lambda option: option.blockers.bit_count()):
-            if is_timed_out():
+            if deadline.is_over:
                 return False
             if option.blockers & waiting:
                 continue
@@ -122,14 +118,20 @@ def greedy_commitments(
 
     if commit(target, 0):
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
-    if is_timed_out():
+    if deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
     reachable = bool(source.options(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 
 
 def smallest_commitments(
-    source: CandidateSource, scene: Scene, target: str, *, slack: int = 1, limits: FloorLimits | None = None
+    source: CandidateSource,
+    scene: Scene,
+    target: str,
+    *,
+    slack: int = 1,
+    limits: FloorLimits | None = None,
+    deadline: Deadline = NO_DEADLINE,
 ) -> Iterator[Commitments | NoCommitment]:
     """Commitments to the smallest self-clearable sets, fewest clearances first, up to `slack` more than the fewest.
 
@@ -138,12 +140,12 @@ def smallest_commitments(
     names = scene.names
 
     def masks(index: int) -> list[int]:
+        """What is in the way of each grasp of that object."""
         return [option.blockers for option in source.options(scene, names[index])]
 
-    for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits):
+    for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits, deadline=deadline):
         if result.count is None:
-            cause = Cause.UNREACHABLE if result.cause == Cause.UNREACHABLE else Cause.NO_SELF_CLEARABLE_SET
-            yield NoCommitment(cause, (target,), result.proved)
+            yield NoCommitment(Cause(result.cause), (target,), result.proved)
             return
         yield _committed(source, scene, target, result)
 

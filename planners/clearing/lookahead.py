@@ -1,8 +1,8 @@
-"""Choosing the whole sequence before the first motion: which objects, through which grasps, to which places.
+"""Planning ahead: the whole sequence is chosen before the first motion: which objects, grasps, order and placements.
 
-The strategies that do not look ahead commit to grasps only. Looking ahead walks through the clearances in thought,
-places each object where nothing that remains to be done is obstructed, and turns to another set of objects, grasps or
-another order where some object finds no place.
+Strategies that do not plan ahead commit to grasps only. Planning ahead simulates the clearances one after another, puts
+each object where it obstructs nothing that remains to be done, and turns to other grasps, another order or another set
+of objects where some object finds no placement.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from planners.clearing.commitments import (
     Commitments,
     NoCommitment,
     greedy_commitments,
-    never,
     smallest_commitments,
     varied_commitments,
 )
 from planners.clearing.minimum_clearances import FloorLimits
+from planners.clock import NO_DEADLINE, Deadline
+from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import tcp_pose
@@ -34,20 +35,48 @@ from planners.placing.placements import Placement, PlacementSearch, keep_clear_m
 from planners.scene import HeldObject, RobotState, Scene
 from planners.strategies import Strategy
 
-__all__ = ["ClearancePlan", "OrderByTaskPlan", "commitments_for", "grasped", "keep_clear"]
+__all__ = [
+    "ClearancePlan",
+    "ClearingProblem",
+    "OrderByTaskPlan",
+    "RejectedGrasps",
+    "commitments_for",
+    "grasped",
+    "keep_clear",
+]
 
-_SETS = 12
-"""Sets of objects looked at before giving up; most scenes need one."""
-_VARIATIONS = 6
-"""Other orders and grasps tried for each of them."""
 _CELL = 0.02
 """[m] of the cells in which swept space is compared."""
-_SLACK = 2
-"""Sets with so many objects more than the fewest are looked at too."""
-
 
 OrderByTaskPlan: TypeAlias = Callable[[Commitments], Commitments]
 """Puts the objects to clear in the order in which a task plan clears them."""
+
+
+@dataclass(frozen=True)
+class ClearingProblem:
+    """What commitments are chosen for, and what they are chosen from.
+
+    Attributes:
+        strategy: how to commit, and what locations must keep clear of.
+        scene: where everything is.
+        target: the object wanted.
+        candidates: grasps.
+        placements: finds where to put objects.
+        compiled: scenes compiled so far.
+        rng: for variations and finer grids of locations.
+        limits: of the search for the smallest sets.
+        deadline: when to give up.
+    """
+
+    strategy: Strategy
+    scene: Scene
+    target: str
+    candidates: CandidateSource
+    placements: PlacementSearch
+    compiled: CompiledScenes
+    rng: np.random.Generator
+    limits: FloorLimits | None = None
+    deadline: Deadline = NO_DEADLINE
 
 
 @dataclass(frozen=True)
@@ -59,107 +88,92 @@ class RejectedGrasps:
 
 @dataclass(frozen=True)
 class ClearancePlan:
-    """Commitments, and where each object to clear will be put; no places for strategies that do not look ahead."""
+    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead."""
 
     commitments: Commitments
-    places: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+    placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
 
     def without(self, name: str) -> ClearancePlan:
         """What remains once that object has been cleared."""
-        places = {other: place for other, place in self.places.items() if other != name}
-        return ClearancePlan(self.commitments.without(name), MappingProxyType(places))
+        placements = {other: placement for other, placement in self.placements.items() if other != name}
+        return ClearancePlan(self.commitments.without(name), MappingProxyType(placements))
 
 
 def commitments_for(
-    strategy: Strategy,
-    source: CandidateSource,
-    search: PlacementSearch,
-    scene: Scene,
-    target: str,
-    arrange: OrderByTaskPlan,
-    rng: np.random.Generator,
-    limits: FloorLimits | None = None,
-    usable: Callable[[GraspCandidate], bool] = lambda _: True,
-    is_timed_out: Callable[[], bool] = never,
+    problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan, is_usable: Callable[[GraspCandidate], bool]
 ) -> ClearancePlan | NoCommitment | RejectedGrasps:
-    """The best way to go about it; where there is none, or none whose objects all find places, the reason.
+    """The first commitments of the strategy, or, planned ahead, the first whose objects all find placements.
 
     Args:
-        strategy: how to commit, and what places must keep clear of.
-        source: grasps.
-        search: places.
-        scene: where everything is.
-        target: the object wanted.
-        arrange: puts commitments in the order in which the task planner will carry them out.
-        rng: for variations and finer grids of places.
-        limits: of the search for the smallest sets.
-        usable: whether a grasp can be used at all. It is asked about few, before places are looked for; the source is
-            to offer those named in `RejectedGrasps` no more before this function is called again.
-        is_timed_out: whether time is up.
+        problem: what to choose for and from.
+        order_by_task_plan: puts commitments in the order in which the task planner will carry them out.
+        is_usable: whether a grasp can be used at all. It is asked about few, before placements are looked for; the
+            candidates must not offer those named in `RejectedGrasps` again when this function is called again.
+
+    Returns:
+        the plan; the grasps to take out of the candidates; or why there is no plan.
     """
-    without_place = target
-    for commitments in _alternatives(strategy, source, scene, target, rng, limits, is_timed_out):
-        if is_timed_out():
+    without_placement = problem.target
+    for commitments in _alternatives(problem):
+        if problem.deadline.is_over:
             break
         if isinstance(commitments, NoCommitment):
             return commitments
-        if unusable := tuple(grasp for grasp in commitments.grasps.values() if not usable(grasp)):
+        if unusable := tuple(grasp for grasp in commitments.grasps.values() if not is_usable(grasp)):
             return RejectedGrasps(unusable)
-        if strategy.grasps == "greedy":
+        if not problem.strategy.plans_ahead:
             return ClearancePlan(commitments)
-        commitments = arrange(commitments)
-        places = _places(strategy, search, scene, commitments, rng)
-        if not isinstance(places, str):
-            return ClearancePlan(commitments, places)
-        without_place = places
-    if is_timed_out():
-        return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
-    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_place,), proved=False)
+        commitments = order_by_task_plan(commitments)
+        placements = _simulate_clearances(problem, commitments)
+        if not isinstance(placements, str):
+            return ClearancePlan(commitments, placements)
+        without_placement = placements
+    if problem.deadline.is_over:
+        return NoCommitment(Cause.TIME_LIMIT, (problem.target,), proved=False)
+    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_placement,), proved=False)
 
 
-def _alternatives(
-    strategy: Strategy,
-    source: CandidateSource,
-    scene: Scene,
-    target: str,
-    rng: np.random.Generator,
-    limits: FloorLimits | None,
-    is_timed_out: Callable[[], bool],
-) -> Iterator[Commitments | NoCommitment]:
-    """The smallest sets as they are found, each followed by other orders and grasps for the same objects.
+def _alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:
+    """Commitments to one set of objects after another, each followed by other orders and grasps for the same objects.
 
-    Who does not look ahead has but one way.
+    Greedy strategies yield one.
     """
+    strategy, candidates, scene = problem.strategy, problem.candidates, problem.scene
+    sets: Iterator[Commitments | NoCommitment]
     if strategy.grasps == "greedy":
-        yield greedy_commitments(source, scene, target, is_timed_out)
-        return
-    sets = smallest_commitments(source, scene, target, slack=_SLACK, limits=limits)
-    volume = _volumes(scene)
-    for commitments in itertools.islice(sets, _SETS):
+        sets = iter((greedy_commitments(candidates, scene, problem.target, problem.deadline),))
+    else:
+        limits, deadline = problem.limits, problem.deadline
+        sets = smallest_commitments(
+            candidates, scene, problem.target, slack=strategy.slack, limits=limits, deadline=deadline
+        )
+    swept_cells = _swept_cells(problem.compiled.world(scene))
+    for commitments in itertools.islice(sets, strategy.sets):
         yield commitments
         if isinstance(commitments, Commitments) and commitments.order:
-            for _ in range(_VARIATIONS):
-                yield varied_commitments(source, scene, commitments, rng, volume)
+            for _ in range(strategy.variations):
+                yield varied_commitments(candidates, scene, commitments, problem.rng, swept_cells)
 
 
-def _volumes(scene: Scene) -> Callable[[GraspCandidate], int]:
-    """What each grasp sweeps of the space that objects stand in, as bits, one per cell of the table; remembered."""
-    world = CollisionWorld.from_scene(scene)
+def _swept_cells(world: CollisionWorld) -> Callable[[GraspCandidate], int]:
+    """What each grasp sweeps of the space that objects stand in, as bits, one for each cell of the table; cached."""
+    scene = world.scene
     grid = SupportGrid.over(scene.support, _CELL)
     tallest = max(body.top for body in scene.objects) - scene.support.top
     known: dict[tuple[str, bytes, bytes], int] = {}
 
-    def volume(grasp: GraspCandidate) -> int:
+    def swept_cells(grasp: GraspCandidate) -> int:
+        """The cells that one grasp sweeps."""
         if grasp.key not in known:
             mask = keep_clear_mask(world, grid, [grasp], tallest)
             known[grasp.key] = int.from_bytes(np.packbits(mask).tobytes(), "big")
         return known[grasp.key]
 
-    return volume
+    return swept_cells
 
 
 def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> list[GraspCandidate]:
-    """The grasps whose volume an object put aside must stay out of: NGR1, NGR1 + NGR2, or nothing (eq. 1-3)."""
+    """The grasps whose volume a cleared object must stay out of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
     if strategy.region == "none":
         return []
     if strategy.region == "ngr1":
@@ -168,27 +182,32 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> lis
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
-    """The scene once that grasp has been taken: object in hand, robot at its base pose in the home configuration."""
-    hand = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
-    T_tcp_object = np.linalg.inv(hand) @ scene.body(grasp.object).pose
+    """The scene after a grasp: the object is held, the robot is at the base pose of the grasp, its arm at home."""
+    T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
+    T_tcp_object = np.linalg.inv(T_world_tcp) @ scene.body(grasp.object).pose
     state = RobotState(grasp.base, np.array(scene.robot.home), scene.state.finger_position)
     return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
 
 
-def _places(
-    strategy: Strategy, search: PlacementSearch, scene: Scene, commitments: Commitments, rng: np.random.Generator
-) -> Mapping[str, Placement] | str:
-    """A place for every object to clear, found by walking through the order; or the one that finds none."""
-    places: dict[str, Placement] = {}
-    remaining = commitments
+def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> Mapping[str, Placement] | str:
+    """A placement for every object to clear, found by simulating the clearances in order; or the object without one."""
+    strategy, scene, remaining = problem.strategy, problem.scene, commitments
+    placements: dict[str, Placement] = {}
     held = () if scene.held is None else (scene.held.name,)
     for name in (*held, *commitments.order):
         in_hand = scene if name in held else grasped(scene, commitments.grasps[name])
-        place = next(search.find(in_hand, keep_clear(strategy, remaining, name), strategy, rng), None)
-        if place is None:
+        found = problem.placements.find(
+            problem.compiled.world(in_hand),
+            keep_clear(strategy, remaining, name),
+            strategy,
+            problem.rng,
+            problem.deadline,
+        )
+        placement = next(found, None)
+        if placement is None:
             return name
-        places[name] = place
+        placements[name] = placement
         remaining = remaining.without(name)
-        state = RobotState(place.base, in_hand.state.q, in_hand.state.finger_position)
-        scene = in_hand.with_held(None).with_body(place.body).with_state(state)
-    return MappingProxyType(places)
+        state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
+        scene = in_hand.with_held(None).with_body(placement.body).with_state(state)
+    return MappingProxyType(placements)

@@ -7,21 +7,19 @@ to clear.
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from planners.cause import Cause
 from planners.clearing.search_kernel import EXHAUSTED, FOUND, SearchStack, disjoint_landmarks, search
 from planners.clearing.self_clearable import OptionMasks, OptionTable, Removal, bits, removal_orders
+from planners.clock import NO_DEADLINE, Deadline
 from planners.scene import MAX_OBJECTS, Scene
 
 __all__ = [
-    "NO_SELF_CLEARABLE_SET",
-    "UNREACHABLE",
     "BlockerMasks",
     "ClearanceFloor",
     "FloorLimits",
@@ -31,21 +29,19 @@ __all__ = [
     "self_clearable_sets",
 ]
 
-UNREACHABLE = "unreachable"
-"""Cause: the target has no option that hits nothing but movable objects."""
-NO_SELF_CLEARABLE_SET = "no self-clearable set"
-"""Cause: whatever is removed, some object that must go before the target blocks itself."""
-
 _NODES_PER_CALL = 256
-"""Search nodes between two looks at the clock; a node takes 20-300 µs."""
+"""Search nodes between two looks at the deadline; a node takes 20-300 µs."""
 
 
 @dataclass(frozen=True)
 class FloorLimits:
-    """When to stop searching for a proof: nodes visited, and CPU time in seconds: a busy machine changes no plan."""
+    """When to stop searching for a proof. It is work that is counted, not time: a slow machine finds the same plan.
+
+    Attributes:
+        expansions: search nodes visited; 20,000 take 0.4 to 6 s.
+    """
 
     expansions: int = 20_000
-    seconds: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,7 @@ class FloorResult:
         order: an order of removal of them, the target last, each with the first of its options that is free by then.
         proved: no smaller set exists (or, with `cause`, none at all).
         lower_bound: no self-clearable set has fewer clearances.
-        cause: "" or why there is no set: `UNREACHABLE` or `NO_SELF_CLEARABLE_SET`.
+        cause: "" or why there is no set: UNREACHABLE, NO_SELF_CLEARABLE_SET, or TIME_LIMIT if it was aborted.
         expansions: search nodes visited.
     """
 
@@ -94,34 +90,39 @@ def minimum_clearances(options: OptionMasks, target: int, limits: FloorLimits | 
 
 
 def self_clearable_sets(
-    options: OptionMasks, target: int, *, slack: int = 0, limits: FloorLimits | None = None
+    options: OptionMasks,
+    target: int,
+    *,
+    slack: int = 0,
+    limits: FloorLimits | None = None,
+    deadline: Deadline = NO_DEADLINE,
 ) -> Iterator[FloorResult]:
     """Every self-clearable set that needs all its objects, up to `slack` more than the fewest, fewest first.
 
     Always yields at least one result: if there is no set, the one that says why; if the limits are reached before the
-    first set is proved smallest, one with `proved=False`. The iterator ends early at the limits.
+    first set is proved smallest, one with `proved=False`. The iterator ends early at the limits and at the deadline; if
+    there is no set by then, it yields one result whose cause is TIME_LIMIT.
 
     Raises:
         FloorOptionsError: as `minimum_clearances`.
     """
-    yield from _Enumeration(options, target, slack, limits or FloorLimits()).run()
+    yield from _Enumeration(options, target, slack, limits or FloorLimits(), deadline).run()
 
 
 class _Enumeration:
     """The loop around the compiled search: sizes tried, options asked for on demand, and limits."""
 
-    def __init__(self, options: OptionMasks, target: int, slack: int, limits: FloorLimits) -> None:
+    def __init__(self, options: OptionMasks, target: int, slack: int, limits: FloorLimits, deadline: Deadline) -> None:
         self.table = OptionTable(options, target)
         self.target = target
         self.slack = slack
         self.limits = limits
+        self.deadline = deadline
         self.expansions = 0
-        self.deadline = math.inf
         self.size = self._first_size()
-        self._advance(SearchStack(target), nodes=0)  # compiling, on a first run, does not count as searching
-        self.deadline = time.process_time() + limits.seconds
 
     def run(self) -> Iterator[FloorResult]:
+        """The sets, fewest objects first, or the one result that says why there is none."""
         fewest: int | None = None
         while self.size and (fewest is None or self.size - 1 <= fewest + self.slack):
             for found in self._sets_of_size():
@@ -131,7 +132,10 @@ class _Enumeration:
                 break
         if fewest is None:
             found = self._greedy() if self.size else 0
-            yield self._result(found, proved=False, lower_bound=self.size - 1) if found else self._infeasible()
+            if self.deadline.is_over:
+                yield FloorResult(None, 0, (), False, max(self.size - 1, 0), Cause.TIME_LIMIT, self.expansions)
+            else:
+                yield self._result(found, proved=False, lower_bound=self.size - 1) if found else self._infeasible()
 
     def _first_size(self) -> int:
         """Lower bound on the size of a set, the target included; 0 if there is none."""
@@ -145,7 +149,7 @@ class _Enumeration:
         seen: set[int] = set()
         stack = SearchStack(self.target)
         while found := self._next(stack):
-            if self.table.load(found):
+            if self.table.load(found, self.deadline):
                 stack = SearchStack(self.target)
             elif found not in seen and self._needs_all(found):
                 seen.add(found)
@@ -172,7 +176,7 @@ class _Enumeration:
         return int(status), int(found)
 
     def _out_of_limits(self) -> bool:
-        return self.expansions >= self.limits.expansions or time.process_time() > self.deadline
+        return self.expansions >= self.limits.expansions or self.deadline.is_over
 
     def _needs_all(self, found: int) -> bool:
         """Whether no object can be left out; only sets above the fewest can fail this."""
@@ -180,16 +184,17 @@ class _Enumeration:
         return not any(self.table.removable(found & ~(1 << i)) >> self.target & 1 for i in bits(clearances))
 
     def _greedy(self) -> int:
-        """A self-clearable set from which no single object can be left out; 0 if there is none."""
-        while True:
+        """A self-clearable set from which no single object can be left out; 0 if there is none, or no time."""
+        while not self.deadline.is_over:
             kept = self.table.optimistically_removable(self.table.everything())
             if not kept >> self.target & 1:
                 return 0
             for index in bits(kept & ~(1 << self.target)):
                 reached = self.table.optimistically_removable(kept & ~(1 << index))
                 kept = reached if reached >> self.target & 1 else kept
-            if not self.table.load(kept):
+            if not self.table.load(kept, self.deadline):
                 return kept
+        return 0
 
     def _result(self, found: int, proved: bool, lower_bound: int) -> FloorResult:
         mask = found & ~(1 << self.target)
@@ -198,7 +203,7 @@ class _Enumeration:
 
     def _infeasible(self) -> FloorResult:
         movable = any(mask < 1 << MAX_OBJECTS for mask in self.table.declared(self.target))
-        cause = NO_SELF_CLEARABLE_SET if movable else UNREACHABLE
+        cause = Cause.NO_SELF_CLEARABLE_SET if movable else Cause.UNREACHABLE
         return FloorResult(None, 0, (), True, 0, cause, self.expansions)
 
 
@@ -220,7 +225,7 @@ class ClearanceFloor:
         proved: `count` is exact; otherwise it is an upper bound and `lower_bound` the other one.
         lower_bound: no plan clears fewer.
         options: which option each of `objects`, and last the target, is taken through.
-        cause: "" or why there is none: `UNREACHABLE` or `NO_SELF_CLEARABLE_SET`.
+        cause: "" or why there is none: "unreachable" or "no self-clearable set".
         expansions: search nodes visited.
     """
 

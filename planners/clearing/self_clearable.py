@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from planners.clearing.search_kernel import closure
+from planners.clock import NO_DEADLINE, Deadline
 from planners.scene import MAX_OBJECTS
 
 __all__ = [
@@ -68,10 +69,12 @@ class OptionTable:
             self._load(index)
         return self._declared[index]
 
-    def load(self, mask: int) -> bool:
-        """Ask for the options of every object of `mask`; whether that was news."""
+    def load(self, mask: int, deadline: Deadline = NO_DEADLINE) -> bool:
+        """Ask for the options of every object of `mask`, until the deadline; whether any were missing."""
         missing = [index for index in bits(mask) if index not in self._declared]
         for index in missing:
+            if deadline.is_over:
+                break
             self._load(index)
         return bool(missing)
 

@@ -17,18 +17,18 @@ OVERLAP = 0.002
 """[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
 
 
-def validate(scene: Scene) -> None:
-    """Check that objects do not overlap and that the robot is not inside a static obstacle.
+def validate(world: CollisionWorld) -> None:
+    """Check that the objects of a scene do not overlap and that the robot is not inside a static obstacle.
 
     Raises:
         SceneError: they do, or it is; the message names them.
     """
-    world = CollisionWorld.from_scene(scene, padding=0.0)
+    scene = world.scene
     held = "" if scene.held is None else scene.held.name
     pairs = [pair for pair in _overlaps(world) if held not in pair]
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
-    if _is_inside(scene):
+    if _touches_static(world.with_padding(-OVERLAP)):
         raise SceneError(
             f"the robot is inside {' and '.join(_around(scene))} at base pose {np.round(scene.state.base, 3).tolist()}"
         )
@@ -43,8 +43,13 @@ def _around(scene: Scene) -> list[str]:
 
 def _is_inside(scene: Scene) -> bool:
     """Whether the robot overlaps the floor or a static obstacle by more than `OVERLAP`."""
-    world = CollisionWorld.from_scene(replace(scene, objects=(), held=None), padding=-OVERLAP)
-    return bool(world.hits(scene.state.base, scene.state.q, 0.0) >> STATIC_BIT & 1)
+    return _touches_static(CollisionWorld.from_scene(replace(scene, objects=(), held=None), padding=-OVERLAP))
+
+
+def _touches_static(world: CollisionWorld) -> bool:
+    """Whether the robot, where it stands, hits the floor or a static obstacle."""
+    state, objects = world.scene.state, world.scene.mask(world.scene.names)
+    return bool(world.hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)
 
 
 def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
 from planners.execution.monitor import Sensor
 from planners.execution.report import EpisodeReport
-from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene
+from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene, warm_up
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.scene import RobotState, Scene, SceneError
 from planners.strategies import Strategy
@@ -54,6 +54,7 @@ class Episode:
         Raises:
             UnknownObject: no object of the name `target`.
         """
+        warm_up(planner)
         self._env, self._planner, self._strategy, self._config, self._rng = env, planner, strategy, config, rng
         self.target = target
         self.done = False

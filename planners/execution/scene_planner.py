@@ -14,7 +14,7 @@ from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.tamp.solution import Infeasible, Solution
 
-__all__ = ["ScenePlanner", "checked_outcome", "floor_of_scene", "planner_for"]
+__all__ = ["ScenePlanner", "checked_outcome", "floor_of_scene", "planner_for", "warm_up"]
 
 
 class ScenePlanner(Protocol):
@@ -67,6 +67,12 @@ def planner_for(env: ControlledEnv, planner: Any = None) -> ScenePlanner:
     if planner.robot != env.robot:
         raise ExpertError(f"the planner is for robot {planner.robot.name!r}, the environment has {env.robot.name!r}")
     return planner if planner.follower is not None or follower is None else replace(planner, follower=follower)
+
+
+def warm_up(planner: ScenePlanner) -> None:
+    """Compile or load what a planner of this package needs, before any clock is started."""
+    if isinstance(planner, Planner):
+        planner.warmup()
 
 
 def checked_outcome(outcome: object) -> Solution | Infeasible:

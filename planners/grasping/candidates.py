@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
-from planners.collision.world import CollisionWorld
+from planners.collision.compiled_scenes import CompiledScenes
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.grasp_poses import GraspConfig, GraspPose, generate_grasps
 from planners.scene import Body, Scene
@@ -92,8 +92,8 @@ class GraspCandidates:
     placer: BasePlacer
     chain: ArmChain
     config: SamplingConfig = field(default_factory=SamplingConfig)
+    compiled: CompiledScenes = field(default_factory=CompiledScenes)
     _scene: Scene | None = None
-    _world: CollisionWorld | None = None
     _known: dict[str, tuple[GraspCandidate, ...]] = field(default_factory=dict)
 
     def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
@@ -118,7 +118,6 @@ class GraspCandidates:
     def _look_at(self, scene: Scene) -> None:
         if self._scene is None or not _same_objects(self._scene, scene):
             self._scene = scene
-            self._world = CollisionWorld.from_scene(scene)
             self._known = {}
 
     def _find(self, scene: Scene, body: Body) -> tuple[GraspCandidate, ...]:
@@ -127,14 +126,13 @@ class GraspCandidates:
         grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.config.directions))
         if not grasps:
             return ()
-        assert self._world is not None
         gripper_poses = level_gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
         bases, index = self.placer.bases(gripper_poses)
         poses = GripperPoses(bases, gripper_poses[index])
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
-        found = scan_configurations(self._world, self.chain, poses, self._grid(), opening, ignore=ignore)
+        found = scan_configurations(self.compiled.world(scene), self.chain, poses, self._grid(), opening, ignore=ignore)
         options = [
             GraspCandidate(
                 body.name, bases[pair], q, float(poses.gripper_poses[pair, 3]), opening, int(hits), float(quality)

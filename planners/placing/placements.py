@@ -1,14 +1,16 @@
-"""Where and how to put down the object in hand: a location, a base pose and an arm configuration that hit nothing."""
+"""Where and how to put down the held object: a location, a base pose and an arm configuration without collision."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.candidates import BasePlacer, GraspCandidate
@@ -26,22 +28,22 @@ __all__ = ["Placement", "PlacementSearch", "keep_clear_mask"]
 Array = NDArray[np.float64]
 
 _GAP = 0.001
-"""[m] between the object and the table when the fingers let go."""
+"""[m] between the object and the table when the fingers open."""
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A way to put down the object in hand.
+    """A way to put down the held object.
 
     Attributes:
         body: the object where it will stand.
         base: (3,) x [m], y [m], yaw [rad].
         q: (8,) torso [m] and arm [rad] when the fingers open.
-        yaw: [rad] of the hand.
-        opening: of the gripper [m] after letting go.
-        drives: whether the base has to move first.
+        yaw: [rad] of the gripper.
+        opening: of the gripper [m] after the release.
+        drives: whether the base has to move there first.
     """
 
     body: Body
@@ -71,12 +73,11 @@ class PlacementSearch:
     """Finds placements; see `find`.
 
     Attributes:
-        placer: base poses for hand poses.
+        placer: base poses for gripper poses.
         chain: the arm.
         config: the grid of locations, and how far it is refined.
-        yaws: directions of the hand tried at each location.
+        yaws: directions of the gripper tried at each location.
         torsos, rolls: values of torso height and upper-arm roll tried for each.
-        candidates_per_level: locations tried per refinement of the grid.
         near_home: only the configuration nearest to home, for robots that are told TCP poses.
     """
 
@@ -86,67 +87,108 @@ class PlacementSearch:
     yaws: int = 24
     torsos: int = 4
     rolls: int = 12
-    candidates_per_level: int = 120
     near_home: bool = False
 
     def find(
-        self, scene: Scene, keep_clear: Sequence[GraspCandidate], strategy: Strategy, rng: np.random.Generator
+        self,
+        world: CollisionWorld,
+        keep_clear: Sequence[GraspCandidate],
+        strategy: Strategy,
+        rng: np.random.Generator,
+        deadline: Deadline = NO_DEADLINE,
     ) -> Iterator[Placement]:
-        """Placements of the object in hand, best first; lazily, since the first one usually does.
+        """Placements of the held object, best first; lazily, since the first one usually suffices.
 
-        The paper's grid of locations comes first, then ever finer ones. At each level the locations that can be
-        served from where the base stands come before those that need a drive (R_work before R_plane - R_work).
+        The paper's grid of locations comes first, then ever finer ones. At each level the locations within reach of
+        where the base stands come first, the farthest of them first (R_work); then, after a base motion, all locations,
+        the nearest first (section 3.3).
 
         Args:
-            scene: with an object in hand.
+            world: the scene, compiled, with an object held.
             keep_clear: grasps whose volume the object must stay out of.
-            strategy: whether locations come in order of priority or at random.
+            strategy: whether locations come in order of priority or at random, and how many are tried.
             rng: for the finer grids.
+            deadline: when to stop.
         """
+        scene = world.scene
         assert scene.held is not None
-        world = CollisionWorld.from_scene(scene)
         body = scene.body(scene.held.name)
         grid = SupportGrid.over(scene.support)
         standing = [other for other in scene.objects if other.name != body.name]
         height = body.top - body.bottom + 2 * _GAP
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
         forbidden = keep_clear_mask(world, grid, keep_clear, height)
-        here = scene.state.base[:2]
-        for locations in self._levels(scene, strategy, rng):
+
+        def allowed(locations: Array) -> Array:
+            """Those that keep clear, nearest first."""
             nowhere = np.zeros(len(locations), dtype=bool)
-            order = clearance_order(grid, forbidden, occupied, body.radius + _GAP, locations, nowhere, here)
-            if strategy.locations == "random":
-                order = rng.permutation(order)
-            chosen = locations[order[: self.candidates_per_level]]
-            yield from self._from_here(scene, world, chosen[::-1] if strategy.locations == "priority" else chosen)
-            yield from self._after_a_drive(scene, world, chosen)
+            radius, here = body.radius + _GAP, scene.state.base[:2]
+            return locations[clearance_order(grid, forbidden, occupied, radius, locations, nowhere, here)]
 
-    def _levels(self, scene: Scene, strategy: Strategy, rng: np.random.Generator) -> Iterator[Array]:
-        """The paper's grid of locations, then finer ones; all at once where they are drawn at random."""
         levels = placement_levels(scene.support, rng, self.config)
+        for from_here, after_a_drive in self._locations(scene, levels, allowed, strategy, rng):
+            for location in _until(deadline, from_here):
+                yield from self._from_here(world, location)
+            for location in _until(deadline, after_a_drive):
+                yield from self._after_a_drive(world, location)
+
+    def _locations(
+        self,
+        scene: Scene,
+        levels: Iterator[Array],
+        allowed: Callable[[Array], Array],
+        strategy: Strategy,
+        rng: np.random.Generator,
+    ) -> Iterator[tuple[Array, Array]]:
+        """The locations to try from where the base stands, and after a base motion, level by level.
+
+        In random order as many are drawn in all, from the locations of all levels.
+        """
+        most = strategy.locations_per_level
         if strategy.locations == "random":
-            yield np.concatenate(list(levels))
-        else:
-            yield from levels
+            every = list(levels)
+            count = sum(min(len(allowed(level)), most) for level in every)
+            drawn = rng.permutation(allowed(np.concatenate(every)))[:count]
+            yield drawn[self._is_within_reach(scene, drawn)], drawn
+            return
+        for level in levels:
+            nearest_first = allowed(level)
+            within_reach = nearest_first[self._is_within_reach(scene, nearest_first)]
+            yield within_reach[::-1][:most], nearest_first[:most]
 
-    def _from_here(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
-        """Placements from where the base stands."""
-        base = np.array(scene.state.base)
-        for gripper_poses in self._free_gripper_poses(scene, world, locations):
-            near = _can_reach(scene, base, gripper_poses)
-            if near.any():
-                bases = np.tile(base, (int(near.sum()), 1))
-                yield from self._configurations(scene, world, GripperPoses(bases, gripper_poses[near]), drives=False)
+    def _from_here(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
+        """The placement at a location (2,) from where the base stands, if there is one."""
+        scene = world.scene
+        gripper_poses = self._free_gripper_poses(world, location)
+        near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
+        if len(near):
+            bases = np.tile(np.array(scene.state.base), (len(near), 1))
+            yield from self._configurations(world, GripperPoses(bases, near), drives=False)
 
-    def _after_a_drive(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Placement]:
-        """Placements from wherever the base may stand."""
-        for gripper_poses in self._free_gripper_poses(scene, world, locations):
+    def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
+        """The placement at a location (2,) from wherever the base may stand, if there is one."""
+        gripper_poses = self._free_gripper_poses(world, location)
+        if len(gripper_poses):
             bases, index = self.placer.bases(gripper_poses)
             if len(bases):
-                yield from self._configurations(scene, world, GripperPoses(bases, gripper_poses[index]), drives=True)
+                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), drives=True)
 
-    def _free_gripper_poses(self, scene: Scene, world: CollisionWorld, locations: Array) -> Iterator[Array]:
-        """Per location, the level hands (k, 4) there that hit nothing, with the object and the fingers opened."""
+    def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
+        """Which locations (k, 2) are not plainly out of reach from where the base stands: (k,)."""
+        if not len(locations):
+            return np.zeros(0, dtype=np.bool_)
+        gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
+        can_reach = _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), self.yaws)
+        return np.asarray(can_reach.any(axis=1))
+
+    def _free_gripper_poses(self, world: CollisionWorld, location: Array) -> Array:
+        """The gripper poses (k, 4) at a location that hit nothing, with the object and with the fingers opened."""
+        gripper_poses = self._gripper_poses(world.scene, location)
+        hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
+        return gripper_poses[hits == 0]
+
+    def _gripper_poses(self, scene: Scene, location: Array) -> Array:
+        """Level gripper poses (yaws, 4) that hold the object just above a location: x, y, z [m], yaw [rad]."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
         offset = scene.held.T_tcp_object[:3, 3]
@@ -154,28 +196,23 @@ class PlacementSearch:
         c, s = np.cos(yaws), np.sin(yaws)
         shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
         height = scene.support.top + (body.top - body.bottom) / 2 + _GAP - offset[2]
-        for location in locations:
-            gripper_poses = np.column_stack((location - shift, np.full(len(yaws), height), yaws))
-            free = gripper_hits(world, gripper_poses, self._opening(scene, body), held=scene.held) == 0
-            if free.any():
-                yield gripper_poses[free]
+        return np.column_stack((location - shift, np.full(len(yaws), height), yaws))
 
-    def _configurations(
-        self, scene: Scene, world: CollisionWorld, poses: GripperPoses, drives: bool
-    ) -> Iterator[Placement]:
-        """The first of these poses for which a configuration exists that the hand can come to and leave."""
+    def _configurations(self, world: CollisionWorld, poses: GripperPoses, drives: bool) -> Iterator[Placement]:
+        """The best of these poses for which there is a configuration that the gripper can come to and leave."""
+        scene = world.scene
         assert scene.held is not None
-        body = scene.body(scene.held.name)
-        opening = self._opening(scene, body)
+        opening = self._opening(scene)
         found = scan_configurations(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
-            base, hand = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
+            base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
-                yield Placement(_put_down(scene, hand), base, found.q[best], float(hand[3]), opening, drives)
+                yield Placement(_put_down(scene, pose), base, found.q[best], float(pose[3]), opening, drives)
                 return
 
-    def _opening(self, scene: Scene, body: Body) -> float:
-        return gripper_opening(scene.robot, body.half_width)
+    def _opening(self, scene: Scene) -> float:
+        assert scene.held is not None
+        return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
 
     def _grid(self) -> ConfigurationGrid:
         return (
@@ -185,26 +222,33 @@ class PlacementSearch:
         )
 
 
+def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:
+    return itertools.takewhile(lambda _: not deadline.is_over, locations)
+
+
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:
-    """Hands (k, 4) not plainly out of reach: a cheap test before the arm is looked at."""
+    """Gripper poses (k, 4) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
+
+    The arm starts at its first joint, which turns about the vertical through the sum of the first two offsets.
+    """
     links = scene.robot.chain
-    reach = sum(float(np.linalg.norm(link.offset)) for link in links[2:]) + float(
-        np.linalg.norm(scene.robot.tcp_offset)
-    )
+    lengths = [*(link.offset for link in links[2:]), scene.robot.tcp_offset]
+    reach = sum(float(np.linalg.norm(length)) for length in lengths)
+    reach += float(np.linalg.norm(np.add(links[0].offset, links[1].offset)[:2]))
     away = gripper_poses[:, :2] - base[:2]
     bearing = np.arctan2(away[:, 1], away[:, 0])
     turn = np.abs((gripper_poses[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)
-    return (np.linalg.norm(away, axis=1) < reach + 0.1) & (turn < np.pi / 2)
+    return (np.linalg.norm(away, axis=1) < reach) & (turn < np.pi / 2)
 
 
-def _put_down(scene: Scene, hand: Array) -> Body:
-    """The object in hand as it stands after being let go at a hand pose."""
+def _put_down(scene: Scene, gripper_pose: Array) -> Body:
+    """The held object as it stands after it is released at a gripper pose (4,): x, y, z [m], yaw [rad]."""
     assert scene.held is not None
     body = scene.body(scene.held.name)
-    c, s = np.cos(hand[3]), np.sin(hand[3])
+    c, s = np.cos(gripper_pose[3]), np.sin(gripper_pose[3])
     T_world_tcp = np.eye(4)
     T_world_tcp[:2, :2] = [[c, -s], [s, c]]
-    T_world_tcp[:3, 3] = hand[:3]
+    T_world_tcp[:3, 3] = gripper_pose[:3]
     dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
     upright = replace(dropped, quaternion=np.array([np.cos(dropped.yaw / 2), 0.0, 0.0, np.sin(dropped.yaw / 2)]))
     return stand_at(upright, dropped.position[:2], scene.support)

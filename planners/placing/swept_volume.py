@@ -24,7 +24,7 @@ _SPACING = 0.02
 def grasp_volume(world: CollisionWorld, grasps: Iterable[GraspCandidate]) -> SweptVolume:
     """What the robot occupies at these grasps, the gripper open.
 
-    The arm comes from above and leaves upwards, so at no other time does it reach lower at the same place.
+    The arm comes from above and leaves upwards, so that it is never lower at the same place.
     """
     return join_volumes(configuration_volume(world, grasp.base, grasp.q, grasp.opening) for grasp in grasps)
 

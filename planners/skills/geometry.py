@@ -1,8 +1,7 @@
 """Skills: clear one object from one direction, or take the target; their geometry, without planning any motion.
 
 A skill is a choice among the grasps and placements that the strategies choose from. `simulate_kinematically` returns
-the scene that a skill leaves
-behind if every motion to a free configuration exists and succeeds.
+the scene after a skill, if every motion to a free configuration exists and succeeds.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 
 from irm.arm.kinematics import ArmChain
 from planners.clearing.lookahead import grasped
-from planners.collision.world import CollisionWorld
+from planners.collision.compiled_scenes import CompiledScenes
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.candidates import OFF_TABLE, BasePlacer, GraspCandidate, SamplingConfig, level_gripper_poses
 from planners.grasping.grasp_poses import GraspConfig, generate_grasps
@@ -28,7 +27,7 @@ __all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geomet
 DIRECTIONS = 6
 """Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
 _CLEARANCE_REGION = find_strategy("dogar")
-"""Where a cleared object may go: out of the target's grasp (eq. 1), farthest first."""
+"""A cleared object keeps clear of the target's grasp (eq. 1), the farthest location first."""
 _EDGE = 1e-6
 """[rad] Yaws on the border of two directions belong to both."""
 
@@ -53,18 +52,20 @@ class SkillGeometry:
     """Grasps and placements of skills.
 
     Attributes:
-        placer: base poses for hand poses.
+        placer: base poses for gripper poses.
         chain: the arm.
         sampling: how finely grasps are sampled.
+        compiled: scenes compiled so far.
     """
 
     placer: BasePlacer
     chain: ArmChain
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
+    compiled: CompiledScenes = field(default_factory=CompiledScenes)
 
     @property
     def search(self) -> PlacementSearch:
-        """Finds where to put things."""
+        """Finds placements."""
         return PlacementSearch(self.placer, self.chain)
 
     def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
@@ -84,7 +85,7 @@ class SkillGeometry:
         chosen = [grasp for grasp in grasps if _is_from(grasp.yaw, skill.direction)]
         if not chosen:
             return []
-        world = CollisionWorld.from_scene(scene)
+        world = self.compiled.world(scene)
         gripper_poses = level_gripper_poses(chosen)
         opening = max(grasp.opening for grasp in chosen)
         bases, index = self.placer.bases(gripper_poses)
@@ -102,16 +103,17 @@ class SkillGeometry:
     def placements(
         self, scene: Scene, target: str, rng: np.random.Generator, planned: Placement | None = None
     ) -> Iterator[Placement]:
-        """Places for the object in hand, out of the way of the target's least obstructed grasp, best first."""
+        """Placements for the held object that keep clear of the target's least obstructed grasp, best first."""
         assert scene.held is not None
         if planned is not None:
             yield planned
-        yield from self.search.find(scene, self._wanted_grasp(scene, target), _CLEARANCE_REGION, rng)
+        wanted = self._wanted_grasp(scene, target)
+        yield from self.search.find(self.compiled.world(scene), wanted, _CLEARANCE_REGION, rng)
 
     def simulate_kinematically(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> Scene | SkillFailure:
-        """The scene that the skill leaves if every motion succeeds; taking the target leaves it in hand."""
+        """The scene after the skill if every motion succeeds; after taking the target, it is held."""
         grasps = self.grasps(scene, skill)
         if isinstance(grasps, SkillFailure):
             return grasps

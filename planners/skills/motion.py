@@ -35,19 +35,19 @@ class SkillPlanner:
     rng: np.random.Generator
 
     def plan(self, scene: Scene, target: str, skill: Skill) -> tuple[BoundAction, ...] | SkillFailure:
-        """The motions of a skill, as actions of the domain without symbols; what is in hand is put down first.
+        """The motions of a skill, as actions of the domain without symbols; a held object is put down first.
 
         Args:
             scene: where to start.
-            target: what must stay accessible.
+            target: the object whose grasp must stay free.
             skill: what to do.
 
         Raises:
             UnknownObject: no object of that name.
         """
-        motion_layer = MotionLayer(
-            GraspCandidates(self.geometry.placer, self.geometry.chain), self.geometry.search, self.rng
-        )
+        geometry = self.geometry
+        candidates = GraspCandidates(geometry.placer, geometry.chain, compiled=geometry.compiled)
+        motion_layer = MotionLayer(candidates, geometry.search, self.rng)
         done: tuple[BoundAction, ...] = ()
         if scene.held is not None:
             emptied = self._put_down(motion_layer, scene, target)
@@ -74,7 +74,7 @@ class SkillPlanner:
     def _put_down(
         self, motion_layer: MotionLayer, scene: Scene, target: str
     ) -> tuple[tuple[BoundAction, ...], Scene] | SkillFailure:
-        """Put the object in hand where it is out of the target's way."""
+        """Put the held object where it keeps clear of the target's grasp."""
         assert scene.held is not None
         name = scene.held.name
         for placement in itertools.islice(self.geometry.placements(scene, target, self.rng), _PLACEMENTS):

@@ -1,4 +1,4 @@
-"""Why a task problem has no plan: a circle of objects, one that cannot be grasped, or one that has nowhere to go."""
+"""Why a task problem has no plan: objects that wait for each other, one without a grasp, or one without a location."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ __all__ = ["why_unsolvable"]
 def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | None:
     """Why no plan can exist, with the names of the objects concerned; None if none of the usual causes holds.
 
-    Takes away in thought whatever can be taken, first as if there were always somewhere to put it. If the target is
-    left over, it waits for a circle of objects or for one that cannot be grasped at all.
+    Removes, one by one, the objects that can be grasped, first as if there were always a location to put them. If the
+    target is not removed, it waits for objects that wait for each other, or for one that cannot be grasped at all.
     """
     state = problem.state
     held = state.held

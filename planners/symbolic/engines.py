@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -110,16 +112,15 @@ class Kairos:
         Raises:
             EngineFailedError: kairos ended without plan or proof, and not by the time limit.
         """
-        pruned = problem.pruned()
-        parsed = self._kairos.parse_problem(pruned.text(), self._domain)
+        parsed = self._kairos.parse_problem(problem.text(), self._domain)
         result = self._kairos.Planner().solve(parsed, anytime=False, timeout=time_limit)
         status = self._kairos.Status
         if result.status == status.SOLVED:
             return _task_plan((_action(step.name, step.args) for step in result.plan.steps), self.name)
         if result.status == status.UNSOLVABLE:
-            return _no_plan(pruned, self.name, proved=True)
+            return _no_plan(problem, self.name, proved=True)
         if result.status in (status.TIMEOUT, status.NO_PLAN_FOUND):
-            return _no_plan(pruned, self.name, proved=False)
+            return _no_plan(problem, self.name, proved=False)
         raise EngineFailedError(f"kairos: {result.status}: {'; '.join(map(str, result.diagnostics))}")
 
 
@@ -130,12 +131,11 @@ class AStar:
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
         """A shortest plan for the problem, found within `time_limit` [s]."""
-        pruned = problem.pruned()
         try:
-            actions = shortest_plan(pruned, time_limit)
+            actions = shortest_plan(problem, time_limit)
         except SearchTimeoutError:
-            return _no_plan(pruned, self.name, proved=False)
-        return _no_plan(pruned, self.name, proved=True) if actions is None else _task_plan(actions, self.name)
+            return _no_plan(problem, self.name, proved=False)
+        return _no_plan(problem, self.name, proved=True) if actions is None else _task_plan(actions, self.name)
 
 
 @dataclass(frozen=True)
@@ -157,19 +157,18 @@ class FastDownward:
         Raises:
             EngineFailedError: Fast Downward broke down; the message carries the end of its output.
         """
-        pruned = problem.pruned()
         with tempfile.TemporaryDirectory(prefix="take-target-") as folder:
             try:
-                code, output = self._run(Path(folder), pruned, time_limit)
+                code, output = self._run(Path(folder), problem, time_limit)
             except subprocess.TimeoutExpired:
-                return _no_plan(pruned, self.name, proved=False)
+                return _no_plan(problem, self.name, proved=False)
             match code:
                 case 0:
                     return _task_plan(_read_plan(Path(folder, "plan").read_text(encoding="utf-8")), self.name)
                 case 10 | 11:  # exit codes of its documentation: proved by the translator, by the search
-                    return _no_plan(pruned, self.name, proved=True)
+                    return _no_plan(problem, self.name, proved=True)
                 case 12 | 21 | 23:  # search incomplete; out of time
-                    return _no_plan(pruned, self.name, proved=False)
+                    return _no_plan(problem, self.name, proved=False)
         raise EngineFailedError(f"Fast Downward ended with exit code {code}: {output[-2000:]}")
 
     def _run(self, folder: Path, problem: TaskProblem, time_limit: float) -> tuple[int, str]:
@@ -177,8 +176,15 @@ class FastDownward:
         (folder / "problem.pddl").write_text(problem.text(), encoding="utf-8")
         files = ["--plan-file", "plan", "domain.pddl", "problem.pddl"]
         command = [sys.executable, str(self.driver), *files, "--search", self.search]
-        done = subprocess.run(command, cwd=folder, timeout=time_limit, capture_output=True, text=True, check=False)
-        return done.returncode, done.stdout + done.stderr
+        with subprocess.Popen(
+            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+        ) as process:
+            try:
+                output, _ = process.communicate(timeout=time_limit)
+            except subprocess.TimeoutExpired:
+                _kill_with_children(process)
+                raise
+        return process.returncode, output
 
 
 class UnifiedPlanning:
@@ -209,8 +215,7 @@ class UnifiedPlanning:
         Raises:
             EngineFailedError: the engine broke down or does not support the domain.
         """
-        pruned = problem.pruned()
-        parsed = self._reader().parse_problem_string(domain_text(), pruned.text())
+        parsed = self._reader().parse_problem_string(domain_text(), problem.text())
         with self._shortcuts.OneshotPlanner(name=self._engine) as engine:
             result = engine.solve(parsed, timeout=time_limit)
         status = result.status.name
@@ -218,8 +223,16 @@ class UnifiedPlanning:
             steps = result.plan.actions
             return _task_plan((_action(s.action.name, map(str, s.actual_parameters)) for s in steps), self.name)
         if status in ("UNSOLVABLE_PROVEN", "UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
-            return _no_plan(pruned, self.name, proved=status == "UNSOLVABLE_PROVEN")
+            return _no_plan(problem, self.name, proved=status == "UNSOLVABLE_PROVEN")
         raise EngineFailedError(f"{self.name}: {status}")
+
+
+def _kill_with_children(process: subprocess.Popen[str]) -> None:
+    """End a process that leads a session of its own, and what it has started: its driver does not end its search."""
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
 
 
 def _task_planner_object(choice: TaskPlanner) -> TaskPlanner:

@@ -68,7 +68,7 @@ class SymbolicState:
 
     Attributes:
         facts: ground atoms; whatever is absent is false.
-        retired: locations used or refuted; a new location gets a new symbol.
+        retired: locations used before; a new location gets a new symbol.
     """
 
     facts: frozenset[Atom]
@@ -152,6 +152,7 @@ class TaskProblem:
         base_poses = {fact[2] for fact in motions}
 
         def matters(fact: Atom) -> bool:
+            """Whether the fact is about an object that matters."""
             match fact[0]:
                 case "isGrasp" | "isMotion":
                     return fact in grasps or fact in motions

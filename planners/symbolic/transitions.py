@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 from planners.symbolic.problem import GRIPPER, ROBOT_INIT_LOC, Atom, GroundAction, SymbolicState, TaskProblem
 from planners.symbolic.references import (
@@ -21,11 +20,7 @@ from planners.symbolic.references import (
 
 __all__ = [
     "GraspObstructed",
-    "GraspRefuted",
     "InapplicableActionError",
-    "LocationRefuted",
-    "MotionError",
-    "PlacementObstructed",
     "applicable_actions",
     "apply_action",
     "arm_actions",
@@ -46,34 +41,6 @@ class GraspObstructed:
 
     object: str
     blockers: frozenset[str]
-
-
-@dataclass(frozen=True)
-class PlacementObstructed:
-    """The put-down of the held object at `location` is obstructed by these objects, and by no others."""
-
-    object: str
-    location: str
-    blockers: frozenset[str]
-
-
-@dataclass(frozen=True)
-class LocationRefuted:
-    """No motion puts the object down at `location`; `replace` offers another location under a new symbol."""
-
-    object: str
-    location: str
-    replace: bool = True
-
-
-@dataclass(frozen=True)
-class GraspRefuted:
-    """The object cannot be grasped where it stands, whatever else is moved."""
-
-    object: str
-
-
-MotionError: TypeAlias = GraspObstructed | PlacementObstructed | LocationRefuted | GraspRefuted
 
 
 def obstruction_problem(
@@ -157,21 +124,18 @@ def update_from_action(state: SymbolicState, action: GroundAction) -> SymbolicSt
     return replace(state, retired=state.retired | {location})
 
 
-def update_from_error(state: SymbolicState, error: MotionError) -> SymbolicState:
+def update_from_error(state: SymbolicState, error: GraspObstructed) -> SymbolicState:
     """The state with what a failed motion taught (Algorithm 1, updateInitialStateFromError; section 3.4).
 
-    Obstructed motions add obstacle, obstructs and isClearanceLocation facts, in place of what was known about an
-    earlier binding of the same references. Refuted motions take away what they refute.
+    Adds obstacle, obstructs and isClearanceLocation facts in place of what was known about an earlier binding of the
+    same references.
     """
-    match error:
-        case GraspObstructed(name, blockers):
-            return _obstruct(state, name, grasp_references(name).arm_trajectory, blockers)
-        case PlacementObstructed(name, location, blockers):
-            return _obstruct(state, name, placement_references(location).arm_trajectory, blockers)
-        case LocationRefuted(name, location, wanted):
-            return _refute_location(state, name, location, wanted)
-        case GraspRefuted(name):
-            return state.changed(remove=state.find("isGrasp", grasp_references(name).arm_pose, name, None))
+    trajectory = grasp_references(error.object).arm_trajectory
+    state = _without_obstructions(state, trajectory)
+    for blocker in sorted(error.blockers):
+        state = _offer_clearance(state, blocker, error.object)
+        state = state.changed(add={("obstructs", blocker, trajectory, error.object)})
+    return state
 
 
 def applicable_actions(state: SymbolicState) -> Iterator[GroundAction]:
@@ -236,14 +200,6 @@ def _effects(state: SymbolicState, action: GroundAction) -> tuple[set[Atom], set
     return on_table, in_hand
 
 
-def _obstruct(state: SymbolicState, name: str, trajectory: str, blockers: frozenset[str]) -> SymbolicState:
-    state = _without_obstructions(state, trajectory)
-    for blocker in sorted(blockers):
-        state = _offer_clearance(state, blocker, name)
-        state = state.changed(add={("obstructs", blocker, trajectory, name)})
-    return state
-
-
 def _without_obstructions(state: SymbolicState, trajectory: str) -> SymbolicState:
     """Forget what stood in the way of a path, and which of it was an obstacle for nothing else."""
     stale = state.find("obstructs", None, trajectory, None)
@@ -262,27 +218,3 @@ def _offer_clearance(state: SymbolicState, obstacle: str, target: str) -> Symbol
     location = offered[0][1] if offered else next_location(state, obstacle)
     facts = motion_facts(placement_references(location), obstacle, location)
     return state.changed(add={("obstacle", obstacle), ("isClearanceLocation", location, obstacle, target), *facts})
-
-
-def _refute_location(state: SymbolicState, name: str, location: str, wanted: bool) -> SymbolicState:
-    targets = [fact[3] for fact in state.find("isClearanceLocation", location, name, None)]
-    was_placement = bool(state.find("isPlacementLocation", location, name))
-    references = placement_references(location)
-    state = _without_obstructions(state, references.arm_trajectory)
-    state = state.changed(
-        remove={
-            *motion_facts(references, name, location),
-            *state.find("isClearanceLocation", location, name, None),
-            ("isPlacementLocation", location, name),
-        }
-    )
-    state = replace(state, retired=state.retired | {location})
-    if not wanted:
-        return state
-    for target in targets:
-        state = _offer_clearance(state, name, target)
-    if was_placement:
-        fresh = next_location(state, name)
-        facts = motion_facts(placement_references(fresh), name, fresh)
-        state = state.changed(add={("isPlacementLocation", fresh, name), *facts})
-    return state

@@ -1,63 +1,57 @@
 """Algorithm 1 of Lee & Kim 2019: a task plan with references, bound or refuted action by action, then replanned.
 
-`task_and_motion_plan` is the algorithm; the names of its steps are the paper's. What they pass on is in `tamp_state`.
+`task_and_motion_plan` is the algorithm; the functions below it are its steps, under the paper's names. What they pass
+on is in `planners.tamp.state`; what the references stand for is decided in `planners.tamp.references` (grasps) and
+`planners.tamp.binding` (motions).
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from types import MappingProxyType
 
 from planners.cause import Cause
-from planners.clearing.commitments import Commitments, NoCommitment
+from planners.clock import cpu_seconds
 from planners.scene import Scene
-from planners.symbolic.checking import checked_answer
-from planners.symbolic.problem import (
-    ROBOT_INIT_LOC,
-    GroundAction,
-    NoPlan,
-    SymbolicState,
-    TaskPlan,
-    TaskProblem,
-    format_atom,
-)
-from planners.symbolic.references import grasp_references
-from planners.symbolic.transitions import (
-    GraspObstructed,
-    LocationRefuted,
-    obstruction_problem,
-    update_from_action,
-    update_from_error,
-)
+from planners.symbolic.problem import GroundAction, TaskPlan, TaskProblem, format_atom
+from planners.symbolic.transitions import GraspObstructed, obstruction_problem, update_from_action, update_from_error
 from planners.tamp.binding import bind_action
 from planners.tamp.motion_layer import BoundMotion
+from planners.tamp.references import bind_grasps, rebind_grasps, task_plan
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
-from planners.tamp.state import PlanState, Refutation, Search, infeasible, stats
+from planners.tamp.state import PlanState, Refutation, Search, infeasible, out_of_time, stats
 
 __all__ = ["task_and_motion_plan"]
 
 
+_CAUSES = {
+    "cyclic": Cause.NO_SELF_CLEARABLE_SET,
+    "no location": Cause.NO_CLEARANCE_LOCATION,
+    "gave up": Cause.TIME_LIMIT,
+}
+"""What a task planner's reasons mean for the whole solve; all others mean that something cannot be reached."""
+
+
 def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
-    """Algorithm 1: plan symbolically, bind each action to a motion, replan with what a refuted one taught.
+    """Algorithm 1: plan with references, bind the actions one by one to motions, replan where motion planning fails.
 
     Args:
-        search: target, strategy, task planner and motion layer; its plan is extended.
+        search: target, strategy, task planner and motion layer; its plan F is extended.
         scene: where to start; the robot in its home configuration.
     """
     state = initial_state(search, scene)
     while isinstance(state, PlanState) and not is_goal(search, state):
-        skeleton = call_task_planning(search, state)
-        if isinstance(skeleton, Infeasible):
-            return skeleton
-        for index, action in enumerate(skeleton.actions):
+        plan = call_task_planning(search, state)
+        if isinstance(plan, Infeasible):
+            return plan
+        for verified, action in enumerate(plan.actions):
             motion = call_motion_planning(search, state, action)
             if isinstance(motion, BoundMotion):
                 bind_references(search, state.scene, action, motion)
                 state = update_initial_state_from_action(state, action, motion)
             else:
                 before, state = state, update_initial_state_from_error(search, state, motion)
-                record(search, skeleton, index, motion, before, state)
+                record(search, plan, verified, motion, before, state)
                 break
     return (
         state
@@ -67,10 +61,10 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
 
 
 def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
-    """The facts that the scene gives; a strategy that plans ahead adds what obstructs the grasps it committed to."""
+    """s0: the facts that the scene gives, and what the grasp references stand for."""
     held = scene.held.name if scene.held else None
     problem = obstruction_problem(search.target, {}, objects=scene.names, held=held, held_obstructs=search.target)
-    return _commit(search, problem.state, scene)
+    return bind_grasps(search, problem.state, scene)
 
 
 def is_goal(search: Search, state: PlanState) -> bool:
@@ -79,34 +73,28 @@ def is_goal(search: Search, state: PlanState) -> bool:
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
-    """The skeleton T, or why there is none."""
-    if (
-        search.motion_layer.is_timed_out()
-        or len(search.history) >= search.limits.task_plans
-        or len(search.clearances) >= search.limits.clearances
-    ):
-        counts = f"{len(search.history)} replans and {len(search.clearances)} clearances"
-        return infeasible(search, Cause.TIME_LIMIT, f"given up after {counts}", ())
-    found = _task_plan(search, state.symbols)
-    if isinstance(found, NoPlan):
-        cause = {
-            "cyclic": Cause.NO_SELF_CLEARABLE_SET,
-            "no location": Cause.NO_CLEARANCE_LOCATION,
-            "gave up": Cause.TIME_LIMIT,
-        }.get(found.reason, Cause.UNREACHABLE)
-        return infeasible(search, cause, f"{found.engine} found no task plan: {found.reason}", found.evidence)
-    return found
+    """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
+    is_exhausted = len(search.history) >= search.limits.replans or len(search.clearances) >= search.limits.clearances
+    if is_exhausted or search.motion_layer.deadline.is_over:
+        return out_of_time(search)
+    found = task_plan(search, state.symbols)
+    if isinstance(found, TaskPlan):
+        return found
+    detail = f"{found.engine} found no task plan: {found.reason}"
+    return infeasible(search, _CAUSES.get(found.reason, Cause.UNREACHABLE), detail, found.evidence)
 
 
 def call_motion_planning(
     search: Search, state: PlanState, action: GroundAction
 ) -> BoundMotion | Refutation | Infeasible:
-    """A motion behind the action's references, or what refutes it."""
-    before = time.process_time()
+    """t, e = callMotionPlanning(p0, P): a motion behind the action's references, or what refutes it."""
+    if search.motion_layer.deadline.is_over:
+        return out_of_time(search)
+    before = cpu_seconds()
     try:
         return bind_action(search, state, action)
     finally:
-        search.motion_planning_s += time.process_time() - before
+        search.motion_planning_s += cpu_seconds() - before
 
 
 def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
@@ -117,31 +105,27 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
 
 
 def update_initial_state_from_action(state: PlanState, action: GroundAction, motion: BoundMotion) -> PlanState:
-    """s0 after the action: its effects on the facts, and the scene it leaves."""
-    clearance_plan, places = state.clearance_plan, state.places
+    """s0 = updateInitialStateFromAction(s0, a): the action's effects on the facts, and the scene it leaves."""
+    clearance_plan, put_downs = state.clearance_plan, state.put_downs
     if action.name.startswith("PutDown"):
         clearance_plan = clearance_plan.without(action.args[0])
-    if motion.placement is not None:
-        places = MappingProxyType({**places, motion.location: motion.placement})
-    return PlanState(update_from_action(state.symbols, action), motion.scene, clearance_plan, places)
+    if motion.put_down is not None:
+        put_downs = MappingProxyType({**put_downs, motion.location: motion.put_down})
+    return PlanState(update_from_action(state.symbols, action), motion.scene, clearance_plan, put_downs)
 
 
 def update_initial_state_from_error(
     search: Search, state: PlanState, error: Refutation | Infeasible
 ) -> PlanState | Infeasible:
-    """s0 with what the refuted motion taught: what obstructs it, or that its references must mean something else."""
+    """s0 = updateInitialStateFromError(s0, e): the objects in the way become facts, or references are bound anew."""
     if isinstance(error, Infeasible):
         return error
-    match error:
-        case Refutation(GroundAction("PickUp", (name, *_)), blockers) if blockers:
-            obstructed = update_from_error(state.symbols, GraspObstructed(name, blockers))
-            if blockers <= set(state.clearance_plan.commitments.grasps):
-                return replace(state, symbols=obstructed)
-            return _commit(search, _standing_anywhere(obstructed), state.scene)
-        case Refutation(GroundAction("PutDownForClearance" | "PutDownGeneral", (name, *_, location))):
-            return replace(state, symbols=update_from_error(state.symbols, LocationRefuted(name, location)))
-        case _:
-            return _commit(search, _standing_anywhere(state.symbols), state.scene)
+    if not error.blockers:
+        return rebind_grasps(search, state.symbols, state.scene)
+    obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))
+    if error.blockers <= set(state.clearance_plan.commitments.grasps):
+        return replace(state, symbols=obstructed)
+    return rebind_grasps(search, obstructed, state.scene)
 
 
 def record(
@@ -157,60 +141,3 @@ def record(
     refuted = str(error.action) if isinstance(error, Refutation) else error.detail
     plan = tuple(str(action) for action in skeleton.actions)
     search.history.append(ReplanRecord(plan, verified, refuted, tuple(sorted(format_atom(fact) for fact in new))))
-
-
-def _commit(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Decide what the grasp references stand for; who plans ahead tells the task planner what that means."""
-    before = time.process_time()
-
-    def arrange(commitments: Commitments) -> Commitments:
-        return _in_planned_order(search, _with_obstructions(search, symbols, scene, commitments), commitments)
-
-    found = search.motion_layer.choose_grasps(search.strategy, scene, search.target, arrange, search.clearances)
-    search.motion_planning_s += time.process_time() - before
-    if isinstance(found, NoCommitment):
-        return infeasible(search, found.cause, _explain(found), found.objects)
-    return PlanState(_with_obstructions(search, symbols, scene, found.commitments), scene, found)
-
-
-def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
-    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
-    blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
-    obstructed = {trajectory for _, _, trajectory, _ in symbols.find("obstructs", None, None, None)}
-    for name in scene.names:
-        if blockers.get(name) or grasp_references(name).arm_trajectory in obstructed:
-            symbols = update_from_error(symbols, GraspObstructed(name, frozenset(blockers.get(name, ()))))
-    return symbols
-
-
-def _in_planned_order(search: Search, symbols: SymbolicState, commitments: Commitments) -> Commitments:
-    """The same commitments in the order of the task plan that follows from them."""
-    skeleton = _task_plan(search, symbols)
-    if isinstance(skeleton, NoPlan):
-        return commitments
-    picked = [action.args[0] for action in skeleton.actions if action.name == "PickUp"]
-    return replace(commitments, order=tuple(name for name in picked if name in commitments.order))
-
-
-def _task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
-    before = time.process_time()
-    problem = TaskProblem(symbols, search.target).pruned()
-    answer = search.task_planner.plan(problem, search.limits.task_planning_s)
-    search.task_planning_s += time.process_time() - before
-    search.task_plans += 1
-    return checked_answer(problem, answer, search.task_planner)
-
-
-def _explain(found: NoCommitment) -> str:
-    names = ", ".join(found.objects)
-    return {
-        Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
-        Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
-        Cause.NO_CLEARANCE_LOCATION: f"no place on the table for {names} that keeps clear of what remains to be done",
-    }.get(found.cause, found.cause)
-
-
-def _standing_anywhere(symbols: SymbolicState) -> SymbolicState:
-    """The robot where it is, but under no base pose's name: those are about to mean other poses."""
-    here = symbols.robot_at
-    return symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove={("robotAt", here)})

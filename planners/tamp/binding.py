@@ -10,7 +10,7 @@ from planners.motion.arm import BlockedBy
 from planners.symbolic.problem import GroundAction
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import Infeasible
-from planners.tamp.state import PlanState, Refutation, Search, infeasible
+from planners.tamp.state import PlanState, Refutation, Search, infeasible, out_of_time
 
 __all__ = ["bind_action"]
 
@@ -18,7 +18,11 @@ _GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
 
 
 def bind_action(search: Search, state: PlanState, action: GroundAction) -> BoundMotion | Refutation | Infeasible:
-    """The motion that an action's references are bound to, or what refutes it; `state` knows what they mean."""
+    """The motion that an action's references are bound to, or what refutes it.
+
+    A put-down is bound together with the base motion that leads to it: of the placements that a location symbol may
+    stand for, the first one is taken for which both motions exist.
+    """
     match action:
         case GroundAction("MoveBase", (_, pose, _)) if pose.startswith(_GRASP_POSE):
             return _drive_to_grasp(search, state, action, pose.removeprefix(_GRASP_POSE))
@@ -27,10 +31,11 @@ def bind_action(search: Search, state: PlanState, action: GroundAction) -> Bound
         case GroundAction("PickUp", (name, *_)):
             return _pick_up(search, state, action, name)
         case _:
-            return _put_down(search, state, action)
+            return state.put_downs[action.args[-1]]
 
 
 def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name: str) -> BoundMotion | Refutation:
+    """Drive to the base pose of the grasp committed to; a grasp without a free way is not offered again."""
     grasp = state.clearance_plan.commitments.grasps.get(name)
     if grasp is None:
         return Refutation(action)
@@ -42,22 +47,31 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
 
 
 def _drive_to_put_down(search: Search, state: PlanState, location: str) -> BoundMotion | Infeasible:
-    """Drive to where the first placement that can be reached and carried out is served from."""
+    """Drive to the base pose of the first placement that can be driven to and carried out."""
     assert state.scene.held is not None
-    name = state.scene.held.name
+    motion_layer, name = search.motion_layer, state.scene.held.name
     clear_of = keep_clear(search.strategy, state.clearance_plan.commitments, name)
-    planned = state.clearance_plan.places.get(name)
-    for placement in search.motion_layer.placements(state.scene, clear_of, search.strategy, planned):
-        driven = search.motion_layer.drive(state.scene, placement.base)
-        if isinstance(driven, BoundMotion) and isinstance(
-            search.motion_layer.put_down(driven.scene, placement), BoundMotion
-        ):
-            return replace(driven, placement=placement, location=location)
+    planned = state.clearance_plan.placements.get(name)
+    for placement in motion_layer.placements(state.scene, clear_of, search.strategy, planned):
+        if motion_layer.deadline.is_over:
+            break
+        driven = motion_layer.drive(state.scene, placement.base)
+        if isinstance(driven, BoundMotion):
+            put_down = motion_layer.put_down(driven.scene, placement)
+            if isinstance(put_down, BoundMotion):
+                return replace(driven, location=location, put_down=put_down)
+    if motion_layer.deadline.is_over:
+        return out_of_time(search)
     detail = f"no place on the table for {name} that keeps clear of what remains to be done"
     return infeasible(search, Cause.NO_CLEARANCE_LOCATION, detail, (name,))
 
 
 def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) -> BoundMotion | Refutation:
+    """Take an object through the grasp committed to.
+
+    What is hit at the grasp itself becomes a fact. What is only in the way of the motion to or from it is remembered
+    with the grasp, and other grasps are compared with it; a grasp without any motion is not offered again.
+    """
     grasp = state.clearance_plan.commitments.grasps[name]
     picked = search.motion_layer.pick_up(state.scene, grasp)
     if isinstance(picked, BoundMotion):
@@ -69,8 +83,3 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     else:
         search.motion_layer.ban(state.scene, grasp)
     return Refutation(action)
-
-
-def _put_down(search: Search, state: PlanState, action: GroundAction) -> BoundMotion | Refutation:
-    placed = search.motion_layer.put_down(state.scene, state.places[action.args[-1]])
-    return placed if isinstance(placed, BoundMotion) else Refutation(action)

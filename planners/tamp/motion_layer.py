@@ -1,17 +1,19 @@
-"""Binding references to motions: each action of the task plan becomes a verified trajectory, or a reason why not."""
+"""The motion layer: grasps, placements and verified trajectories for the actions of a task plan."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.clearing.commitments import CandidateSource, ExcludingObjects, NoCommitment, never
-from planners.clearing.lookahead import ClearancePlan, OrderByTaskPlan, RejectedGrasps, commitments_for
+from planners.cause import Cause
+from planners.clearing.commitments import ExcludingObjects, NoCommitment
+from planners.clearing.lookahead import ClearancePlan, ClearingProblem, OrderByTaskPlan, commitments_for
 from planners.clearing.minimum_clearances import FloorLimits
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
@@ -29,8 +31,6 @@ __all__ = ["BoundMotion", "MotionLayer"]
 
 Array = NDArray[np.float64]
 
-_PLACEMENTS = 12
-"""Placements tried before a location counts as refuted."""
 _TRIES = 2
 """Motions tried, with other random choices, where MuJoCo finds fault with the first."""
 
@@ -39,68 +39,94 @@ _TRIES = 2
 class BoundMotion:
     """A motion behind an action, and the scene it leaves.
 
-    `placement` and `location` are set where the motion leads to a put-down: what is going to happen there, and the
-    symbol it happens at.
+    Attributes:
+        trajectory: the verified motion.
+        scene: the scene after it.
+        location: where a base motion leads to a put-down: the symbol of the location.
+        put_down: and the put-down itself, which is planned before the base moves there.
     """
 
     trajectory: Trajectory
     scene: Scene
-    placement: Placement | None = None
     location: str = ""
+    put_down: BoundMotion | None = None
 
 
 @dataclass
 class MotionLayer:
-    """The motion layer as Algorithm 1 sees it. Owns what is worth keeping between its calls."""
+    """What Algorithm 1 asks for grasps, placements and motions. It remembers which grasps motion planning refuted.
+
+    Attributes:
+        candidates: grasps, and the scenes compiled so far.
+        placement_search: finds where to put objects.
+        rng: for sampling.
+        floor_limits: of the search for the smallest self-clearable sets.
+        follower: model of how the joints follow, for a robot that is told TCP poses.
+        deadline: when to give up.
+        has_refuted: whether a grasp was refuted by motion planning.
+    """
 
     candidates: GraspCandidates
     placement_search: PlacementSearch
     rng: np.random.Generator
     floor_limits: FloorLimits | None = None
     follower: TcpFollower | None = None
-    is_timed_out: Callable[[], bool] = never
-    has_banned: bool = False
+    deadline: Deadline = NO_DEADLINE
+    has_refuted: bool = False
     _checker: MujocoCollisionChecker | None = None
-    _world: CollisionWorld | None = None
-    _put_down: dict[int, tuple[Placement, BoundMotion | BlockedBy | NoPath]] = field(default_factory=dict)
 
     def choose_grasps(
-        self, strategy: Strategy, scene: Scene, target: str, arrange: OrderByTaskPlan, cleared: Sequence[str] = ()
+        self,
+        strategy: Strategy,
+        scene: Scene,
+        target: str,
+        order_by_task_plan: OrderByTaskPlan,
+        cleared: Sequence[str] = (),
     ) -> ClearancePlan | NoCommitment:
-        """The first way to go about it that the strategy can think of, through grasps that the hand can leave again.
+        """The strategy's commitments for a scene, to grasps that the gripper can leave again.
 
-        A strategy with a full Negative Goal Region takes up what was `cleared` before only if nothing else helps.
+        What was `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
         """
-        left_alone = frozenset(cleared) if strategy.region == "ngr" else frozenset()
-        found = self._choose_grasps(strategy, ExcludingObjects(self.candidates, left_alone), scene, target, arrange)
-        if isinstance(found, NoCommitment) and left_alone and not self.is_timed_out():
-            return self._choose_grasps(strategy, self.candidates, scene, target, arrange)
+        left_alone = frozenset(cleared) if strategy.leaves_cleared else frozenset()
+        problem = ClearingProblem(
+            strategy,
+            scene,
+            target,
+            ExcludingObjects(self.candidates, left_alone),
+            self.placement_search,
+            self.candidates.compiled,
+            self.rng,
+            self.floor_limits,
+            self.deadline,
+        )
+        found = self._choose_grasps(problem, order_by_task_plan)
+        if isinstance(found, NoCommitment) and left_alone and not self.deadline.is_over:
+            return self._choose_grasps(replace(problem, candidates=self.candidates), order_by_task_plan)
         return found
 
     def _choose_grasps(
-        self, strategy: Strategy, source: CandidateSource, scene: Scene, target: str, arrange: OrderByTaskPlan
+        self, problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan
     ) -> ClearancePlan | NoCommitment:
+        world = self.candidates.compiled.world(problem.scene)
         while True:
             found = commitments_for(
-                strategy,
-                source,
-                self.placement_search,
-                scene,
-                target,
-                arrange,
-                self.rng,
-                self.floor_limits,
-                lambda grasp: can_leave(self._compiled(scene), grasp.base, grasp.q, grasp.object),
-                self.is_timed_out,
+                problem, order_by_task_plan, lambda grasp: can_leave(world, grasp.base, grasp.q, grasp.object)
             )
-            if not isinstance(found, RejectedGrasps):
+            if isinstance(found, NoCommitment):
+                return self._with_cause(found)
+            if isinstance(found, ClearancePlan):
                 return found
             for grasp in found.grasps:
-                self.ban(scene, grasp)
+                self.ban(problem.scene, grasp)
+
+    def _with_cause(self, found: NoCommitment) -> NoCommitment:
+        """Where grasps were refuted by motion planning, it is not the grasps alone that leave no commitments."""
+        by_grasps = found.cause in (Cause.UNREACHABLE, Cause.NO_SELF_CLEARABLE_SET)
+        return replace(found, cause=Cause.MOTION, proved=False) if by_grasps and self.has_refuted else found
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
-        self.has_banned = True
+        self.has_refuted = True
         self.candidates.ban(scene, grasp)
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: frozenset[str]) -> None:
@@ -108,6 +134,7 @@ class MotionLayer:
 
         An object that is in the way of its own grasp cannot be cleared for it.
         """
+        self.has_refuted = True
         mask = scene.mask(blockers - {grasp.object})
         if mask & ~grasp.blockers:
             self.candidates.obstruct(scene, grasp, mask)
@@ -117,10 +144,10 @@ class MotionLayer:
     def placements(
         self, scene: Scene, keep_clear: Sequence[GraspCandidate], strategy: Strategy, planned: Placement | None
     ) -> Iterator[Placement]:
-        """Where the object in hand may be put: the place planned for it, then others."""
+        """Where the object in hand may be put: the placement planned for it, then others."""
         first = () if planned is None else (planned,)
-        others = self.placement_search.find(scene, keep_clear, strategy, self.rng)
-        return itertools.islice(itertools.chain(first, others), _PLACEMENTS)
+        others = self.placement_search.find(self._compiled(scene), keep_clear, strategy, self.rng, self.deadline)
+        return itertools.islice(itertools.chain(first, others), strategy.placements)
 
     def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration."""
@@ -130,7 +157,7 @@ class MotionLayer:
         trajectory = drive_trajectory(scene.robot, found, scene.state)
         state = RobotState(np.asarray(base), scene.state.q, scene.state.finger_position)
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
-        return NoPath("the arm in tow touches something") if isinstance(bound, BlockedBy) else bound
+        return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
         """Take an object through a grasp from where the base stands, and carry it."""
@@ -144,14 +171,7 @@ class MotionLayer:
         return NoPath("MuJoCo finds penetration")
 
     def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
-        """Put the object in hand down as planned; asked again for the same placement, the answer is the same."""
-        known = self._put_down.get(id(placement))
-        if known is None or known[0] is not placement:
-            known = placement, self._plan_put_down(scene, placement)
-            self._put_down[id(placement)] = known
-        return known[1]
-
-    def _plan_put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
+        """Put the object in hand down as planned, from where the base stands."""
         assert scene.held is not None
         world = self._compiled(scene)
         for _ in range(_TRIES):
@@ -167,28 +187,26 @@ class MotionLayer:
         return NoPath("MuJoCo finds penetration")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
-        """The same motion; of a robot that is told TCP poses, if its joints find a way that is free, else why not."""
+        """The same motion; for a robot that is told TCP poses, with the joint path that follows it, or why not."""
         if self.follower is None:
             return bound
-        way = follow(self.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
-        if way is None:
-            return NoPath("the hand gets stuck on the way")
+        followed = follow(self.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
+        if followed is None:
+            return NoPath("the TCP cannot follow the trajectory")
         world = self._compiled(scene).with_padding(0.0)
-        hits = way.hits(world, scene.mask(touched))
+        hits = followed.hits(world, scene.mask(touched))
         if hits & FIXED_BITS:
-            return NoPath(f"on its own way the arm touches {', '.join(world.names_of(hits))}")
+            return NoPath(f"following the TCP, the arm touches {', '.join(world.names_of(hits))}")
         if hits:
             return BlockedBy(frozenset(world.names_of(hits)), "following")
-        state = RobotState(bound.scene.state.base, way.end, bound.scene.state.finger_position)
+        state = RobotState(bound.scene.state.base, followed.end, bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 
     def _compiled(self, scene: Scene) -> CollisionWorld:
-        if self._world is None or self._world.scene.objects != scene.objects:
-            self._world = CollisionWorld.from_scene(scene)
-        return self._world
+        return self.candidates.compiled.world(scene)
 
     def _is_accepted(self, scene: Scene, paths: Sequence[ArmPath]) -> bool:
-        """MuJoCo is the referee of every path."""
+        """Whether MuJoCo finds no penetration on any of the paths."""
         if self._checker is None:
             self._checker = MujocoCollisionChecker(scene)
         self._checker.move_to(scene)

@@ -2,45 +2,57 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from planners.cause import Cause
 from planners.clearing.lookahead import ClearancePlan
-from planners.placing.placements import Placement
+from planners.clock import cpu_seconds
 from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.symbolic.problem import GroundAction, SymbolicState, TaskPlanner
-from planners.tamp.motion_layer import MotionLayer
+from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
-__all__ = ["PlanState", "Refutation", "Search", "TampLimits", "infeasible", "stats"]
+__all__ = ["PlanState", "Refutation", "Search", "TampLimits", "infeasible", "out_of_time", "stats"]
 
 
 @dataclass(frozen=True)
 class TampLimits:
-    """When to give up: put-downs in one plan, task plans in one plan, seconds for each; time: `MotionLayer.late`."""
+    """When one run of Algorithm 1 is given up. The time limit of the whole solve is `MotionLayer.deadline`.
+
+    Attributes:
+        clearances: put-downs in one plan.
+        replans: turns of the loop that ended with a refuted action.
+        task_planning_s: [s] of wall time for one call of the task planner; a call that takes longer ends the run.
+    """
 
     clearances: int = 60
-    task_plans: int = 200
+    replans: int = 200
     task_planning_s: float = 10.0
 
 
 @dataclass(frozen=True)
 class PlanState:
-    """What Algorithm 1 calls s0: the facts, the scene they are about, and what the references stand for."""
+    """What Algorithm 1 calls s0.
+
+    Attributes:
+        symbols: the facts.
+        scene: the scene they are about.
+        clearance_plan: what the grasp references stand for, and where objects are planned to be put.
+        put_downs: what the references of put-downs stand for, by location symbol, once the base stands there.
+    """
 
     symbols: SymbolicState
     scene: Scene
     clearance_plan: ClearancePlan
-    places: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+    put_downs: Mapping[str, BoundMotion] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True)
 class Refutation:
-    """An action that motion planning refuted, and what is in its way; nothing if it must be bound anew."""
+    """An action that motion planning refuted, and the objects in its way; none if other grasps must be chosen."""
 
     action: GroundAction
     blockers: frozenset[str] = frozenset()
@@ -48,7 +60,10 @@ class Refutation:
 
 @dataclass
 class Search:
-    """One run of Algorithm 1: what it was given, the plan F so far, and its counts."""
+    """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
+
+    `has_given_up`: a call of the task planner reached its time limit.
+    """
 
     target: str
     strategy: Strategy
@@ -59,15 +74,22 @@ class Search:
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)
     task_plans: int = 0
+    has_given_up: bool = False
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
-    started_cpu: float = field(default_factory=time.process_time)
+    started_cpu: float = field(default_factory=cpu_seconds)
 
 
 def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
     """The end of the search without a plan."""
     cleared = tuple(search.clearances)
     return Infeasible(cause, detail, objects, cleared, stats(search), search.target, search.strategy)
+
+
+def out_of_time(search: Search) -> Infeasible:
+    """The end of the search at the time limit, or after too many replans or clearances."""
+    counts = f"{len(search.history)} replans and {len(search.clearances)} clearances"
+    return infeasible(search, Cause.TIME_LIMIT, f"given up after {counts}", ())
 
 
 def stats(search: Search) -> SolveStats:
@@ -77,6 +99,6 @@ def stats(search: Search) -> SolveStats:
         task_plans=search.task_plans,
         task_planning_s=search.task_planning_s,
         motion_planning_s=search.motion_planning_s,
-        total_s=time.process_time() - search.started_cpu,
+        total_s=cpu_seconds() - search.started_cpu,
         history=tuple(search.history),
     )

@@ -9,9 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from planners.cause import Cause
 from planners.clearing.minimum_clearances import (
-    NO_SELF_CLEARABLE_SET,
-    UNREACHABLE,
     FloorLimits,
     clearance_floor,
     minimum_clearances,
@@ -73,7 +72,7 @@ def test_floor_and_all_smallest_sets_match_brute_force(seed: int) -> None:
         if not expected:
             assert results[0].count is None
             assert results[0].proved
-            assert results[0].cause in (UNREACHABLE, NO_SELF_CLEARABLE_SET)
+            assert results[0].cause in (Cause.UNREACHABLE, Cause.NO_SELF_CLEARABLE_SET)
             continue
         feasible += 1
         assert all(r.proved and r.count == r.lower_bound == len(expected[0]) for r in results)
@@ -147,10 +146,10 @@ def test_options_are_asked_for_once_and_only_where_they_matter() -> None:
 
 
 def test_causes() -> None:
-    assert minimum_clearances({0: [], 1: [0]}, 0).cause == UNREACHABLE
-    assert minimum_clearances({0: [STATIC | 2], 1: [0]}, 0).cause == UNREACHABLE
-    assert minimum_clearances({0: [0b10], 1: [0b100], 2: [0b10]}, 0).cause == NO_SELF_CLEARABLE_SET
-    assert minimum_clearances({0: [0b10], 1: [0b01]}, 0).cause == NO_SELF_CLEARABLE_SET
+    assert minimum_clearances({0: [], 1: [0]}, 0).cause == Cause.UNREACHABLE
+    assert minimum_clearances({0: [STATIC | 2], 1: [0]}, 0).cause == Cause.UNREACHABLE
+    assert minimum_clearances({0: [0b10], 1: [0b100], 2: [0b10]}, 0).cause == Cause.NO_SELF_CLEARABLE_SET
+    assert minimum_clearances({0: [0b10], 1: [0b01]}, 0).cause == Cause.NO_SELF_CLEARABLE_SET
     assert minimum_clearances({0: [0b01]}, 0).count == 0, "an object never blocks itself"
 
 

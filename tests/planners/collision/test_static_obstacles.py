@@ -125,9 +125,9 @@ def test_impossible_obstacles_are_refused(change: dict, message: str) -> None:
 def test_a_robot_inside_an_obstacle_is_told_which_one() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
     pole = StaticObstacle("pole", np.array([-1.1, 0.0, 1.0]), np.array([0.05, 0.05, 1.0]), "cylinder")
-    validate(scene)
+    validate(CollisionWorld.from_scene(scene))
     with pytest.raises(SceneError, match="inside pole at base pose"):
-        validate(replace(scene, static_obstacles=(*scene.static_obstacles, pole)))
+        validate(CollisionWorld.from_scene(replace(scene, static_obstacles=(*scene.static_obstacles, pole))))
 
 
 def test_obstacles_may_be_called_as_parts_of_the_robot_are() -> None:

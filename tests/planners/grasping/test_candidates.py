@@ -96,7 +96,9 @@ def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
     first = commitments.order[0]
     in_hand = grasped(scene, commitments.grasps[first])
     guarded = keep_clear(find_strategy(name), commitments, first)
-    placement = next(search.find(in_hand, guarded, find_strategy(name), np.random.default_rng(0)))
+    placement = next(
+        search.find(CollisionWorld.from_scene(in_hand), guarded, find_strategy(name), np.random.default_rng(0))
+    )
     assert np.all(np.abs(placement.location - scene.support.position[:2]) < scene.support.half_extents[:2])
     world = CollisionWorld.from_scene(in_hand)
     assert world.hits(placement.base, placement.q, placement.opening, held=in_hand.held) == 0

@@ -22,10 +22,7 @@ from planners.symbolic.references import (
 )
 from planners.symbolic.transitions import (
     GraspObstructed,
-    GraspRefuted,
     InapplicableActionError,
-    LocationRefuted,
-    PlacementObstructed,
     applicable_actions,
     apply_action,
     obstruction_problem,
@@ -162,42 +159,10 @@ def test_moving_an_object_forgets_what_obstructed_its_grasp_and_what_it_obstruct
     assert state.held == JAR
 
 
-def test_refuted_locations_are_never_offered_again() -> None:
-    state = pick_up(obstruction_problem(CUP, {CUP: {JAR}}).state, JAR)
-    offered = []
-    for _ in range(4):
-        location = state.find("isClearanceLocation", None, JAR, CUP)[0][1]
-        offered.append(location)
-        state = update_from_error(state, LocationRefuted(JAR, location))
-        assert not state.find("isGrasp", None, JAR, location)
-    assert offered == ["table_loc_36", "table_loc_36_2", "table_loc_36_3", "table_loc_36_4"]
-    last = state.find("isClearanceLocation", None, JAR, CUP)[0][1]
-    state = update_from_error(state, LocationRefuted(JAR, last, replace=False))
-    assert not state.find("isClearanceLocation", None, JAR, None)
-
-
-def test_blocked_put_down_while_holding() -> None:
-    state = pick_up(obstruction_problem(CUP, {CUP: {JAR}}, objects=[CAN]).state, JAR)
-    state = update_from_error(state, PlacementObstructed(JAR, "table_loc_36", frozenset({CAN})))
-    with pytest.raises(InapplicableActionError, match="obstructs"):
-        clear_away(state, JAR, CUP, "table_loc_36")
-    moved = update_from_error(state, LocationRefuted(JAR, "table_loc_36"))
-    assert not moved.blockers()
-    assert not moved.find("obstacle", CAN)
-    clear_away(moved, JAR, CUP, "table_loc_36_2")
-
-
-def test_held_object_that_is_no_obstacle_has_a_placement_and_loses_it_when_refuted() -> None:
+def test_held_object_that_is_no_obstacle_has_a_placement() -> None:
     state = initial_state([CUP, JAR], held=JAR)
     assert state.held == JAR
     assert state.find("isPlacementLocation", None, JAR) == [("isPlacementLocation", "table_loc_36", JAR)]
-    state = update_from_error(state, LocationRefuted(JAR, "table_loc_36"))
-    assert state.find("isPlacementLocation", None, JAR) == [("isPlacementLocation", "table_loc_36_2", JAR)]
-
-
-def test_refuted_grasp_leaves_no_grasp() -> None:
-    state = update_from_error(initial_state([CUP]), GraspRefuted(CUP))
-    assert not state.find("isGrasp", None, CUP, None)
 
 
 def test_moved_objects_keep_their_location_symbols() -> None:

@@ -25,4 +25,4 @@ def test_an_object_never_counts_as_in_the_way_of_its_own_grasp() -> None:
 
     motion_layer.obstruct(scene, second, frozenset({name}))
     assert second.key not in {option.key for option in motion_layer.candidates.options(scene, name)}
-    assert motion_layer.has_banned
+    assert motion_layer.has_refuted
