@@ -18,8 +18,6 @@ from clutter_env.cli.command import run_command
 class Arguments:
     """Compile the planner's kernels."""
 
-    seed: int = 0
-    """Seed of the scene that is solved for it."""
     json: Path | None = None
     """Write the time that it took to this file."""
 
@@ -28,24 +26,15 @@ def run(arguments: Arguments) -> None:
     """Compile, and print the time."""
     import time
 
+    import planners
     from clutter_env.reporting.json_file import write_json
 
-    print("compiling the planner's kernels; the first time this takes a few minutes", flush=True)
     started = time.perf_counter()
-    compile_planner(arguments.seed)
+    planners.warmup()
     wall_s = time.perf_counter() - started
     print(f"ready after {wall_s:.0f} s")
     if arguments.json is not None:
         write_json(arguments.json, {"wall_s": wall_s})
-
-
-def compile_planner(seed: int) -> None:
-    """Plan and assess one small scene in every control mode, which compiles or loads everything a solve needs."""
-    from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Trial, run_trial
-
-    run_trial(Trial(5, seed, ASSESSMENT))
-    run_trial(Trial(5, seed, "lookahead"))
-    run_trial(Trial(5, seed, "lookahead", control_mode="ee"))
 
 
 def main(words: Sequence[str] | None = None) -> None:
