@@ -167,7 +167,7 @@ class PlacementSearch:
         assert scene.held is not None
         body = scene.body(scene.held.name)
         opening = self._opening(scene, body)
-        found = scan_configurations(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
+        found = scan_configurations(world, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, hand = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
