@@ -1,6 +1,6 @@
-"""The motion layer measured: collision checks, arm plans, whole picks, and MuJoCo's judgement ten times finer.
+"""Measure the motion layer: collision checks, arm plans, whole picks, and MuJoCo's check with steps ten times smaller.
 
-Scenes are those of the environment; every object whose grasp options hit nothing is picked once, in thought. CPU times.
+Scenes are those of the environment. For every object with a grasp that hits nothing one pick is planned. CPU times.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.experiments.plans.truth import FINER, Judged, judge_plan
+from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import STEP, CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import ArmPath, plan_arm
+from planners.motion.arm_query import ArmQuery
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.timing import pick_trajectory
@@ -46,15 +47,15 @@ class Arguments:
     scenes: int = 10
     """Scenes for each."""
     picks: int = 6
-    """Objects picked in each scene at most."""
+    """Objects for which a pick is planned in each scene, at most."""
     plans: int = 0
-    """Whole plans to judge for each number of objects, of scenes whose target is obstructed."""
+    """Whole plans to check for each number of objects, in scenes whose target is obstructed."""
     layout: str = "paper"
     seed: int = 0
     output: Path = field(default_factory=lambda: Path("outputs/motion_benchmark.png"))
-    """Where the plot goes."""
+    """File of the plot."""
     json: Path | None = None
-    """Where machine-readable results go."""
+    """File of machine-readable results."""
 
 
 @dataclass
@@ -77,7 +78,7 @@ def run(arguments: Arguments) -> None:
     measurements = [measure(count, arguments) for count in arguments.objects]
     print(table(measurements))
     for count in arguments.objects if arguments.plans else ():
-        print(judge_plans(count, arguments))
+        print(check_plans(count, arguments))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(m) for m in measurements], indent=1))
     plot(measurements, arguments.output)
@@ -96,7 +97,7 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
 
 
 def measure_scene(scene: Scene, result: Measurement, rng: np.random.Generator, most: int) -> None:
-    """Checks in one scene, then a pick of every object that is free to be picked, `most` at most."""
+    """Checks in one scene, then a pick for each object with a free grasp, `most` at most."""
     world, checker = CollisionWorld.from_scene(scene), MujocoCollisionChecker(scene)
     home = np.array(scene.robot.home)
     for grasp in list(free_grasps(scene))[:most]:
@@ -119,18 +120,19 @@ def measure_pick(
     result: Measurement,
     rng: np.random.Generator,
 ) -> None:
-    """One arm plan with its referee, the timing, and the judgement ten times finer."""
+    """One arm plan with MuJoCo's check, the timing, and MuJoCo's check with steps ten times smaller."""
     transit = motion.transit
     ends = transit.start, transit.end
-    path, seconds = timed(plan_arm, world, transit.base, *ends, transit.opening, rng=rng, exact=True)
+    query = ArmQuery(transit.base, transit.opening, exact=True)
+    path, seconds = timed(plan_arm, world, query, *ends, rng=rng)
     if isinstance(path, ArmPath):
-        _, judging = timed(checker.deepest_penetration, path)
-        result.plan.append(seconds + judging)
-        result.checker.append(judging)
+        _, checking = timed(checker.deepest_penetration, path)
+        result.plan.append(seconds + checking)
+        result.checker.append(checking)
     trajectory, seconds = timed(pick_trajectory, scene.robot, motion, scene.state)
     result.timing.append(seconds)
     result.duration.append(trajectory.duration)
-    fine = [checker.deepest_penetration(one, STEP / 10).penetration for one in (*motion.paths, trajectory)]
+    fine = [checker.deepest_penetration(one, STEP / FINER).penetration for one in (*motion.paths, trajectory)]
     result.penetration.append(max(fine))
 
 
@@ -141,29 +143,29 @@ def free_grasps(scene: Scene) -> Iterator[GraspCandidate]:
         yield from [option for option in candidates.options(scene, name) if not option.blockers][:1]
 
 
-def judge_plans(objects: int, arguments: Arguments) -> str:
-    """What MuJoCo, looking ten times finer than the planner, finds in whole plans."""
+def check_plans(objects: int, arguments: Arguments) -> str:
+    """What MuJoCo finds in whole plans, with steps ten times smaller than the planner's."""
     env = RetrieveEnv(num_objects=objects, layout=arguments.layout)
-    judged: list[Judged] = []
-    refused = 0
+    checked: list[CheckedPlan] = []
+    infeasible = 0
     with tqdm(desc=f"plans with {objects} objects", total=arguments.plans) as bar:
         for seed in itertools.count(arguments.seed):
             _, info = env.reset(seed=seed)
             scene = Scene.from_mujoco(env.model, env.data, env.robot)
             if not clearance_floor(scene, info["target"]).count:
                 continue
-            found = judge_plan(scene, info["target"], seed)
-            refused += isinstance(found, Infeasible)
-            judged += [found] if isinstance(found, Judged) else []
+            found = check_plan(scene, info["target"], seed)
+            infeasible += isinstance(found, Infeasible)
+            checked += [found] if isinstance(found, CheckedPlan) else []
             bar.update()
-            if len(judged) + refused == arguments.plans:
+            if len(checked) + infeasible == arguments.plans:
                 break
     env.close()
-    worst = max(judged, key=lambda plan: plan.penetration, default=Judged())
+    worst = max(checked, key=lambda plan: plan.penetration, default=CheckedPlan())
     where = f" ({worst.action}: {' and '.join(worst.pair)})" if worst.penetration else ""
-    actions = sum(plan.actions for plan in judged)
+    actions = sum(plan.actions for plan in checked)
     return (
-        f"{objects} objects: {len(judged)} plans with {actions} actions, {refused} scenes without a plan; "
+        f"{objects} objects: {len(checked)} plans with {actions} actions, {infeasible} scenes without a plan; "
         f"deepest penetration at a {FINER} times finer step {1e3 * worst.penetration:.3f} mm{where}"
     )
 
@@ -171,7 +173,7 @@ def judge_plans(objects: int, arguments: Arguments) -> str:
 def timed(
     work: Callable[Parameters, Result], *args: Parameters.args, **kwargs: Parameters.kwargs
 ) -> tuple[Result, float]:
-    """What it returns and the CPU time [s] it took."""
+    """The result of a call and its CPU time [s]."""
     start = time.process_time()
     result = work(*args, **kwargs)
     return result, time.process_time() - start
@@ -181,7 +183,7 @@ def table(measurements: list[Measurement]) -> str:
     """A Markdown table: medians, and 95th percentiles after the slash."""
     columns = {"check": 1e6, "plan": 1e3, "pick": 1e3, "timing": 1e3, "duration": 1.0}
     head = (
-        "objects | check [µs] | arm plan + referee [ms] | pick [ms] | timing [ms] | lasts [s] | deepest [mm] | outcomes"
+        "objects | check [µs] | plan + MuJoCo [ms] | pick [ms] | timing [ms] | duration [s] | deepest [mm] | outcomes"
     )
     rows = [f"| {head} |", "|" + "---|" * len(head.split(" | "))]
     for m in measurements:
@@ -199,7 +201,7 @@ def spread(values: list[float], unit: float) -> str:
 def plot(measurements: list[Measurement], file: Path) -> None:
     """How the times of arm plans and picks are distributed."""
     figure = Figure(figsize=(7, 3.5), layout="constrained")
-    titles = {"plan": "arm plan with referee", "pick": "whole pick"}
+    titles = {"plan": "arm plan with MuJoCo's check", "pick": "whole pick"}
     for axes, (name, title) in zip(figure.subplots(1, 2), titles.items(), strict=True):
         axes.boxplot([1e3 * np.array(getattr(m, name)) for m in measurements], showfliers=False)
         axes.set_xticklabels([str(m.objects) for m in measurements])

@@ -209,7 +209,7 @@ def arm_jacobian(axes: Integers, R: Floats, p: Floats, J: Floats) -> None:
 
 
 def _frames(chain: ArmChain, q: ArrayLike) -> tuple[Floats, Floats]:
-    configuration = np.ascontiguousarray(q, dtype=float)
+    configuration = np.array(q, dtype=float)
     if configuration.shape != (chain.size,):
         raise ChainError(
             f"{chain.robot}: a configuration has shape ({chain.size},), torso and arm, not {configuration.shape}"

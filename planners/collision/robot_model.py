@@ -197,10 +197,8 @@ def _finger_directions(
 
 def _pairs_of_distant_links(link: NDArray[np.int64]) -> NDArray[np.int64]:
     """Pairs of solids that are neither on the same link nor on neighbouring links."""
-    return np.array(
-        [(i, j) for i in range(len(link)) for j in range(i + 1, len(link)) if abs(link[i] - link[j]) > 1],
-        dtype=np.int64,
-    )
+    pairs = [(i, j) for i in range(len(link)) for j in range(i + 1, len(link)) if abs(link[i] - link[j]) > 1]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _reach(

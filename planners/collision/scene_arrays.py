@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.configuration_kernel import Obstacles
 from planners.collision.geometry import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import Body, Scene, StaticObstacle
 
-__all__ = ["body_bound", "body_core", "obstacle_arrays"]
+__all__ = ["body_bound", "body_core", "obstacle_arrays", "with_object"]
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,35 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
         upper=(corners if bodies else nowhere).max(axis=0),
         static=_static_solids(static),
         extent=_rows([obstacle.extent for obstacle in static]),
+    )
+
+
+def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
+    """The same obstacles with the arrays' rows of one object, number `index`, made from `body`."""
+
+    def put(rows: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
+        """A copy of `rows` with one of them replaced."""
+        changed = rows.copy()
+        changed[index] = row
+        return changed
+
+    solids = obstacles.objects
+    objects = solids._replace(
+        core=put(solids.core, body_core(body)),
+        half=put(solids.half, body.half_extents),
+        bound=put(solids.bound, body_bound(body)),
+        position=put(solids.position, body.position),
+        rotation=put(solids.rotation, body.rotation),
+    )
+    radius, bottom = put(obstacles.radius, body.radius), put(obstacles.bottom, body.bottom)
+    top, centre = put(obstacles.top, body.top), objects.position[:, :2]
+    return obstacles._replace(
+        objects=objects,
+        radius=radius,
+        bottom=bottom,
+        top=top,
+        lower=np.array([*(centre - radius[:, None]).min(axis=0), bottom.min()]),
+        upper=np.array([*(centre + radius[:, None]).max(axis=0), top.max()]),
     )
 
 

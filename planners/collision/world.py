@@ -1,4 +1,8 @@
-"""Which objects does this configuration hit? The scene compiled for fast checks, one bit per object."""
+"""Which objects does this configuration hit? The scene compiled for fast checks, one bit per object.
+
+world = CollisionWorld.from_scene(scene)
+world.names_of(world.hits(scene.state.base, scene.state.q, opening=0.1))
+"""
 
 from __future__ import annotations
 
@@ -7,17 +11,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision.configuration_kernel import Attached, Obstacles
+from planners.collision.configuration_kernel import CollisionQuery, Obstacles
 from planners.collision.geometry import BOX
 from planners.collision.path_kernel import many_hits, path_hits
 from planners.collision.robot_model import RobotArrays, robot_arrays
-from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays
-from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, Scene
+from planners.collision.robot_pose_kernel import Attached
+from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, with_object
+from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene
 
 __all__ = ["PADDING", "STEP", "CollisionWorld"]
 
 PADDING = 0.002
-"""[m] that everything keeps from everything."""
+"""[m] Distance that the robot keeps from everything else."""
 STEP = 0.006
 """[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
 SUPPORT_SLACK = 0.0005
@@ -27,10 +32,12 @@ _ALL = (1 << 64) - 1
 
 @dataclass(frozen=True, eq=False)
 class CollisionWorld:
-    """A scene for collision checks; masks are as in `Scene`: bit i is object i, plus STATIC_BIT and SELF_BIT.
+    """A scene compiled for collision checks; meant to be built once and passed on.
+
+    Masks are as in `Scene`: bit i is object i; STATIC_BIT and SELF_BIT are added.
 
     Attributes:
-        scene: what it was made from.
+        scene: the scene it was compiled from.
         robot, obstacles: the same as arrays for kernels.
         padding: [m] Nearer counts as a hit.
     """
@@ -39,35 +46,56 @@ class CollisionWorld:
     robot: RobotArrays
     obstacles: Obstacles
     padding: float = PADDING
-    _in_hand: dict[int, tuple[HeldObject | None, Attached]] = field(init=False, repr=False, default_factory=dict)
+    _attached: dict[int, tuple[HeldObject | None, Attached]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
-        """Compile a scene. Objects may stand or lie; the robot's head is taken to be in its usual configuration."""
+        """Compile a scene.
+
+        Args:
+            scene: its objects may stand or lie; the robot's head is assumed to be in `robot.head_configuration`.
+            padding: [m] Nearer counts as a hit.
+
+        Raises:
+            GeometryError: the robot has collision geometry that cannot be represented.
+        """
         return cls(scene, robot_arrays(scene.robot), obstacle_arrays(scene), padding)
 
     def with_padding(self, padding: float) -> CollisionWorld:
         """The same world with another distance to keep [m]."""
         return replace(self, padding=padding)
 
+    def with_body(self, body: Body) -> CollisionWorld:
+        """The same world with the object of that name moved; only its own rows are compiled again.
+
+        Raises:
+            UnknownObject: no object of that name.
+        """
+        moved = with_object(self.obstacles, self.scene.index(body.name), body)
+        return replace(self, scene=self.scene.with_body(body), obstacles=moved)
+
     def active(self, ignore: int = 0) -> np.uint64:
         """The bits that count when those of `ignore` do not."""
         return np.uint64(_ALL & ~int(ignore))
 
     def attached(self, held: HeldObject | None) -> Attached:
-        """What is in hand, for kernels, remembered; raises `UnknownObject`."""
-        known = self._in_hand.get(id(held))
+        """The held object, or none, for kernels; computed once for each object passed.
+
+        Raises:
+            UnknownObject: the scene has no object of that name.
+        """
+        known = self._attached.get(id(held))
         if known is None:
-            known = self._in_hand[id(held)] = held, self._attached(held)
+            known = self._attached[id(held)] = held, self._attach(held)
         return known[1]
 
-    def _attached(self, held: HeldObject | None) -> Attached:
+    def _attach(self, held: HeldObject | None) -> Attached:
         if held is None:
             nothing = np.zeros((2, 3))
-            return Attached(-1, BOX, nothing, 0.0, nothing, np.eye(3), np.array(self.robot.reach))
+            return Attached(-1, BOX, nothing, 0.0, nothing, np.zeros((2, 3, 3)), np.array(self.robot.reach))
         body = self.scene.body(held.name)
         bound = body_bound(body)
-        position, rotation = held.T_tcp_object[:3, 3], np.ascontiguousarray(held.T_tcp_object[:3, :3])
+        position, rotation = held.T_tcp_object[:3, 3], held.T_tcp_object[:3, :3]
         raised = 0.5 * (self.padding + SUPPORT_SLACK)
         return Attached(
             bit=self.scene.index(held.name),
@@ -75,31 +103,46 @@ class CollisionWorld:
             half=np.stack([body.half_extents, body.half_extents - [0.0, 0.0, raised]]),
             bound=bound,
             position=np.stack([position, position + raised * rotation[:, 2]]),
-            rotation=rotation,
+            rotation=np.stack([rotation, rotation]),
             reach=np.maximum(self.robot.reach, self.robot.tip_reach + np.linalg.norm(position) + bound),
+        )
+
+    def query(
+        self, opening: float, held: HeldObject | None = None, ignore: int = 0, first_only: bool = False
+    ) -> CollisionQuery:
+        """What kernels check.
+
+        Args:
+            opening: of the gripper [m].
+            held: the held object; it moves with the TCP and is no obstacle.
+            ignore: mask of bits that do not count.
+            first_only: stop at the first hit.
+        """
+        active, attached = self.active(ignore), self.attached(held)
+        return CollisionQuery(
+            self.robot, self.obstacles, attached, float(opening), active, float(self.padding), first_only
         )
 
     def hits(
         self, base: ArrayLike, q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0
     ) -> int:
-        """What one configuration hits.
+        """What one configuration hits, as a mask.
 
         Args:
             base: (3,) x [m], y [m], yaw [rad].
             q: (8,) torso [m] and arm [rad].
             opening: of the gripper [m].
-            held: what is in hand; it moves with the TCP and is no obstacle.
-            ignore: bits that do not count.
+            held: the held object; it moves with the TCP and is no obstacle.
+            ignore: mask of bits that do not count.
         """
         return int(self.hits_many(base, np.asarray(q, dtype=float)[None], opening, held, ignore)[0])
 
     def hits_many(
         self, base: ArrayLike, Q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0
     ) -> NDArray[np.uint64]:
-        """What each configuration of `Q` (k, 8) hits at one base pose: (k,); see `hits`."""
-        place, rows = np.array(base, dtype=float), np.array(Q, dtype=float, order="C")
-        arguments = self.robot, self.obstacles, self.attached(held), place, rows
-        hits: NDArray[np.uint64] = many_hits(*arguments, float(opening), self.active(ignore), self.padding)
+        """What each configuration of `Q` (k, 8) hits at one base pose: masks (k,); arguments as for `hits`."""
+        query = self.query(opening, held, ignore)
+        hits: NDArray[np.uint64] = many_hits(query, np.array(base, dtype=float), np.array(Q, dtype=float, order="C"))
         return hits
 
     def path_hits(
@@ -111,15 +154,18 @@ class CollisionWorld:
         step: float = STEP,
         first_only: bool = False,
     ) -> int:
-        """What a piecewise straight motion through whole-body configurations `X` (k, 11), base and `q`, hits.
+        """What a piecewise straight motion hits, as a mask.
 
-        No point moves more than `step` [m] between two checks. `first_only`: some of what it hits will do, if anything.
+        Args:
+            X: (k, 11) whole-body configurations, base and `q`.
+            opening, held, ignore: as for `hits`.
+            step: [m] No point of the robot moves more between two checks.
+            first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
         """
-        rows = np.array(X, dtype=float, order="C")
-        arguments = self.robot, self.obstacles, self.attached(held), rows
-        return int(path_hits(*arguments, float(opening), self.active(ignore), self.padding, step, first_only))
+        query = self.query(opening, held, ignore, first_only)
+        return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
-        """The objects, "a static obstacle" and "the robot itself", whose bits are set."""
+        """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""
         special = (("a static obstacle", STATIC_BIT), ("the robot itself", SELF_BIT))
         return (*self.scene.names_of(mask), *(name for name, bit in special if int(mask) >> bit & 1))

@@ -196,7 +196,7 @@ def _work_mask(
     for index, centre in enumerate(centres):
         gripper_poses = np.column_stack((np.tile(centre, (_WORK_YAWS, 1)), np.full(_WORK_YAWS, height), yaws))
         found = scan_configurations(
-            world, chain, GripperPoses(bases, gripper_poses), configurations, 0.0, ignore=everything, first_free=True
+            world, GripperPoses(bases, gripper_poses), configurations, 0.0, ignore=everything, first_free=True
         )
         reached[index] = len(found.q) > 0
     coarse = reached.reshape(cells.shape)

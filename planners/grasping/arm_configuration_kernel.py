@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 from irm.arm.closed_form import MAX_SOLUTIONS
 from irm.arm.kinematics import arm_jacobian, fk_frames, ik_arm
 from irm.arm.manipulability import condition
-from planners.collision.configuration_kernel import Attached, Obstacles, Workspace, configuration_hits, make_workspace
+from planners.collision.compilation import leaf_kernel
+from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.robot_model import RobotArrays
+from planners.collision.robot_pose_kernel import Scratch, make_scratch
 from planners.scene.masks import SELF_BIT, STATIC_BIT, bit_count
 
 __all__ = ["many_gripper_hits", "scan"]
@@ -21,52 +24,69 @@ Array = NDArray[np.float64]
 
 _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
-_SOLID = np.uint64((1 << STATIC_BIT) | (1 << SELF_BIT))
+_FIXED = np.uint64((1 << STATIC_BIT) | (1 << SELF_BIT))
+"""Hits that no clearing can remove."""
 _NONE = np.uint64(0)
-_PER_MASK = 6
-"""ArmConfigurations kept for one set of blockers, each from another hand pose or base."""
-_CAPACITY = 96
+_PER_MASK = np.int64(6)
+"""Configurations kept for one set of hit objects, each for another pair of gripper pose and base pose."""
+_CAPACITY = np.int64(96)
+"""Configurations kept in all. Typed, as `_PER_MASK` is, so that kernels are not compiled once more for constants."""
 _TRAVEL_COST = 0.004
-"""Manipulability given up per radian of joint travel from the home configuration: short motions are worth something."""
+"""Manipulability given up per radian of joint travel from the home configuration: short motions are preferred."""
 _ELBOW = 4
+"""Link whose origin is the elbow."""
 _HIGH_ELBOW = 0.35
-"""[m] above the hand: an elbow that high carries the forearm over what stands on the table."""
+"""[m] above the TCP: an elbow that high carries the forearm over what stands on the table."""
 _ELBOW_WORTH = 0.4
 """Manipulability that a metre of elbow height is worth: a high arm sweeps little of the table."""
 _LIFT = 0.2
-"""[m] that the torso can lift the hand straight up, in whatever configuration the arm is."""
+"""[m] of torso travel that is worth keeping: it lifts the gripper straight up in every configuration of the arm."""
 _LIFT_WORTH = 0.5
+"""Manipulability that a metre of remaining torso travel is worth."""
 _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
 
+class _Kept(NamedTuple):
+    """Up to `_CAPACITY` configurations of n joints; the first `size[0]` rows are in use.
+
+    Attributes:
+        q: (c, n) torso [m] and arm [rad].
+        pair: (c,) index of gripper pose and base pose.
+        hits: (c,) objects hit, as masks.
+        quality: (c,) see `_quality`.
+        size: (1,) number of rows in use.
+    """
+
+    q: Array
+    pair: NDArray[np.int64]
+    hits: NDArray[np.uint64]
+    quality: Array
+    size: NDArray[np.int64]
+
+
+class _Memory(NamedTuple):
+    """What a scan writes to: `scratch` for checks, `kept`, and inverse kinematics `found` (MAX_SOLUTIONS, n)."""
+
+    scratch: Scratch
+    kept: _Kept
+    found: Array
+
+
 @njit(cache=True)
-def many_gripper_hits(
-    hand: RobotArrays,
-    obstacles: Obstacles,
-    held: Attached,
-    gripper_poses: Array,
-    opening: float,
-    active: np.uint64,
-    padding: float,
-) -> NDArray[np.uint64]:
-    """The loop of `gripper_hits`."""
-    work = make_workspace(hand, held)
+def many_gripper_hits(query: CollisionQuery, gripper_poses: Array) -> NDArray[np.uint64]:
+    """The loop of `gripper_hits`; the robot of `query` is the gripper alone, its one joint the height."""
+    scratch = make_scratch(query.robot, query.attached)
     hits = np.empty(gripper_poses.shape[0], np.uint64)
-    place = np.empty(3)
-    height = np.empty(1)
+    base, height = np.empty(3), np.empty(1)
     for k in range(gripper_poses.shape[0]):
-        place[0], place[1], place[2], height[0] = (
-            gripper_poses[k, 0],
-            gripper_poses[k, 1],
-            gripper_poses[k, 3],
-            gripper_poses[k, 2],
-        )
-        hits[k] = configuration_hits(hand, obstacles, work, place, height, opening, active & ~_SELF, padding, False)
+        base[0], base[1], base[2] = gripper_poses[k, 0], gripper_poses[k, 1], gripper_poses[k, 3]
+        height[0] = gripper_poses[k, 2]
+        hits[k] = configuration_hits(query, query.active, scratch, base, height)
     return hits
 
 
-@njit(cache=True)
+@leaf_kernel
 def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> float:
     """The equivalent of a roll joint's angle nearest to the wanted one, within its limits."""
     turned = angle + 2.0 * math.pi * np.round((wanted - angle) / (2.0 * math.pi))
@@ -75,15 +95,19 @@ def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> fl
     return angle
 
 
-@njit(cache=True)
-def _turned_home(found: Array, count: int, home: Array, lower: Array, upper: Array) -> int:
-    """Keep the solutions with a positive elbow (the others lie alike), their roll joints turned to near home."""
+@leaf_kernel
+def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int:
+    """Keep the solutions with a positive elbow, their roll joints turned to near home; how many.
+
+    The others have the same links at the same places: elbow and two rolls are mirrored.
+    """
     kept = 0
     for k in range(count):
         if found[k, 4] < 0.0:
             continue
         for joint in (3, 5, 7):
-            found[kept, joint] = _nearest_turn(found[k, joint], home[joint], lower[joint], upper[joint])
+            angle, lower, upper = found[k, joint], robot.lower[joint], robot.upper[joint]
+            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper)
         for joint in (0, 1, 2, 4, 6):
             found[kept, joint] = found[k, joint]
         kept += 1
@@ -92,7 +116,7 @@ def _turned_home(found: Array, count: int, home: Array, lower: Array, upper: Arr
 
 @njit(cache=True)
 def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
-    """Manipulability, more for an elbow held high, less a little per radian from the home configuration."""
+    """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration."""
     n = q.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
@@ -106,177 +130,163 @@ def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
     return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
 
 
-@njit(cache=True)
-def _is_bettered(hits: np.uint64, rows_hits: NDArray[np.uint64], count: int, most: int) -> bool:
+@leaf_kernel
+def _is_dominated(kept: _Kept, hits: np.uint64, most: int) -> bool:
     """Whether kept configurations hit only a part of this, or `most` of them just this."""
     same = 0
-    for i in range(count):
-        if rows_hits[i] == hits:
+    for i in range(kept.size[0]):
+        if kept.hits[i] == hits:
             same += 1
-        elif rows_hits[i] & ~hits == _NONE:
+        elif kept.hits[i] & ~hits == _NONE:
             return True
     return same >= most
 
 
 @njit(cache=True)
-def _insert(
-    q: Array,
-    pair: int,
-    hits: np.uint64,
-    quality: float,
-    rows_q: Array,
-    rows_pair: NDArray[np.int64],
-    rows_hits: NDArray[np.uint64],
-    rows_quality: Array,
-    count: int,
-) -> int:
-    """Add a configuration that no kept one betters, and drop those it betters; the new count.
+def _insert(kept: _Kept, q: Array, pair: int, hits: np.uint64, quality: float) -> None:
+    """Add a configuration that no kept one dominates, and drop those it dominates.
 
-    One configuration per hand pose and set of hits, and `_PER_MASK` per set of hits.
+    One configuration is kept for each pair and set of hits, and `_PER_MASK` for each set of hits: those of highest
+    quality.
     """
-    kept = 0
-    place = -1
-    same = 0
-    worst = -1
-    for i in range(count):
-        if rows_hits[i] != hits and hits & ~rows_hits[i] == _NONE:
+    count, place, same, worst = 0, -1, 0, -1
+    for i in range(kept.size[0]):
+        if kept.hits[i] != hits and hits & ~kept.hits[i] == _NONE:
             continue
-        rows_q[kept], rows_pair[kept] = rows_q[i], rows_pair[i]
-        rows_hits[kept], rows_quality[kept] = rows_hits[i], rows_quality[i]
-        if rows_hits[kept] == hits:
+        kept.q[count], kept.pair[count] = kept.q[i], kept.pair[i]
+        kept.hits[count], kept.quality[count] = kept.hits[i], kept.quality[i]
+        if kept.hits[count] == hits:
             same += 1
-            if rows_pair[kept] == pair:
-                place = kept
-            if worst < 0 or rows_quality[kept] < rows_quality[worst]:
-                worst = kept
-        kept += 1
+            if kept.pair[count] == pair:
+                place = count
+            if worst < 0 or kept.quality[count] < kept.quality[worst]:
+                worst = count
+        count += 1
+    kept.size[0] = count
     if place < 0 and same >= _PER_MASK:
         place = worst
-    if place >= 0 and rows_quality[place] >= quality:
-        return kept
+    if place >= 0 and kept.quality[place] >= quality:
+        return
     if place < 0:
-        if kept == rows_hits.shape[0]:
-            return kept
-        place = kept
-        kept += 1
-    rows_q[place], rows_pair[place], rows_hits[place], rows_quality[place] = q, pair, hits, quality
-    return kept
+        if count == kept.hits.shape[0]:
+            return
+        place = count
+        kept.size[0] = count + 1
+    kept.q[place], kept.pair[place], kept.hits[place], kept.quality[place] = q, pair, hits, quality
 
 
 @njit(cache=True)
 def _order_by_hits(known: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Indices of hand poses, those that hit fewest objects first."""
+    """Indices of gripper poses, those that hit fewest objects first."""
     weight = np.empty(known.shape[0], np.int64)
     for k in range(known.shape[0]):
-        weight[k] = bit_count(np.int64(known[k] & ~_SOLID))
+        weight[k] = bit_count(np.int64(known[k] & ~_FIXED))
     return np.argsort(weight, kind="mergesort")
 
 
 @njit(cache=True)
 def _consider(
-    robot: RobotArrays,
-    obstacles: Obstacles,
-    work: Workspace,
-    base: Array,
-    q: Array,
-    pair: int,
-    opening: float,
-    active: np.uint64,
+    query: CollisionQuery, memory: _Memory, by_gripper: np.uint64, base: Array, q: Array, pair: int, home: Array
+) -> None:
+    """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
+    unknown = query.active & ~by_gripper & ~_SELF
+    hits = configuration_hits(query, unknown, memory.scratch, base, q) | by_gripper
+    if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
+        return
+    if _is_dominated(memory.kept, hits, _CAPACITY):
+        return
+    if configuration_hits(query, query.active & _SELF, memory.scratch, base, q) == _NONE:
+        _insert(memory.kept, q, pair, hits, _quality(query.robot, q, home))
+
+
+@njit(cache=True)
+def _travel(q: Array, home: Array) -> float:
+    """Squared joint travel [rad²] from the home configuration, the torso's weighed by `_LIFT_WEIGHT`."""
+    return (_LIFT_WEIGHT * (q[0] - home[0])) ** 2 + ((q[1:] - home[1:]) ** 2).sum()
+
+
+@leaf_kernel
+def _pose_in_base(gripper_pose: Array, base: Array, R: Array, p: Array) -> None:
+    """Write the orientation (3, 3) and position (3,) of a level gripper pose in the frame of a base pose."""
+    c, s, x, y = math.cos(base[2]), math.sin(base[2]), gripper_pose[0] - base[0], gripper_pose[1] - base[1]
+    R[0, 0] = R[1, 1] = math.cos(gripper_pose[3] - base[2])
+    R[1, 0] = math.sin(gripper_pose[3] - base[2])
+    R[0, 1] = -R[1, 0]
+    p[0], p[1], p[2] = c * x + s * y, c * y - s * x, gripper_pose[2]
+
+
+@njit(cache=True)
+def _scan_pair(
+    query: CollisionQuery,
+    memory: _Memory,
     by_gripper: np.uint64,
-    padding: float,
-    first_free: bool,
+    base: Array,
+    pair: int,
+    R: Array,
+    p: Array,
     home: Array,
-    rows_q: Array,
-    rows_pair: NDArray[np.int64],
-    rows_hits: NDArray[np.uint64],
-    rows_quality: Array,
-    count: int,
-) -> int:
-    """Keep a configuration if it is worth it; the new count. What the hand hits is known and not looked at again."""
-    wanted = active & ~by_gripper & ~_SELF
-    hits = configuration_hits(robot, obstacles, work, base, q, opening, wanted, padding, first_free)
-    hits |= by_gripper
-    if hits & _SOLID != _NONE or (first_free and hits != _NONE):
-        return count
-    if _is_bettered(hits, rows_hits, count, _CAPACITY):
-        return count
-    if configuration_hits(robot, obstacles, work, base, q, opening, active & _SELF, padding, True):
-        return count
-    return _insert(q, pair, hits, _quality(robot, q, home), rows_q, rows_pair, rows_hits, rows_quality, count)
+    torsos: Array,
+    rolls: Array,
+    nearest_home: bool,
+) -> None:
+    """Consider all configurations for one pair of gripper pose (`R`, `p` in the base frame) and base pose."""
+    robot, found = query.robot, memory.found
+    nearest, least = np.empty(home.shape[0]), np.inf
+    for torso in torsos:
+        if _is_dominated(memory.kept, by_gripper, _PER_MASK):
+            break
+        for roll in rolls:
+            solutions = ik_arm(robot.links, R, p, torso, roll, robot.lower, robot.upper, found)
+            for k in range(_unwrapped(found, solutions, home, robot)):
+                q = found[k]
+                if not nearest_home:
+                    _consider(query, memory, by_gripper, base, q, pair, home)
+                    continue
+                travel = _travel(q, home)
+                fixed = query.active & _FIXED
+                if travel < least and configuration_hits(query, fixed, memory.scratch, base, q) == _NONE:
+                    least = travel
+                    nearest[:] = q
+    if least < np.inf:
+        _consider(query, memory, by_gripper, base, nearest, pair, home)
 
 
 @njit(cache=True)
 def scan(
-    robot: RobotArrays,
-    obstacles: Obstacles,
-    held: Attached,
-    links: Array,
-    lower: Array,
-    upper: Array,
+    query: CollisionQuery,
     home: Array,
     bases: Array,
     gripper_poses: Array,
     known: NDArray[np.uint64],
     torsos: Array,
     rolls: Array,
-    opening: float,
-    active: np.uint64,
-    padding: float,
-    first_free: bool,
     nearest_home: bool,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.uint64], Array]:
-    """The loop of `scan_configurations`: hands that hit little come first; what they hit need not be looked at
-    again."""
-    work = make_workspace(robot, held)
-    n = lower.shape[0]
-    rows_q = np.empty((_CAPACITY, n))
-    rows_pair = np.empty(_CAPACITY, np.int64)
-    rows_hits = np.empty(_CAPACITY, np.uint64)
-    rows_quality = np.empty(_CAPACITY)
-    found = np.empty((MAX_SOLUTIONS, n))
-    nearest = np.empty(n)
+    """The loop of `scan_configurations`: gripper poses that hit fewest objects come first.
+
+    `known` (k,) is what the gripper alone hits. With `query.first_only` the pairs keep their order, and the scan stops
+    after the first pair for which some configuration hits nothing.
+    """
+    n, first_free = home.shape[0], query.first_only
+    kept = _Kept(
+        np.empty((_CAPACITY, n)),
+        np.empty(_CAPACITY, np.int64),
+        np.empty(_CAPACITY, np.uint64),
+        np.empty(_CAPACITY),
+        np.zeros(1, np.int64),
+    )
+    memory = _Memory(make_scratch(query.robot, query.attached), kept, np.empty((MAX_SOLUTIONS, n)))
     R, p = np.zeros((3, 3)), np.empty(3)
     R[2, 2] = 1.0
-    order = np.arange(bases.shape[0]) if first_free else _order_by_hits(known)
-    count = 0
-    for pair in order:
-        by_gripper = known[pair]
-        if by_gripper & _SOLID != _NONE or (first_free and by_gripper != _NONE):
+    for pair in np.arange(bases.shape[0]) if first_free else _order_by_hits(known):
+        by_gripper, base = known[pair], bases[pair]
+        if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
             continue
-        base, hand = bases[pair], gripper_poses[pair]
-        if configuration_hits(robot, obstacles, work, base, home, opening, active & _STATIC, padding, True):
+        if configuration_hits(query, query.active & _STATIC, memory.scratch, base, home) != _NONE:
             continue
-        R[0, 0] = R[1, 1] = math.cos(hand[3] - base[2])
-        R[1, 0] = math.sin(hand[3] - base[2])
-        R[0, 1] = -R[1, 0]
-        c, s, x, y = math.cos(base[2]), math.sin(base[2]), hand[0] - base[0], hand[1] - base[1]
-        p[0], p[1], p[2] = c * x + s * y, c * y - s * x, hand[2]
-        least = np.inf
-        for torso in torsos:
-            if _is_bettered(by_gripper, rows_hits, count, _PER_MASK):
-                break
-            for roll in rolls:
-                solutions = ik_arm(links, R, p, torso, roll, lower, upper, found)
-                for k in range(_turned_home(found, solutions, home, lower, upper)):
-                    q = found[k]
-                    if nearest_home:
-                        travel = (_LIFT_WEIGHT * (q[0] - home[0])) ** 2 + ((q[1:] - home[1:]) ** 2).sum()
-                        solid = active & _SOLID
-                        if travel < least and not configuration_hits(
-                            robot, obstacles, work, base, q, opening, solid, padding, True
-                        ):
-                            least = travel
-                            nearest[:] = q
-                        continue
-                    count = _consider(
-                        robot, obstacles, work, base, q, pair, opening, active, by_gripper, padding, first_free, home,
-                        rows_q, rows_pair, rows_hits, rows_quality, count,
-                    )  # fmt: skip
-        if least < np.inf:
-            count = _consider(
-                robot, obstacles, work, base, nearest, pair, opening, active, by_gripper, padding, first_free, home,
-                rows_q, rows_pair, rows_hits, rows_quality, count,
-            )  # fmt: skip
-        if first_free and count > 0:
+        _pose_in_base(gripper_poses[pair], base, R, p)
+        _scan_pair(query, memory, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)
+        if first_free and kept.size[0] > 0:
             break
-    return rows_q[:count].copy(), rows_pair[:count].copy(), rows_hits[:count].copy(), rows_quality[:count].copy()
+    count = kept.size[0]
+    return kept.q[:count].copy(), kept.pair[:count].copy(), kept.hits[:count].copy(), kept.quality[:count].copy()

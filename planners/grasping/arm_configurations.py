@@ -1,4 +1,4 @@
-"""Arm configurations for level hand poses, and what each of them hits: the scan behind grasps and placements."""
+"""Arm configurations for level gripper poses, and what each of them hits: the scan behind grasps and placements."""
 
 from __future__ import annotations
 
@@ -13,29 +13,36 @@ from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configuration_kernel import many_gripper_hits, scan
-from planners.scene import HeldObject
+from planners.scene import SELF_BIT, HeldObject
 
 __all__ = ["ArmConfigurations", "ConfigurationGrid", "GripperPoses", "gripper_hits", "scan_configurations"]
 
 Array = NDArray[np.float64]
 
 _VERTICAL_SLIDE = 5
-"""Axis number of a joint that slides along z, as in `irm.arm.kinematics`."""
+"""Axis number of a joint that slides along z, as in `irm.arm.kinematics.ArmChain`."""
 
 
 class GripperPoses(NamedTuple):
-    """k pairs of a base pose and a level hand: `bases` (k, 3) and `gripper_poses` (k, 4), TCP x, y, z [m] and yaw
-    [rad]."""
+    """k pairs of a base pose and a level gripper pose.
+
+    Attributes:
+        bases: (k, 3) x [m], y [m], yaw [rad].
+        gripper_poses: (k, 4) TCP x, y, z [m] and yaw [rad].
+    """
 
     bases: Array
     gripper_poses: Array
 
 
 class ConfigurationGrid(NamedTuple):
-    """Values of the two free parameters of the closed form: `torsos` (t,) [m], `rolls` (r,) [rad].
+    """Values of the two free parameters of the closed form.
 
-    `nearest_home`: of the configurations for one hand pose only the one nearest to the home configuration counts. That
-    is where a robot ends up that is told TCP poses and keeps its joints near home by itself.
+    Attributes:
+        torsos: (t,) heights of the torso [m].
+        rolls: (r,) angles of the upper-arm roll joint [rad].
+        nearest_home: of the configurations for one gripper pose only the one nearest to the home configuration counts.
+            A robot that follows TCP poses ends up there, as its controller keeps the joints near home.
     """
 
     torsos: Array
@@ -51,12 +58,19 @@ class ConfigurationGrid(NamedTuple):
 
     @classmethod
     def near_home(cls, chain: ArmChain, torsos: int = 10, rolls: int = 36) -> ConfigurationGrid:
-        """A finer grid, of which only the configuration nearest to home counts."""
+        """A finer grid for robots that follow TCP poses; `nearest_home` is set."""
         return cls.over(chain, torsos, rolls)._replace(nearest_home=True)
 
 
 class ArmConfigurations(NamedTuple):
-    """m configurations: `q` (m, 8), `pair` (m,) index of the hand pose, `hits` (m,) objects as bits, `quality` (m,)."""
+    """m arm configurations.
+
+    Attributes:
+        q: (m, 8) torso [m] and arm [rad].
+        pair: (m,) index of the pair of base pose and gripper pose.
+        hits: (m,) objects hit, as masks.
+        quality: (m,) larger is better.
+    """
 
     q: Array
     pair: NDArray[np.int64]
@@ -66,7 +80,6 @@ class ArmConfigurations(NamedTuple):
 
 def scan_configurations(
     world: CollisionWorld,
-    chain: ArmChain,
     poses: GripperPoses,
     grid: ConfigurationGrid,
     opening: float,
@@ -75,64 +88,65 @@ def scan_configurations(
     ignore: int = 0,
     first_free: bool = False,
 ) -> ArmConfigurations:
-    """Configurations that hit no static obstacle and not the robot itself; of those, the ones that hit fewest objects.
+    """Arm configurations that hit no static obstacle, not the robot itself, and as few objects as possible.
 
-    Base poses at which the home configuration does not fit are left out, and so is a configuration if another one hits
-    only a part of what it hits. Among configurations with the same hits those of
-    higher quality are kept: manipulability, less a little for travel from the home configuration.
+    A base pose is left out if the robot in its home configuration would hit a static obstacle there. A configuration is
+    left out if another one hits only a part of what it hits. Of those with the same hits, the best are kept by quality:
+    manipulability, more for a high elbow, less for travel from the home configuration.
 
     Args:
-        world: what may be hit.
-        chain: arm with a closed form.
-        poses: base and hand poses to try.
+        world: the scene, compiled; its robot's arm must have a closed form.
+        poses: pairs of base pose and gripper pose to try.
         grid: free parameters to try for each.
         opening: of the gripper [m].
-        held: what is in hand.
-        ignore: bits that do not count.
-        first_free: stop after the first pose, in the order given, for which some configuration hits nothing.
+        held: the held object.
+        ignore: mask of bits that do not count.
+        first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
     """
-    known = gripper_hits(world, poses.gripper_poses, opening, held=held, ignore=ignore)
-    rows = scan(
-        world.robot,
-        world.obstacles,
-        world.attached(held),
-        chain.links,
-        chain.lower,
-        chain.upper,
-        np.array(world.scene.robot.home),
-        poses.bases,
-        poses.gripper_poses,
-        known,
-        grid.torsos,
-        grid.rolls,
-        opening,
-        world.active(ignore),
-        world.padding,
-        first_free,
-        grid.nearest_home,
-    )
-    return ArmConfigurations(*rows)
+    bases, gripper_poses = _rows(poses.bases), _rows(poses.gripper_poses)
+    known = gripper_hits(world, gripper_poses, opening, held=held, ignore=ignore)
+    query, home = world.query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
+    found = scan(query, home, bases, gripper_poses, known, grid.torsos, grid.rolls, grid.nearest_home)
+    return ArmConfigurations(*found)
 
 
 def gripper_hits(
     world: CollisionWorld, gripper_poses: Array, opening: float, *, held: HeldObject | None = None, ignore: int = 0
 ) -> NDArray[np.uint64]:
-    """What the hand alone, and the object in it, hit at level TCP poses (k, 4): x, y, z [m], yaw [rad]. Shape (k,)."""
-    hand = _gripper_arrays(world.scene.robot)
-    return many_gripper_hits(
-        hand, world.obstacles, world.attached(held), gripper_poses, opening, world.active(ignore), world.padding
-    )
+    """What the gripper alone, and the held object, hit.
+
+    Args:
+        world: the scene, compiled.
+        gripper_poses: (k, 4) level TCP poses x, y, z [m], yaw [rad].
+        opening: of the gripper [m].
+        held: the held object.
+        ignore: mask of bits that do not count.
+
+    Returns:
+        masks (k,).
+    """
+    query = world.query(opening, held, ignore | 1 << SELF_BIT)._replace(robot=_gripper_arrays(world.scene.robot))
+    hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))
+    return hits
+
+
+def _rows(values: Array) -> Array:
+    """In the one layout that the kernels are compiled for."""
+    return np.require(values, np.float64, ["C", "W"])
 
 
 @cache
 def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
-    """A level hand is a robot of its own: its base pose is x, y and yaw of the TCP, its only joint the height."""
+    """The level gripper as a robot of its own: its base pose is x, y and yaw of the TCP, its only joint the height."""
     arrays = robot_arrays(robot)
     last = arrays.link == len(robot.chain) - 1
+    offsets, axes, tip = np.zeros((1, 3)), np.array([_VERTICAL_SLIDE], dtype=np.int64), np.zeros(3)
+    for array in (offsets, axes, tip):
+        array.setflags(write=False)
     return arrays._replace(
-        offsets=np.zeros((1, 3)),
-        axes=np.array([_VERTICAL_SLIDE], dtype=np.int64),
-        tip=np.zeros(3),
+        offsets=offsets,
+        axes=axes,
+        tip=tip,
         core=arrays.core[last],
         half=arrays.half[last],
         radius=arrays.radius[last],

@@ -1,4 +1,4 @@
-"""Base poses for hand poses, from the inverse reachability map and the free floor of a scene."""
+"""Base poses for gripper poses, from the inverse reachability map and the free floor of a scene."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ class MapPlacer:
     Attributes:
         map: of the robot.
         floor: where the base may stand.
-        per_gripper_pose: base poses offered for each hand pose.
-        yaw_tolerance: [rad] by which the map's approach may differ from the hand's: half a step of its yaws.
+        per_gripper_pose: base poses returned for each gripper pose at most.
+        yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
     """
 
     map: InverseReachabilityMap
@@ -68,7 +68,7 @@ class MapPlacer:
     yaw_tolerance: float = 1e-6
 
     def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad]; index of the hand of each (m,)."""
+        """As `BasePlacer.bases`."""
         yaws = gripper_poses[:, 3]
         ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
         found = self.map.query_batch(

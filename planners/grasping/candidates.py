@@ -1,5 +1,4 @@
-"""Ways to grasp an object where it stands: hand yaw, base pose and arm configuration, and what is in the way of
-each."""
+"""Ways to grasp an object where it stands: gripper yaw, base pose and arm configuration, and the blockers of each."""
 
 from __future__ import annotations
 
@@ -30,8 +29,8 @@ class SamplingConfig:
 
     Attributes:
         directions: of approach, evenly about the vertical (n of section 3.3).
-        torsos, rolls: values of torso height and upper-arm roll tried for each hand pose.
-        near_home: only the configuration nearest to home, for robots that are told TCP poses.
+        torsos, rolls: values of torso height and upper-arm roll tried for each gripper pose.
+        near_home: only the configuration nearest to home, for robots that follow TCP poses.
     """
 
     directions: int = 24
@@ -44,7 +43,14 @@ class BasePlacer(Protocol):
     """Says where the base may stand."""
 
     def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Base poses (m, 3) that reach level hands (k, 4), x, y, z [m], yaw [rad]; index of the hand of each (m,)."""
+        """Base poses from which level gripper poses can be reached.
+
+        Args:
+            gripper_poses: (k, 4) TCP x, y, z [m], yaw [rad].
+
+        Returns:
+            base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
+        """
         ...
 
 
@@ -57,8 +63,8 @@ class GraspCandidate:
         base: (3,) x [m], y [m], yaw [rad].
         q: (8,) torso [m] and arm [rad] at the grasp.
         yaw: [rad] of the approach in the world.
-        opening: of the gripper [m] on the way there.
-        blockers: objects hit at the grasp, as bits.
+        opening: of the gripper [m] before the fingers close.
+        blockers: mask of the objects hit at the grasp, or known to be in the way to or from it.
         quality: larger is better.
     """
 
@@ -72,21 +78,26 @@ class GraspCandidate:
 
     @property
     def key(self) -> tuple[str, bytes, bytes]:
-        """Identifies the option across scenes."""
+        """Identifies the candidate across scenes."""
         return self.object, self.base.tobytes(), self.q.tobytes()
 
 
 def level_gripper_poses(grasps: Sequence[GraspPose]) -> Array:
-    """Side grasps as level hands (k, 4): x, y, z [m] of the TCP, yaw [rad]."""
+    """The gripper poses (k, 4) of side grasps: x, y, z [m] of the TCP, yaw [rad]."""
     return np.array([(*grasp.T_world_tcp[:3, 3], grasp.yaw) for grasp in grasps]).reshape(-1, 4)
 
 
 @dataclass
 class GraspCandidates:
-    """The grasps of a scene's objects, made when first asked for.
+    """The grasps of a scene's objects, computed when first asked for.
 
-    Motion planning may learn that a grasp is worse than it looked: `ban` takes it out, `obstruct` adds what is in its
-    way. What was learnt about an object is forgotten once the scene changes.
+    Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers. Both are
+    undone once the objects of the scene have moved.
+
+    Attributes:
+        placer: base poses for gripper poses.
+        chain: the arm.
+        config: how finely grasps are sampled.
     """
 
     placer: BasePlacer
@@ -104,12 +115,12 @@ class GraspCandidates:
         return self._known[name]
 
     def ban(self, scene: Scene, option: GraspCandidate) -> None:
-        """Do not offer that grasp again in this scene."""
+        """Remove that grasp until the scene changes."""
         kept = (other for other in self.options(scene, option.object) if other.key != option.key)
         self._known[option.object] = tuple(kept)
 
     def obstruct(self, scene: Scene, option: GraspCandidate, blockers: int) -> None:
-        """From now on these objects are in the way of that grasp too: on the way to it, or from it."""
+        """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
         worse = replace(option, blockers=option.blockers | blockers)
         kept = [worse if other.key == option.key else other for other in self.options(scene, option.object)]
         kept.sort(key=lambda other: (other.blockers.bit_count(), -other.quality))
@@ -132,7 +143,7 @@ class GraspCandidates:
         poses = GripperPoses(bases, gripper_poses[index])
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
-        found = scan_configurations(self.compiled.world(scene), self.chain, poses, self._grid(), opening, ignore=ignore)
+        found = scan_configurations(self.compiled.world(scene), poses, self._grid(), opening, ignore=ignore)
         options = [
             GraspCandidate(
                 body.name, bases[pair], q, float(poses.gripper_poses[pair, 3]), opening, int(hits), float(quality)
@@ -148,7 +159,7 @@ class GraspCandidates:
 
 
 def _same_objects(one: Scene, other: Scene) -> bool:
-    """Whether the objects stand where they stood; where the robot is does not matter."""
+    """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
     held = (one.held.name if one.held else "") == (other.held.name if other.held else "")
     return (
         held

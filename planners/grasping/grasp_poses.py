@@ -27,7 +27,7 @@ GraspKind: TypeAlias = Literal["side", "top"]
 
 
 class UnknownGraspKindError(ValueError):
-    """A kind of grasp that does not exist; the message lists the valid ones."""
+    """There is no such kind of grasp; the message lists the valid ones."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class GraspConfig:
         first_yaw: [rad] of the first of them.
         finger_gap: [m] between each finger and the object before the fingers close.
         palm_reach: [m] that the object may extend from the TCP towards the palm; Fetch's palm begins 47 mm behind.
-        palm_height: [m] a level gripper's TCP keeps above what the object stands on; half of Fetch's palm and 2 mm.
+        palm_height: [m] of a level gripper's TCP above the support at least; half of Fetch's palm and 2 mm.
         fingertip_reach: [m] that the fingers extend beyond the TCP, and 4 mm.
-        pad_half_height: [m] of a finger pad, which should not stick out above the object.
+        pad_half_height: [m] of a finger pad, which should not extend above the object.
     """
 
     kinds: tuple[GraspKind, ...] = ("side",)

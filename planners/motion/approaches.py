@@ -1,4 +1,8 @@
-"""Straight lines to and from a contact configuration: which the arm can follow, and what stands in the way of each."""
+"""Approach patterns: straight lines of the gripper to and from a grasp or release configuration.
+
+A pattern is traced from that configuration outwards. The question is whether the arm can follow it, without and with
+the object, and which objects are in the way.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import FIXED_BITS, on_base, tcp_pose
+from planners.motion.arm_query import ArmQuery
 from planners.motion.straight_lines import trace_by_torso, trace_straight
-from planners.scene import Body, HeldObject, RobotState, Scene
+from planners.scene import Body, HeldObject, RobotState
 
 __all__ = [
     "APPROACH_PATTERNS",
@@ -26,15 +32,21 @@ __all__ = [
 ]
 
 SIDE_CLEARANCE = 0.012
-"""[m] between an open finger and the object, each side."""
+"""[m] between each finger of the open gripper and the object."""
+_HEADROOM = 0.8
+"""[m] A static obstacle higher above the table does not matter."""
 
 Array = NDArray[np.float64]
 
 
 class ApproachPattern(NamedTuple):
-    """How the hand leaves a contact configuration; it arrives the other way round. Lengths in metres.
+    """How the gripper leaves a grasp or release configuration; it arrives along the same lines in reverse.
 
-    Empty and open it moves `back` along its own axis, then `up`. With the object it moves `held_up`, then `held_back`.
+    Attributes:
+        name: for messages.
+        back, up: [m] The empty, open gripper moves `back` against its approach direction, then `up`.
+        held_up, held_back: [m] With the object the gripper moves `held_up`, then `held_back`.
+        by_torso: vertical lines are left to the torso: slow, but the arm then hits only what is above it.
     """
 
     name: str
@@ -43,7 +55,6 @@ class ApproachPattern(NamedTuple):
     held_up: float
     held_back: float
     by_torso: bool = False
-    """Vertical legs are left to the torso: slow, but what the arm is free of below it is free of all the way."""
 
 
 APPROACH_PATTERNS = (
@@ -55,11 +66,22 @@ APPROACH_PATTERNS = (
     ApproachPattern("front", back=0.10, up=0.0, held_up=0.19, held_back=0.0),
     ApproachPattern("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
 )
+"""Tried in this order: from above little more room is needed than at the grasp; from the front boards do not matter."""
 
 
 class GraspContext(NamedTuple):
-    """The situation around a contact configuration: worlds without and with the object in hand, openings [m], the
-    object."""
+    """The situation around a grasp or release configuration.
+
+    Attributes:
+        empty: the world while the gripper is empty; the object stands in it.
+        loaded: the world while the object is held.
+        base: (3,) x [m], y [m], yaw [rad].
+        q: (8,) torso [m] and arm [rad] when the fingers close or open.
+        opening: [m] of the open gripper around the object.
+        grip: [m] of the gripper closed on the object.
+        held: the object, as it is held.
+        ignore: mask of objects that are not obstacles.
+    """
 
     empty: CollisionWorld
     loaded: CollisionWorld
@@ -70,9 +92,26 @@ class GraspContext(NamedTuple):
     held: HeldObject
     ignore: int
 
+    @property
+    def empty_query(self) -> ArmQuery:
+        """For motions of the empty arm."""
+        return ArmQuery(self.base, self.opening, None, self.ignore, exact=True)
+
+    @property
+    def loaded_query(self) -> ArmQuery:
+        """For motions with the object."""
+        return ArmQuery(self.base, self.grip, self.held, self.ignore, exact=True)
+
 
 class Approach(NamedTuple):
-    """One line that the arm can follow: waypoints (n, 8) outwards, empty and loaded, and the objects that it hits."""
+    """An approach pattern traced from a grasp or release configuration.
+
+    Attributes:
+        pattern: which.
+        empty, loaded: waypoints (n, 8) outwards, without and with the object.
+        hits: mask of the objects in the way.
+        phase: of the motion in which the last of them is hit: "grasp" (standing still), "approach" or "lift".
+    """
 
     pattern: ApproachPattern
     empty: Array
@@ -81,47 +120,53 @@ class Approach(NamedTuple):
     phase: str
 
 
-def _openings(scene: Scene, body: Body, T_world_tcp: Array) -> tuple[float, float]:
-    """[m] between the pads of a hand (4, 4) that is open around an object, and that holds it."""
-    grip = 2.0 * body.half_extent_along(T_world_tcp[:3, 1])
-    return min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening), grip
-
-
 def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, ignore: int) -> GraspContext:
-    """The situation around a grasp of an object where it stands."""
+    """The situation around a grasp of an object where it stands.
+
+    Raises:
+        UnknownObject: no such object.
+    """
     body = world.scene.body(name)
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
-    return GraspContext(
-        world, world, np.array(base, dtype=float), q, *_openings(world.scene, body, T_world_tcp), held, ignore
-    )
+    openings = _openings(world.scene.robot, body, T_world_tcp)
+    return GraspContext(world, world, np.array(base, dtype=float), q, *openings, held, ignore)
 
 
 def release_context(
     world: CollisionWorld, base: ArrayLike, q: Array, held: HeldObject, ignore: int
 ) -> tuple[GraspContext, Body]:
-    """The situation around a release, and the object as it will stand."""
-    scene = world.scene
-    T_world_tcp = tcp_pose(scene.robot, RobotState(np.asarray(base), q, 0.0))
-    placed = scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
-    after = CollisionWorld.from_scene(scene.with_body(placed), world.padding)
-    openings = _openings(scene, placed, T_world_tcp)
-    return GraspContext(after, world, np.array(base, dtype=float), q, *openings, held, ignore), placed
+    """The situation around a release, and the object where it will then stand.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
+    placed = world.scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
+    openings = _openings(world.scene.robot, placed, T_world_tcp)
+    context = GraspContext(world.with_body(placed), world, np.array(base, dtype=float), q, *openings, held, ignore)
+    return context, placed
+
+
+def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, float]:
+    """[m] between the fingers of a gripper at a pose (4, 4): open around an object, and closed on it."""
+    grip = 2.0 * body.half_extent_along(T_world_tcp[:3, 1])
+    return min(grip + 2 * SIDE_CLEARANCE, robot.max_opening), grip
 
 
 def approach_patterns(world: CollisionWorld) -> tuple[ApproachPattern, ...]:
-    """The lines worth a try: those from the front only where something keeps the hand from coming from above."""
-    return (
-        APPROACH_PATTERNS if _is_covered(world) else tuple(pattern for pattern in APPROACH_PATTERNS if pattern.up > 0.0)
-    )
+    """The patterns worth tracing: those from the front only below static obstacles that block the others."""
+    if _is_covered(world):
+        return APPROACH_PATTERNS
+    return tuple(pattern for pattern in APPROACH_PATTERNS if pattern.up > 0.0)
 
 
 def free_approach(context: GraspContext, pattern: ApproachPattern) -> Approach | None:
-    """A line that the arm can follow, empty and loaded, hitting nothing; less work than `trace`."""
-    legs = _legs(context, pattern)
-    if legs is None:
+    """The traced pattern if the arm can follow it without and with the object and hits nothing; faster than `trace`."""
+    lines = _lines(context, pattern)
+    if lines is None:
         return None
-    empty, loaded = legs
+    empty, loaded = lines
     ignore = context.ignore
     if context.empty.path_hits(on_base(context.base, empty), context.opening, None, ignore, first_only=True):
         return None
@@ -131,11 +176,11 @@ def free_approach(context: GraspContext, pattern: ApproachPattern) -> Approach |
 
 
 def trace(context: GraspContext, pattern: ApproachPattern) -> Approach | str:
-    """Follow a line outwards and see what it hits; or why the arm cannot."""
-    legs = _legs(context, pattern)
-    if legs is None:
+    """Trace a pattern and find all objects in its way; the reason if the arm cannot follow it or no clearing helps."""
+    lines = _lines(context, pattern)
+    if lines is None:
         return "the arm cannot follow the line"
-    empty, loaded = legs
+    empty, loaded = lines
     here = context.empty.hits(context.base, context.q, context.opening, None, context.ignore)
     out = context.empty.path_hits(on_base(context.base, empty), context.opening, None, context.ignore)
     away = context.loaded.path_hits(on_base(context.base, loaded), context.grip, context.held, context.ignore)
@@ -143,23 +188,23 @@ def trace(context: GraspContext, pattern: ApproachPattern) -> Approach | str:
     if hits & FIXED_BITS:
         return f"the line touches {' and '.join(context.empty.names_of(hits & FIXED_BITS))}"
     if hits >> context.empty.scene.index(context.held.name) & 1:
-        return f"the open hand does not fit around {context.held.name}"
+        return f"the open gripper does not fit around {context.held.name}"
     phase = "grasp" if hits == here else ("approach" if hits == out else "lift")
     return Approach(pattern, empty, loaded, hits, phase)
 
 
 def _is_covered(world: CollisionWorld) -> bool:
-    """Whether something above the table keeps the hand from coming from above."""
+    """Whether a static obstacle above the table is in the way of an approach from above."""
     table = world.scene.support
     return any(
-        table.top < obstacle.lower[2] < table.top + 0.8
+        table.top < obstacle.lower[2] < table.top + _HEADROOM
         and (np.abs(obstacle.position - table.position) < obstacle.extent + table.extent)[:2].all()
         for obstacle in world.scene.static_obstacles
     )
 
 
-def _legs(context: GraspContext, pattern: ApproachPattern) -> tuple[Array, Array] | None:
-    """Waypoints (n, 8) outwards along a line, empty and loaded; None where the arm cannot follow."""
+def _lines(context: GraspContext, pattern: ApproachPattern) -> tuple[Array, Array] | None:
+    """Waypoints (n, 8) outwards along a pattern, without and with the object; None where the arm cannot follow."""
     robot, up = context.empty.scene.robot, np.array([0.0, 0.0, 1.0])
     back = -tcp_pose(robot, RobotState(context.base, context.q, 0.0))[:3, 0]
     empty = _follow(context, ((back, pattern.back), (up, pattern.up)), pattern.by_torso)
@@ -169,14 +214,14 @@ def _legs(context: GraspContext, pattern: ApproachPattern) -> tuple[Array, Array
     return None if loaded is None else (empty, loaded)
 
 
-def _follow(context: GraspContext, legs: tuple[tuple[Array, float], ...], by_torso: bool) -> Array | None:
-    """Waypoints (n, 8) from the contact configuration along straight legs, None where the arm cannot follow."""
+def _follow(context: GraspContext, lines: tuple[tuple[Array, float], ...], by_torso: bool) -> Array | None:
+    """Waypoints (n, 8) from the context's configuration along (direction, distance [m]) in turn; None as above."""
     waypoints = context.q[None]
-    for direction, distance in legs:
+    for direction, distance in lines:
         if distance > 0.0:
-            trace_leg = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
-            leg = trace_leg(context.empty, context.base, waypoints[-1], direction, distance)
-            if leg is None:
+            trace_line = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
+            line = trace_line(context.empty, context.base, waypoints[-1], direction, distance)
+            if line is None:
                 return None
-            waypoints = np.vstack([waypoints, leg[1:]])
+            waypoints = np.vstack([waypoints, line[1:]])
     return waypoints

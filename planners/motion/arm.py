@@ -1,4 +1,4 @@
-"""Collision-free motions of torso and arm on a standing base, and what is in the way where there is none."""
+"""Collision-free motions of torso and arm on a standing base; where there is none, which objects are in the way."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain, forward
-from planners.collision.configuration_kernel import make_workspace
 from planners.collision.robot_model import RobotArrays
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.rrt_connect import blend_corners, rrt_connect, shortcut
+from planners.motion.arm_query import DEFAULT_EFFORT, ArmQuery, RRTConfig
+from planners.motion.rrt import rrt_connect
+from planners.motion.smoothing import blend_corners, shortcut
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, RobotState
 
 __all__ = [
     "ArmPath",
     "BlockedBy",
     "NoPath",
-    "RRTConfig",
     "blocking_set",
     "plan_arm",
     "tcp_pose",
@@ -29,16 +29,22 @@ __all__ = [
 
 FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT
 """Hits that no clearing can remove."""
+_PHASE = "transit"
+"""The phase of a motion that this module plans, for messages."""
 _ROLL_RANGE = 2 * math.pi
-"""[rad] A joint with more play has several angles for one orientation."""
+"""[rad] A joint with a wider range reaches one orientation at several angles."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmPath:
-    """A motion of torso and arm, straight between waypoints.
+    """A motion of torso and arm, straight between waypoints. Arrays are read-only.
 
-    `base` (3,) x [m], y [m], yaw [rad]; `waypoints` (n, 8) [m], [rad]; `opening` of the gripper [m]; what is in hand;
-    `ignore`: bits of objects that did not count as obstacles.
+    Attributes:
+        base: (3,) x [m], y [m], yaw [rad].
+        waypoints: (n, 8) torso [m] and arm [rad].
+        opening: of the gripper [m].
+        held: the held object.
+        ignore: mask of objects that did not count as obstacles.
     """
 
     base: NDArray[np.float64]
@@ -64,8 +70,8 @@ class ArmPath:
         return np.asarray(self.waypoints[-1])
 
     @property
-    def drive_vectors(self) -> NDArray[np.float64]:
-        """(n, 11) base and waypoints."""
+    def configurations(self) -> NDArray[np.float64]:
+        """(n, 11) whole-body configurations: base and waypoints."""
         return on_base(self.base, self.waypoints)
 
     def reversed(self) -> ArmPath:
@@ -75,7 +81,7 @@ class ArmPath:
 
 @dataclass(frozen=True)
 class BlockedBy:
-    """Objects that must go first, and during which part of the motion they were in the way."""
+    """No path as the scene is: these objects are in the way, in this phase of the motion."""
 
     blockers: frozenset[str]
     phase: str
@@ -83,36 +89,22 @@ class BlockedBy:
 
 @dataclass(frozen=True)
 class NoPath:
-    """No motion, whatever is cleared: limits, static obstacles, the robot itself, or the planner's patience."""
+    """No path, whatever is cleared, and why: limits, static obstacles, self-collision, or the search gave up."""
 
     reason: str
 
 
-@dataclass(frozen=True)
-class RRTConfig:
-    """Effort of one plan.
-
-    Attributes:
-        iterations: random targets at most.
-        shortcuts: random shortcuts tried afterwards.
-        step: [m] between checks while searching; accepted paths are checked again at `collision.STEP`.
-        margin: [rad] beyond start and goal from which joints with more than a turn of play are sampled.
-        near: share of the random targets of an arm that lie about the straight way from start to goal.
-    """
-
-    iterations: int = 600
-    shortcuts: int = 20
-    step: float = 0.015
-    margin: float = 1.5
-    near: float = 0.8
-
-
-DEFAULT_EFFORT = RRTConfig()
-
-
 def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> NDArray[np.float64]:
-    """The same configurations (8,) or (k, 8), with joints that turn round at the angles nearest to those of `q`
-    (8,)."""
+    """Add whole turns to continuous joints so that each is nearest to its angle in `q`.
+
+    Args:
+        robot: whose joint limits.
+        q: (8,) torso [m] and arm [rad].
+        goals: (8,) or (k, 8).
+
+    Returns:
+        the same configurations, in the shape of `goals`, within the limits.
+    """
     start, turned = np.asarray(q, dtype=float), np.array(goals, dtype=float)
     for joint in np.flatnonzero(robot.upper - robot.lower > _ROLL_RANGE):
         angle = turned[..., joint]
@@ -138,72 +130,57 @@ def tcp_pose(robot: RobotSpec, state: RobotState) -> NDArray[np.float64]:
 
 def plan_arm(
     world: CollisionWorld,
-    base: ArrayLike,
+    query: ArmQuery,
     q_start: ArrayLike,
     q_goals: ArrayLike,
-    opening: float,
-    held: HeldObject | None = None,
-    ignore: int = 0,
     *,
     rng: np.random.Generator,
     config: RRTConfig = DEFAULT_EFFORT,
-    phase: str = "transit",
-    exact: bool = False,
     find_blockers: bool = True,
 ) -> ArmPath | BlockedBy | NoPath:
     """A free path from one configuration to one of several, shortened.
 
     Args:
         world: the scene, compiled.
-        base: (3,) where the base stands.
+        query: base pose, gripper opening, held object, and what does not count.
         q_start: (8,).
         q_goals: (8,) or (k, 8).
-        opening: of the gripper [m].
-        held: what is in hand.
-        ignore: bits of objects that are not obstacles.
-        rng: for the random tree; the same generator state gives the same path.
+        rng: for the random trees; the same generator state gives the same path.
         config: effort.
-        phase: name to report in an `BlockedBy`.
-        exact: end at a goal as it is given; else joints that turn round may end a whole turn away from it, which is
-            the same configuration (see `unwrap_joints`).
-        find_blockers: whether to find out which objects are in the way, for which the plan is made many times again.
+        find_blockers: whether to find out which objects are in the way; this repeats the search many times.
 
     Returns:
         the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
     """
-    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
-    goals = np.atleast_2d(np.array(q_goals, dtype=float))
-    if not exact:
+    start, goals = np.array(q_start, dtype=float), np.atleast_2d(np.array(q_goals, dtype=float))
+    if not query.exact:
         goals = unwrap_joints(world.robot, start, goals)
-    path = _search(world, place, start, goals, opening, held, ignore, rng, config)
+    path = _search(world, query, start, goals, rng, config)
     if path is not None:
-        return ArmPath(place, path, opening, held, ignore)
+        return ArmPath(query.base, path, query.opening, query.held, query.ignore)
     if not find_blockers:
-        return NoPath(f"{phase}: no path found within {config.iterations} iterations")
-    return blocking_set(world, place, start, goals, opening, held, ignore, rng=rng, config=config, phase=phase)
+        return _gave_up(config)
+    return blocking_set(world, query, start, goals, rng=rng, config=config)
 
 
 def blocking_set(
     world: CollisionWorld,
-    base: ArrayLike,
+    query: ArmQuery,
     q_start: ArrayLike,
     q_goals: ArrayLike,
-    opening: float,
-    held: HeldObject | None = None,
-    ignore: int = 0,
     *,
     rng: np.random.Generator,
     config: RRTConfig = DEFAULT_EFFORT,
-    phase: str = "transit",
 ) -> BlockedBy | NoPath:
-    """The smallest set of objects found whose removal lets `plan_arm` succeed; confirmed by planning without them.
+    """The smallest set of objects found without which `plan_arm` succeeds; confirmed by planning without them.
 
-    First what start and goals touch themselves, then the objects met by a path that ignores all of them, less those
-    that turn out not to matter. Arguments as for `plan_arm`.
+    The objects that start and goals touch are tried first, then those met by a path that ignores all objects; of the
+    latter, each without which a path is found all the same is left out. Arguments as for `plan_arm`; goals are taken
+    as given.
     """
-    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
-    goals = np.atleast_2d(np.array(q_goals, dtype=float))
-    touched = [int(h) for h in world.hits_many(place, np.vstack([start[None], goals]), opening, held, ignore)]
+    start, goals = np.array(q_start, dtype=float), np.atleast_2d(np.array(q_goals, dtype=float))
+    opening, held, ignore = query.opening, query.held, query.ignore
+    touched = [int(h) for h in world.hits_many(query.base, np.vstack([start[None], goals]), opening, held, ignore)]
     if touched[0] & FIXED_BITS:
         return NoPath(f"the start touches {named_bits(world, touched[0] & FIXED_BITS)}")
     standing = [(h, goal) for h, goal in zip(touched[1:], goals, strict=True) if not h & FIXED_BITS]
@@ -214,81 +191,69 @@ def blocking_set(
     free_goals = np.array([goal for _, goal in standing])
 
     def plan_without(mask: int) -> NDArray[np.float64] | None:
-        return _search(world, place, start, free_goals, opening, held, ignore | mask, rng, config)
+        """A path among the other objects, (n, 8)."""
+        return _search(world, replace(query, ignore=ignore | mask), start, free_goals, rng, config)
 
     if least and plan_without(least) is not None:
-        return BlockedBy(frozenset(world.scene.names_of(least)), phase)
+        return BlockedBy(frozenset(world.scene.names_of(least)), _PHASE)
     everything = (1 << len(world.scene.objects)) - 1
     path = plan_without(everything)
     if path is None:
         return NoPath("no path even without any object")
-    blockers = world.path_hits(on_base(place, path), opening, held, ignore) & everything
+    blockers = world.path_hits(on_base(query.base, path), opening, held, ignore) & everything
     for bit in [1 << i for i in range(len(world.scene.objects)) if blockers & ~least & 1 << i]:
         if plan_without(blockers & ~bit) is not None:
             blockers &= ~bit
     if not blockers:
-        return NoPath(f"{phase}: no path found within {config.iterations} iterations")
-    return BlockedBy(frozenset(world.scene.names_of(blockers)), phase)
+        return _gave_up(config)
+    return BlockedBy(frozenset(world.scene.names_of(blockers)), _PHASE)
 
 
 def named_bits(world: CollisionWorld, mask: int) -> str:
-    """What the bits of a mask stand for, in words."""
+    """The names of what a mask stands for, joined by "and"."""
     return " and ".join(world.names_of(mask)) or "nothing"
 
 
 def on_base(base: NDArray[np.float64], waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Drive vectors (n, 11)."""
+    """Whole-body configurations (n, 11): a base pose (3,) with each of `waypoints` (n, 8)."""
     return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
+
+
+def _gave_up(config: RRTConfig) -> NoPath:
+    return NoPath(f"{_PHASE}: no path found within {config.iterations} iterations")
 
 
 def _search(
     world: CollisionWorld,
-    base: NDArray[np.float64],
+    query: ArmQuery,
     start: NDArray[np.float64],
     goals: NDArray[np.float64],
-    opening: float,
-    held: HeldObject | None,
-    ignore: int,
     rng: np.random.Generator,
     config: RRTConfig,
 ) -> NDArray[np.float64] | None:
     """A verified path (n, 8), None when start or goals are blocked or the search gives up."""
-    touched = world.hits_many(base, np.vstack([start[None], goals]), opening, held, ignore)
+    opening, held, ignore = query.opening, query.held, query.ignore
+    touched = world.hits_many(query.base, np.vstack([start[None], goals]), opening, held, ignore)
     if touched[0] or touched[1:].all():
         return None
-    X = on_base(base, np.vstack([start[None], goals[touched[1:] == 0]]))
+    X = on_base(query.base, np.vstack([start[None], goals[touched[1:] == 0]]))
     lower, upper = _bounds(world.robot, X, config.margin)
-    work = make_workspace(world.robot, world.attached(held))
-    arguments = float(opening), world.active(ignore), world.padding
+    checks = world.query(opening, held, ignore, first_only=True)
     for step in (config.step, STEP):
-        path = rrt_connect(
-            world.robot,
-            world.obstacles,
-            work,
-            X[0],
-            X[1:],
-            lower,
-            upper,
-            *arguments,
-            step,
-            config.iterations,
-            config.near,
-            rng,
-        )
+        path = rrt_connect(checks, X[0], X[1:], lower, upper, step, config.iterations, config.near, rng)
         if not len(path):
             return None
-        path = shortcut(world.robot, world.obstacles, work, path, *arguments, step, config.shortcuts, rng)
-        path = blend_corners(world.robot, world.obstacles, work, path, *arguments, step)
+        path = shortcut(checks, path, step, config.shortcuts, rng)
+        path = blend_corners(checks, path, step)
         if not world.path_hits(path, opening, held, ignore):
-            return np.asarray(path[:, len(base) :])
+            return np.asarray(path[:, len(query.base) :])
     return None
 
 
 def _bounds(
     robot: RobotArrays, X: NDArray[np.float64], margin: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where to draw random whole-body configurations from: the base stays, joints that turn round stay near start and
-    goals."""
+    """Bounds of random whole-body configurations: the base stands, continuous joints stay near start and goals."""
     lower, upper = X.min(axis=0), X.max(axis=0)
     turns = robot.upper - robot.lower > _ROLL_RANGE
     lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - margin), robot.lower)

@@ -1,4 +1,4 @@
-"""Driving between base poses with the arm held still: the whole robot is checked, not only its footprint."""
+"""Driving between base poses with the arm kept still: the whole robot is checked, not only its footprint."""
 
 from __future__ import annotations
 
@@ -9,29 +9,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision.configuration_kernel import make_workspace
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import NoPath, RRTConfig
-from planners.motion.rrt_connect import rrt_connect, shortcut
+from planners.motion.arm import NoPath
+from planners.motion.arm_query import RRTConfig
+from planners.motion.rrt import rrt_connect
+from planners.motion.smoothing import shortcut
 from planners.scene import HeldObject
 
 __all__ = ["BasePath", "plan_base"]
 
 DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
-"""Ways around static obstacles are far from straight."""
+"""Detours around static obstacles are far from the straight line: no share of the targets is drawn near it."""
 RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
 ROAM = 1.0
-"""[m] beyond start and goal within which a way round is searched for."""
+"""[m] beyond start and goal within which a detour is searched for."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class BasePath:
-    """A drive, straight between waypoints.
+    """A motion of the base, straight between waypoints. Arrays are read-only.
 
-    `waypoints` (n, 3) x [m], y [m], yaw [rad], continuous; `q` (8,) torso and arm; what is in hand.
+    Attributes:
+        waypoints: (n, 3) x [m], y [m], yaw [rad], continuous.
+        q: (8,) torso [m] and arm [rad].
+        held: the held object.
     """
 
     waypoints: Array
@@ -45,8 +49,8 @@ class BasePath:
             object.__setattr__(self, name, array)
 
     @property
-    def drive_vectors(self) -> Array:
-        """(n, 11) base and configuration."""
+    def configurations(self) -> Array:
+        """(n, 11) whole-body configurations: waypoints and `q`."""
         return np.hstack([self.waypoints, np.tile(self.q, (len(self.waypoints), 1))])
 
 
@@ -61,38 +65,41 @@ def plan_base(
     rng: np.random.Generator | None = None,
     config: RRTConfig = DRIVE_EFFORT,
 ) -> BasePath | NoPath:
-    """A collision-free drive: straight if possible, else backing away first, else found by a random tree.
+    """A collision-free motion of the base: straight if possible, else backing away first, else by RRT-Connect.
 
     Args:
         world: the scene, compiled.
         start: (3,) base pose.
         goal: (3,) base pose; its yaw may be any number of turns away.
-        q: (8,) configuration during the drive.
-        opening: of the gripper [m]; by default closed around what is in hand, else as wide as it goes.
-        held: what is in hand.
-        rng: for the random tree; seed 0 if not given.
-        config: effort of the random tree.
+        q: (8,) configuration of torso and arm on the way.
+        opening: of the gripper [m]; by default closed around the held object, fully open without one.
+        held: the held object.
+        rng: for the random trees; seed 0 if not given.
+        config: effort of the search.
+
+    Returns:
+        the path, or why there is none.
     """
     here, there, configuration = (np.array(v, dtype=float) for v in (start, goal, q))
     if opening is None:
         opening = 0.0 if held is not None else world.scene.robot.max_opening
     there[2] = here[2] + math.remainder(there[2] - here[2], 2 * math.pi)
-    for waypoints in _simple_ways(here, there):
+    for waypoints in _simple_paths(here, there):
         path = BasePath(waypoints, configuration, held)
-        if not world.path_hits(path.drive_vectors, opening, held):
+        if not world.path_hits(path.configurations, opening, held):
             return path
     for name, place in (("start", here), ("goal", there)):
         touched = world.hits(place, configuration, opening, held)
         if touched:
             return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
-    found = _way_round(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
-    return (
-        NoPath("drive: no way around the static obstacles") if found is None else BasePath(found, configuration, held)
-    )
+    found = _detour(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
+    if found is None:
+        return NoPath("drive: no way around the static obstacles found")
+    return BasePath(found, configuration, held)
 
 
-def _simple_ways(start: Array, goal: Array) -> Iterator[Array]:
-    """Turning on the way, before it or after it; the same after backing away from the table by more and more."""
+def _simple_paths(start: Array, goal: Array) -> Iterator[Array]:
+    """Waypoints (n, 3): turning on the way, before it or after it; then the same after backing away from the table."""
     for retreat in RETREATS:
         x = min(start[0], goal[0]) - retreat
         first, last = np.array([x, start[1], start[2]]), np.array([x, goal[1], goal[2]])
@@ -109,7 +116,7 @@ def _simple_ways(start: Array, goal: Array) -> Iterator[Array]:
             yield np.stack((start, *middle, goal))
 
 
-def _way_round(
+def _detour(
     world: CollisionWorld,
     start: Array,
     goal: Array,
@@ -124,11 +131,9 @@ def _way_round(
     lower, upper = X.min(axis=0), X.max(axis=0)
     lower[:3] -= (ROAM, ROAM, math.pi)
     upper[:3] += (ROAM, ROAM, math.pi)
-    work = make_workspace(world.robot, world.attached(held))
-    arguments = opening, world.active(0), world.padding, STEP
-    tree = X[0], X[1:], lower, upper, *arguments, config.iterations, config.near, rng
-    path = rrt_connect(world.robot, world.obstacles, work, *tree)
+    checks = world.query(opening, held, first_only=True)
+    path = rrt_connect(checks, X[0], X[1:], lower, upper, STEP, config.iterations, config.near, rng)
     if not len(path):
         return None
-    path = shortcut(world.robot, world.obstacles, work, path, *arguments, config.shortcuts, rng)
+    path = shortcut(checks, path, STEP, config.shortcuts, rng)
     return None if world.path_hits(path, opening, held) else np.asarray(path[:, :3])

@@ -1,4 +1,4 @@
-"""The same path judged by MuJoCo's own collision detection, robot against robot included."""
+"""Paths and trajectories checked once more, by MuJoCo's own collision detection, self-collision included."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport"]
 TOLERANCE = 0.001
 """[m] Penetration that an accepted path may have."""
 STEP = 0.02
-"""[m] that a point of the robot may move between two judged configurations, unless told."""
+"""[m] that a point of the robot may move between two checked configurations, by default."""
 
 _ROBOT, _OTHER = 1, 2
-"""Collision bits: the robot meets itself and all other geoms; of those, only the object in the gripper meets others."""
+"""Collision bits: the robot collides with itself and all other geoms; of these only the held object with others."""
 _OTHER_BITS = {"contype": _OTHER, "conaffinity": 0}
 _OBJECT, _OBSTACLE = "object/", "obstacle/"
-"""Begin the names in the model, so that an object or obstacle may be called as a geom or joint of the robot is."""
+"""Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -38,22 +38,37 @@ _NEIGHBOURS = 1
 
 
 class Motion(Protocol):
-    """What can be judged: whole-body configurations (k, 11) joined by straight lines, with one thing, or nothing, in
-    hand."""
+    """What can be checked: straight motions between whole-body configurations, with one held object or none."""
 
     @property
-    def drive_vectors(self) -> NDArray[np.float64]: ...
+    def configurations(self) -> NDArray[np.float64]:
+        """(k, 11) base pose, torso and arm."""
+        ...
+
     @property
-    def opening(self) -> float: ...
+    def opening(self) -> float:
+        """Of the gripper [m]."""
+        ...
+
     @property
-    def held(self) -> HeldObject | None: ...
+    def held(self) -> HeldObject | None:
+        """The held object."""
+        ...
+
     @property
-    def ignore(self) -> int: ...
+    def ignore(self) -> int:
+        """Mask of objects that do not count."""
+        ...
 
 
 class PenetrationReport(NamedTuple):
-    """The worst of a motion: depth [m] (0 for none), the two geoms, and the whole-body configuration (11,) where it
-    happens."""
+    """The deepest penetration of a motion.
+
+    Attributes:
+        penetration: its depth [m], 0 for none.
+        pair: names of the two geoms.
+        where: (11,) whole-body configuration in which it happens.
+    """
 
     penetration: float
     pair: tuple[str, str]
@@ -61,8 +76,13 @@ class PenetrationReport(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """States (k, 12), whole-body configuration and finger position, with one thing in hand; `ignore` are bits that do
-    not count."""
+    """A part of a motion with the same held object, or none.
+
+    Attributes:
+        states: (k, 12) whole-body configurations and finger position.
+        held: the held object.
+        ignore: mask of objects that do not count.
+    """
 
     states: NDArray[np.float64]
     held: HeldObject | None
@@ -70,10 +90,10 @@ class _Segment(NamedTuple):
 
 
 class MujocoCollisionChecker:
-    """A MuJoCo model of a scene, for judging motions in it. It owns its model; the scene's origin is not touched."""
+    """Checks motions in a MuJoCo model of a scene. The model is its own, not that of a simulation."""
 
     def __init__(self, scene: Scene) -> None:
-        """Build the model; `move_to` is the cheap way to the same objects elsewhere."""
+        """Build the model; for the same objects elsewhere `move_to` is faster."""
         robot = scene.robot
         self.scene = scene
         self._model = model = _build(scene)
@@ -85,7 +105,7 @@ class MujocoCollisionChecker:
         for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
             self._data.joint(joint).qpos = angle
         self._tcp = model.site(robot.tcp_site).id
-        self._hand = _gripper_geoms(model, scene)
+        self._gripper = _gripper_geoms(model, scene)
         self._geoms = {body.name: int(model.geom(_OBJECT + body.name).id) for body in scene.objects}
         self._start = {body.name: int(model.joint(_OBJECT + body.name).qposadr[0]) for body in scene.objects}
         self.move_to(scene)
@@ -110,26 +130,26 @@ class MujocoCollisionChecker:
         """The deepest penetration of a motion.
 
         Args:
-            motion: a path, or a trajectory, whose phases say what is in hand: what it lets go stays where it was.
-            step: [m] that a point of the robot may move between two judged configurations.
+            motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
+            step: [m] that a point of the robot may move between two checked configurations.
         """
         worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self._columns) - 1))
-        for stretch in self._segments(motion):
-            in_hand = -1 if stretch.held is None else self._geoms[stretch.held.name]
-            ignored = {self._geoms[name] for name in self.scene.names_of(stretch.ignore)}
-            self._meet_others(in_hand, _OTHER)
-            for state in self._refine(stretch, step):
-                self._place(state, stretch.held)
-                worst = self._worse(worst, state, in_hand, ignored)
-            if stretch.held is not None:
-                self._leave(stretch.held.name)
-            self._meet_others(in_hand, 0)
+        for segment in self._segments(motion):
+            held_geom = -1 if segment.held is None else self._geoms[segment.held.name]
+            ignored = {self._geoms[name] for name in self.scene.names_of(segment.ignore)}
+            self._let_collide(held_geom, _OTHER)
+            for state in self._refine(segment, step):
+                self._place(state, segment.held)
+                worst = self._worse(worst, state, held_geom, ignored)
+            if segment.held is not None:
+                self._leave(segment.held.name)
+            self._let_collide(held_geom, 0)
         self.move_to(self.scene)
         return worst
 
     def _segments(self, motion: Motion | Trajectory) -> Iterator[_Segment]:
         if not isinstance(motion, Trajectory):
-            X = motion.drive_vectors
+            X = motion.configurations
             finger = self.scene.robot.finger_position(motion.opening)
             yield _Segment(np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore)
             return
@@ -142,15 +162,15 @@ class MujocoCollisionChecker:
                 between = () if phase.touched is None or phase.held else (phase.touched.name,)
                 yield _Segment(states[rows], held, self.scene.mask(between))
 
-    def _refine(self, stretch: _Segment, step: float) -> NDArray[np.float64]:
-        """Cut the straight pieces so that no point of the robot moves more than `step` [m] in one."""
-        robot, held = robot_arrays(self.scene.robot), stretch.held
+    def _refine(self, segment: _Segment, step: float) -> NDArray[np.float64]:
+        """States (m, 12) between which no point of the robot moves more than `step` [m]."""
+        robot, held = robot_arrays(self.scene.robot), segment.held
         reach = robot.reach
         if held is not None:
             body = self.scene.body(held.name)
             swing = np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(body.half_extents)
             reach = np.maximum(reach, robot.tip_reach + swing)
-        states = stretch.states
+        states = segment.states
         parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
         at = np.concatenate([[0.0], *(i + np.arange(1, max(n, 1) + 1) / max(n, 1) for i, n in enumerate(parts))])
         below = np.minimum(at.astype(int), len(states) - 1)
@@ -158,7 +178,7 @@ class MujocoCollisionChecker:
         return np.asarray(states[below] + (at - below)[:, None] * (states[above] - states[below]))
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
-        """Pose the robot, and what is in hand, and find contacts."""
+        """Place the robot and the held object, and find contacts."""
         model, data = self._model, self._data
         data.qpos[self._columns] = state
         data.qpos[self._second_finger] = state[-1]
@@ -180,16 +200,16 @@ class MujocoCollisionChecker:
         self._data.qpos[start : start + 3] = position
         self._data.qpos[start + 3 : start + 7] = quaternion
 
-    def _meet_others(self, geom: int, bits: int) -> None:
-        """Let the object in hand meet other objects; MuJoCo keeps the bits of geoms once more per body."""
+    def _let_collide(self, geom: int, bits: int) -> None:
+        """Let the held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
         if geom >= 0:
             self._model.geom_conaffinity[geom] = bits
             self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
 
     def _worse(
-        self, worst: PenetrationReport, state: NDArray[np.float64], in_hand: int, ignored: set[int]
+        self, worst: PenetrationReport, state: NDArray[np.float64], held_geom: int, ignored: set[int]
     ) -> PenetrationReport:
-        """The worse of a verdict and the contacts found last; the hand may touch what is in it."""
+        """The deeper of a report and the contacts found last; the gripper may touch the held object."""
         if self._data.ncon == 0:
             return worst
         contact = self._data.contact
@@ -197,7 +217,7 @@ class MujocoCollisionChecker:
             if -distance <= worst.penetration:
                 continue
             pair = {int(geoms[0]), int(geoms[1])}
-            is_grip = in_hand in pair and bool(pair & self._hand)
+            is_grip = held_geom in pair and bool(pair & self._gripper)
             if not is_grip and not pair & ignored:
                 first, second = (_reported(self._model.geom(geom).name) for geom in geoms)
                 worst = PenetrationReport(-float(distance), (first, second), state[:-1].copy())
@@ -259,9 +279,9 @@ def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
 def _add_object(spec: mujoco.MjSpec, body: Body) -> None:
     name, half = _OBJECT + body.name, body.half_extents
     size = half if body.shape == "box" else [half[0], half[2], 0.0]
-    thing = spec.worldbody.add_body(name=name)
-    thing.add_freejoint(name=name)
-    thing.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
+    added = spec.worldbody.add_body(name=name)
+    added.add_freejoint(name=name)
+    added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
 
 
 def _reported(name: str) -> str:

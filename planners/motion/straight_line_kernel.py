@@ -1,4 +1,4 @@
-"""Straight lines of the TCP, orientation kept, tracked continuously by torso and arm, compiled."""
+"""Straight lines of the TCP, its orientation kept, followed continuously by torso and arm, compiled."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q
     Damped least squares; joints move in proportion to their `speed` (n,), and those at a limit stay there.
 
     Returns:
-        whether the pose was met within the tolerances; if not, `q` is where the search ended.
+        whether the pose was reached within the tolerances; if not, `q` is where the search ended.
     """
     n = q.shape[0]
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
@@ -103,10 +103,10 @@ def track_line(
         distance: [m].
         step: [m] between samples at most.
         jump: greatest change of a joint [m, rad] per sample.
-        speed: (n,) by which the joints share the motion.
+        speed: (n,) weights by which the joints share the motion.
 
     Returns:
-        as far as it gets: fewer than `ceil(distance / step) + 1` rows when a limit or a singularity is in the way.
+        the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
     """
     n = q_start.shape[0]
     parts = max(1, math.ceil(distance / step - 1e-9))

@@ -1,4 +1,4 @@
-"""Straight lines of the TCP on a standing base, its orientation kept."""
+"""Straight lines of the TCP on a standing base, its orientation kept; collisions are not checked here."""
 
 from __future__ import annotations
 
@@ -8,85 +8,60 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import CollisionWorld
-from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath, named_bits, on_base
 from planners.motion.straight_line_kernel import track_line
-from planners.scene import HeldObject
 
-__all__ = ["plan_straight", "trace_by_torso", "trace_straight"]
+__all__ = ["trace_by_torso", "trace_straight"]
+
+Array = NDArray[np.float64]
 
 LINE_STEP = 0.01
 """[m] between samples of a straight line."""
 LINE_JUMP = 0.15
-"""[rad] that a joint may turn between them: more means a singularity."""
-
-
-def plan_straight(
-    world: CollisionWorld,
-    base: ArrayLike,
-    q_start: ArrayLike,
-    direction: ArrayLike,
-    distance: float,
-    opening: float,
-    held: HeldObject | None = None,
-    ignore: int = 0,
-    *,
-    phase: str = "approach",
-) -> ArmPath | BlockedBy | NoPath:
-    """A straight line of the TCP, its orientation kept.
-
-    Args:
-        world: the scene, compiled.
-        base: (3,) where the base stands.
-        q_start: (8,) where the line starts; the path continues it without jumps.
-        direction: (3,) in the world, unit length.
-        distance: [m].
-        opening, held, ignore, phase: as for `plan_arm`.
-
-    Returns:
-        the path; exactly the objects that the line hits; or why clearing would not help.
-    """
-    place, start = np.array(base, dtype=float), np.array(q_start, dtype=float)
-    waypoints = trace_straight(world, place, start, direction, distance)
-    if waypoints is None:
-        return NoPath(f"{phase}: the arm cannot follow a straight line of {distance:.2f} m")
-    hits = world.path_hits(on_base(place, waypoints), opening, held, ignore)
-    if hits & FIXED_BITS:
-        return NoPath(f"{phase}: the line touches {named_bits(world, hits & FIXED_BITS)}")
-    if hits:
-        return BlockedBy(frozenset(world.scene.names_of(hits)), phase)
-    return ArmPath(place, waypoints, opening, held, ignore)
+"""[rad] that a joint may turn between samples: more means a singularity."""
+_VERTICAL = 1e-9
+"""By how much the z component of a vertical direction may differ from 1."""
 
 
 def trace_straight(
-    world: CollisionWorld,
-    base: NDArray[np.float64],
-    q_start: NDArray[np.float64],
-    direction: ArrayLike,
-    distance: float,
-) -> NDArray[np.float64] | None:
-    """Waypoints (n, 8) of a straight line, obstacles not looked at; None where the arm cannot follow."""
+    world: CollisionWorld, base: Array, q_start: Array, direction: ArrayLike, distance: float
+) -> Array | None:
+    """Follow a straight line with torso and arm.
+
+    Args:
+        world: whose robot.
+        base: (3,) x [m], y [m], yaw [rad].
+        q_start: (8,) configuration in which the line starts.
+        direction: (3,) unit vector in the world.
+        distance: [m].
+
+    Returns:
+        waypoints (n, 8) from `q_start` on, without jumps; None where the arm cannot follow the line.
+    """
     along = np.asarray(direction, dtype=float)
     c, s = math.cos(base[2]), math.sin(base[2])
     in_base = np.array([c * along[0] + s * along[1], c * along[1] - s * along[0], along[2]])
-    speed = np.array(world.scene.robot.max_velocity[3:])
-    path = track_line(world.robot, q_start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
-    samples = max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1
-    return np.asarray(path) if len(path) == samples else None
+    speed, start = np.array(world.scene.robot.max_velocity[3:]), np.array(q_start, dtype=float)
+    path = track_line(world.robot, start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
+    return np.asarray(path) if len(path) == _samples(distance) else None
 
 
 def trace_by_torso(
-    world: CollisionWorld,
-    _base: NDArray[np.float64],
-    q_start: NDArray[np.float64],
-    direction: ArrayLike,
-    distance: float,
-) -> NDArray[np.float64] | None:
-    """As `trace_straight` for a vertical line, with the torso alone: in any configuration of the arm, but with its
-    limits."""
+    world: CollisionWorld, _base: Array, q_start: Array, direction: ArrayLike, distance: float
+) -> Array | None:
+    """Follow a vertical line with the torso alone.
+
+    This works in every configuration of the arm, but only within the limits of the torso. Arguments and result as for
+    `trace_straight`.
+    """
     robot, along = world.robot, np.asarray(direction, dtype=float)
     end = q_start[0] + distance * along[2]
-    if abs(along[2]) < 1.0 - 1e-9 or not robot.lower[0] <= end <= robot.upper[0]:
+    if abs(along[2]) < 1.0 - _VERTICAL or not robot.lower[0] <= end <= robot.upper[0]:
         return None
-    waypoints = np.tile(q_start, (max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1, 1))
+    waypoints = np.tile(q_start, (_samples(distance), 1))
     waypoints[:, 0] = np.linspace(q_start[0], end, len(waypoints))
     return waypoints
+
+
+def _samples(distance: float) -> int:
+    """Samples of a line, both ends included."""
+    return max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1

@@ -1,4 +1,4 @@
-"""Trajectories for robots that are told TCP poses: what the joints will do on the way, and what that hits."""
+"""Trajectories for robots that follow TCP poses: how the joints will move, and what they then hit."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ __all__ = ["ON_THE_WAY", "PATIENCE", "PRECISE", "Followed", "TcpFollower", "foll
 Array = NDArray[np.float64]
 
 PATIENCE = 60
-"""Control steps at most that a hand is waited for at one sample."""
+"""Control steps at most that the next sample waits for the TCP."""
 ON_THE_WAY, PRECISE = 0.03, 0.006
-"""[m] that the hand may be behind, on free paths and where the fingers close or open; 5 times that in [rad]."""
+"""[m] that the TCP may be behind, on free paths and where the fingers close or open."""
+RAD_PER_METRE = 5.0
+"""[rad/m] The same in radians, as a multiple."""
 
 
 class TcpFollower(Protocol):
@@ -39,29 +41,34 @@ class TcpFollower(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """How a trajectory is followed: whole-body configurations (n, 11), fingers (n,) [m], and the object in hand at each
-    sample."""
+    """How a trajectory is followed, sample by sample.
 
-    drive: Array
+    Attributes:
+        configurations: (n, 11) whole-body configurations.
+        finger_position: (n,) [m] of one finger.
+        held: the held object at each of the n samples, None for none.
+    """
+
+    configurations: Array
     finger_position: Array
     held: tuple[HeldObject | None, ...]
 
     @property
     def end(self) -> Array:
         """(8,) the last configuration."""
-        return np.asarray(self.drive[-1, 3:])
+        return np.asarray(self.configurations[-1, 3:])
 
     def hits(self, world: CollisionWorld, ignore: int) -> int:
-        """What is hit on the way, as bits; `ignore` are bits that do not count."""
+        """Mask of what is hit on the way; the bits of `ignore` do not count."""
         found = 0
         gap = world.scene.robot.finger_gap_closed
-        for stretch in self._segments():
-            opening = gap + 2 * float(self.finger_position[stretch].max())
-            found |= world.path_hits(self.drive[stretch], opening, self.held[stretch.start], ignore)
+        for rows in self._segments():
+            opening = gap + 2 * float(self.finger_position[rows].max())
+            found |= world.path_hits(self.configurations[rows], opening, self.held[rows.start], ignore)
         return found
 
     def _segments(self) -> list[slice]:
-        """Runs of samples with the same thing, or nothing, in hand, and the fingers still; moving, samples by pairs."""
+        """Runs of samples with the same held object and the fingers still; pairs of samples where the fingers move."""
         is_new_hold = np.array([now is not before for before, now in itertools.pairwise(self.held)], dtype=bool)
         moves = np.flatnonzero(np.diff(self.finger_position) != 0.0)
         bounds = sorted({0, len(self.held), *(np.flatnonzero(is_new_hold) + 1), *moves, *(moves + 1)})
@@ -72,6 +79,8 @@ class Followed:
 
 
 class _Sample(NamedTuple):
+    """The command at one control step, and how precisely the TCP must reach it [m]."""
+
     base: Array
     T_base_tcp: Array
     finger_position: float
@@ -80,46 +89,46 @@ class _Sample(NamedTuple):
 
 
 def is_behind(wanted: Array, actual: Array, precision: float) -> bool:
-    """Whether a hand (4, 4) is farther than `precision` [m], or 5 times that in [rad], from where it should be."""
+    """Whether two TCP poses (4, 4) are more than `precision` [m] apart, or `RAD_PER_METRE` times that [rad]."""
     distance = float(np.linalg.norm(wanted[:3, 3] - actual[:3, 3]))
     turn = float(np.linalg.norm(wanted[:3, :3] - actual[:3, :3])) / np.sqrt(2.0)
-    return distance > precision or turn > 5 * precision
+    return distance > precision or turn > RAD_PER_METRE * precision
 
 
 def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: Trajectory) -> Followed | None:
-    """How the joints follow a trajectory of which only the hand matters; None if the hand gets stuck.
+    """How the joints follow the TCP poses of a trajectory; None if the TCP stays behind for too long.
 
     Args:
         follower: model of the controller.
-        robot: who follows.
+        robot: whose chain it is.
         q_start: (8,) configuration at the start.
-        trajectory: what the hand is told; samples are waited for as `planners.execution.executor` does.
+        trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.execution.executor`.
     """
     follower.reset(q_start)
-    drive, fingers, held = [], [], []
+    configurations, fingers, held = [], [], []
     for sample in _samples(robot, trajectory):
         for waited in range(PATIENCE + 1):
             q = follower.step(sample.T_base_tcp)
-            drive.append(np.concatenate((sample.base, q)))
+            configurations.append(np.concatenate((sample.base, q)))
             fingers.append(sample.finger_position)
             held.append(sample.held)
-            hand = tcp_pose(robot, RobotState(np.zeros(3), q, 0.0))
-            if not is_behind(sample.T_base_tcp, hand, sample.precision):
+            actual = tcp_pose(robot, RobotState(np.zeros(3), q, 0.0))
+            if not is_behind(sample.T_base_tcp, actual, sample.precision):
                 break
             if waited == PATIENCE:
                 return None
-    return Followed(np.array(drive), np.array(fingers), tuple(held))
+    return Followed(np.array(configurations), np.array(fingers), tuple(held))
 
 
 def _samples(robot: RobotSpec, trajectory: Trajectory) -> list[_Sample]:
-    """What the hand is told at every control step."""
+    """The commands at all control steps."""
     contacts = [phase.start for phase in trajectory.phases if phase.name in ("close", "open")]
     found = []
     for time in trajectory.times:
         sample = trajectory.sample(float(time))
         is_contact = any(abs(time - start) <= CONTROL_STEP for start in contacts)
-        hand = tcp_pose(robot, RobotState(np.zeros(3), sample.q, 0.0))
+        T_base_tcp = tcp_pose(robot, RobotState(np.zeros(3), sample.q, 0.0))
         precision = PRECISE if is_contact else ON_THE_WAY
-        in_hand = sample.phase.touched if sample.phase.held else None
-        found.append(_Sample(sample.base, hand, sample.finger_position, in_hand, precision))
+        held = sample.phase.touched if sample.phase.held else None
+        found.append(_Sample(sample.base, T_base_tcp, sample.finger_position, held, precision))
     return found

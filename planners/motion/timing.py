@@ -1,10 +1,10 @@
-"""Time for paths: as fast as the joints' velocity and acceleration limits allow, sampled at control steps.
+"""Timing of paths: as fast as the joints' velocity and acceleration limits allow, sampled at control steps.
 
-A path is a polygon of whole-body configurations. Along its length the speed limit of every piece, and of every corner
-at which the direction changes, is known; a pass forwards and a pass backwards bound it by the accelerations (Bobrow,
-Dubowsky & Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985, for a kinematic robot).
-The
-controller sees samples: what counts are their first and second differences, and those are checked at the end.
+A path is a polygon of whole-body configurations. Along its length the speed limit of every segment, and of every corner
+at which the direction changes, is known; a pass forwards and a pass backwards bound the speed by the accelerations
+(Bobrow, Dubowsky & Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985, for a kinematic
+robot). The controller sees samples, so the limits must hold for their first and second differences: this is checked at
+the end.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from planners.scene import HeldObject, RobotState
 __all__ = ["drive_trajectory", "pick_trajectory", "place_trajectory", "time_parametrise"]
 
 SETTLE_TIME = 0.3
-"""[s] that the closed or opened fingers are given before the arm moves on."""
+"""[s] to wait after the fingers have closed or opened, before the arm moves on."""
 HEADROOM = 0.97
-"""Share of the limits that is used; rounding and the turning base frame take the rest."""
+"""Share of the limits that is used; rounding and the turning base frame need the rest."""
 _CORNER_SHARE = 0.45
 """Share of the acceleration spent on corners; the rest is for speeding up and slowing down."""
 _TINY = 1e-12
-"""A turn by less is none."""
+"""A smaller change of direction is none."""
 _GRID = 0.04
 """[s] at full speed between the points at which the speed is computed."""
 _STRETCHES = 30
+"""Times that a trajectory may be slowed down until its samples keep the limits."""
 
 Array = NDArray[np.float64]
 
@@ -45,8 +46,8 @@ def time_parametrise(
         X: (k, 11) base x, y, yaw (continuous), torso and arm.
         robot: whose limits.
         finger_position: [m], constant.
-        phase: what this stretch is called.
-        is_loaded: the base turns at `robot.max_loaded_yaw_rate` at most.
+        phase: the phase that this trajectory is.
+        is_loaded: whether an object is held: the base then turns at `robot.max_loaded_yaw_rate` at most.
 
     Returns:
         samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
@@ -74,18 +75,22 @@ def time_parametrise(
 
 
 def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState) -> Trajectory:
-    """Drive with the arm and the fingers held still."""
+    """The trajectory of a base path, arm and fingers still; its one phase is "drive"."""
     held = path.held.name if path.held is not None else ""
     phase = Phase("drive", 0.0, held, path.held)
-    return time_parametrise(path.drive_vectors, robot, state.finger_position, phase, path.held is not None)
+    return time_parametrise(path.configurations, robot, state.finger_position, phase, path.held is not None)
 
 
 def pick_trajectory(robot: RobotSpec, motion: PickMotion, state: RobotState) -> Trajectory:
-    """Phases "ready" (fingers), "transit", "approach", "close", "lift", "retreat"; held from the lift on."""
+    """The trajectory of a pick from a state.
+
+    Its phases are "ready" (the fingers open), "transit", "approach", "close", "lift" and "retreat"; the object counts
+    as held from the lift on.
+    """
     transit, approach, lift, retreat = motion.paths
     open_at = robot.finger_position(transit.opening)
-    here = transit.drive_vectors[0]
-    grasp = approach.drive_vectors[-1]
+    here = transit.configurations[0]
+    grasp = approach.configurations[-1]
     return join(
         [
             _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
@@ -99,10 +104,13 @@ def pick_trajectory(robot: RobotSpec, motion: PickMotion, state: RobotState) -> 
 
 
 def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -> Trajectory:
-    """Phases "transit", "lower", "open", "rise", "retreat"; the object counts as held until the fingers open."""
+    """The trajectory of a placement from a state.
+
+    Its phases are "transit", "lower", "open", "rise" and "retreat"; the object counts as held until the fingers open.
+    """
     transit, lower, rise, retreat = motion.paths
     open_at = robot.finger_position(rise.opening)
-    place = lower.drive_vectors[-1]
+    place = lower.configurations[-1]
     return join(
         [
             _along(robot, transit, state.finger_position, "transit"),
@@ -117,7 +125,7 @@ def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -
 def _along(robot: RobotSpec, path: ArmPath, finger_position: float, name: str) -> Trajectory:
     held: HeldObject | None = path.held
     phase = Phase(name, 0.0, held.name if held is not None else "", held)
-    return time_parametrise(path.drive_vectors, robot, finger_position, phase, held is not None)
+    return time_parametrise(path.configurations, robot, finger_position, phase, held is not None)
 
 
 def _steps(count: int) -> Array:
@@ -126,7 +134,7 @@ def _steps(count: int) -> Array:
 
 
 def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> Trajectory:
-    """Stand for a while, in whole control steps."""
+    """Stand still for `duration` [s], rounded up to whole control steps."""
     count = 1 + int(np.ceil(duration / CONTROL_STEP - 1e-9))
     rows = np.tile(x, (count, 1))
     times = np.asarray(CONTROL_STEP * np.arange(count), np.float64)
@@ -134,7 +142,7 @@ def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> T
 
 
 def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase, settle: float) -> Trajectory:
-    """Move the fingers at their own speed while the robot stands, then let them settle [s]."""
+    """Move the fingers at their own speed while the robot stands, then wait for `settle` [s]."""
     per_step = HEADROOM * robot.max_finger_velocity * CONTROL_STEP
     moves = int(np.ceil(abs(end - start) / per_step - 1e-9))
     rests = int(np.ceil(settle / CONTROL_STEP - 1e-9))
@@ -168,7 +176,7 @@ def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
 
 
 def _in_units_of(acceleration: Array, vectors: Array) -> Array:
-    """The largest share (k,) of its joint's acceleration that each row (k, 11) takes; base x and y count together."""
+    """The largest share (k,) of its joint's acceleration that each row (k, 11) needs; base x and y count together."""
     planar = np.hypot(vectors[:, 0], vectors[:, 1]) / acceleration[:2].min()
     return np.asarray(np.maximum(planar, (np.abs(vectors[:, 2:]) / acceleration[2:]).max(axis=1)))
 
@@ -176,8 +184,8 @@ def _in_units_of(acceleration: Array, vectors: Array) -> Array:
 def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
     """Speed along the path (m,), in seconds at full speed per second: at most 1, and 0 at the ends.
 
-    Corners, and the turning of the frame in which a turning base drives, take a part of the acceleration; what they do
-    not take at full speed is left for speeding up and slowing down.
+    Corners need a part of the acceleration, and so does driving while the base turns; what they do not need at full
+    speed is left for speeding up and slowing down.
     """
     steps = np.diff(length)
     direction = np.diff(points, axis=0) / steps[:, None]

@@ -17,10 +17,13 @@ CONTROL_STEP = 0.05
 
 
 class Phase(NamedTuple):
-    """A stretch of a trajectory.
+    """A part of a trajectory.
 
-    `name`; `start` [s]; `held`: what the robot carries, "" for nothing; `touched`: what is between the fingers, from
-    the moment they start to close on it until they have let go.
+    Attributes:
+        name: of the phase.
+        start: [s].
+        held: name of the held object, "" for none.
+        touched: the object between the fingers, from when they start to close on it until they have opened.
     """
 
     name: str
@@ -30,7 +33,7 @@ class Phase(NamedTuple):
 
 
 class TrajectorySample(NamedTuple):
-    """The commanded state at one time: `base` (3,), `q` (8,), one finger [m], the phase."""
+    """The commanded state at one time: `base` (3,), `q` (8,), position of one finger [m], the phase."""
 
     base: NDArray[np.float64]
     q: NDArray[np.float64]
@@ -40,10 +43,17 @@ class TrajectorySample(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Commands at control steps; linear in between.
+    """Commands at control steps, linear in between. Arrays are read-only.
 
-    `times` (n,) [s] from 0, `base` (n, 3) x [m], y [m], yaw [rad] (continuous, not wrapped), `q` (n, 8) torso [m] and
-    arm [rad], `finger_position` (n,) [m] of one finger, `phases` in order of time, the first starting at 0.
+    Attributes:
+        times: (n,) [s] from 0.
+        base: (n, 3) x [m], y [m], yaw [rad], continuous, not wrapped.
+        q: (n, 8) torso [m] and arm [rad].
+        finger_position: (n,) [m] of one finger.
+        phases: in order of time, the first starting at 0.
+
+    Raises:
+        ValueError: the arrays differ in length or are empty, or no phase starts at 0.
     """
 
     times: NDArray[np.float64]
@@ -70,7 +80,7 @@ class Trajectory:
 
     @property
     def held(self) -> str:
-        """What is in hand at the end, "" for nothing."""
+        """Name of the object that is held at the end, "" for none."""
         return self.phases[-1].held
 
     @property
@@ -79,7 +89,7 @@ class Trajectory:
         return np.column_stack([self.base, self.q, self.finger_position])
 
     def phase(self, time: float) -> Phase:
-        """The phase that a time [s] belongs to."""
+        """The phase at a time [s]."""
         return [phase for phase in self.phases if phase.start <= max(time, 0.0)][-1]
 
     def sample(self, time: float) -> TrajectorySample:
@@ -91,6 +101,7 @@ class Trajectory:
         s = (time - self.times[before]) / span if span > 0 else 1.0
 
         def between(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Linear interpolation at `time`."""
             return np.asarray(values[before] + s * (values[i] - values[before]))
 
         return TrajectorySample(
@@ -99,7 +110,7 @@ class Trajectory:
 
 
 def join(pieces: list[Trajectory]) -> Trajectory:
-    """One trajectory after another; each starts with the sample that the one before it ended with."""
+    """One trajectory after another; each must start with the sample that the one before ends with."""
     first = pieces[0]
     states, times, phases = [first.states], [first.times], list(first.phases)
     for piece in pieces[1:]:

@@ -203,7 +203,7 @@ class PlacementSearch:
         scene = world.scene
         assert scene.held is not None
         opening = self._opening(scene)
-        found = scan_configurations(world, self.chain, poses, self._grid(), opening, held=scene.held, first_free=True)
+        found = scan_configurations(world, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):

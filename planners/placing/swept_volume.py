@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.configuration_kernel import make_workspace, place_robot
 from planners.collision.robot_model import BASE
+from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
 from planners.placing.negative_goal_region import SweptVolume, join_volumes
@@ -32,18 +32,19 @@ def grasp_volume(world: CollisionWorld, grasps: Iterable[GraspCandidate]) -> Swe
 def configuration_volume(world: CollisionWorld, base: Array, q: Array, opening: float) -> SweptVolume:
     """Shapes that cover torso and arm at one configuration, grown by the padding of the collision world."""
     robot = world.robot
-    work = make_workspace(robot, world.attached(None))
-    place_robot(robot, work, np.array(base), np.array(q), opening)
+    nothing = world.attached(None)
+    scratch = make_scratch(robot, nothing)
+    place_robot(robot, nothing, scratch, np.array(base), np.array(q), opening)
     spheres: list[Array] = []
     boxes: list[int] = []
     for i in range(len(robot.core)):
         if robot.link[i] == BASE:
             continue
         if robot.radius[i] > 0:
-            spheres.append(_along_capsule(work.solids, i, float(robot.radius[i]) + world.padding))
+            spheres.append(_along_capsule(scratch.solids, i, float(robot.radius[i]) + world.padding))
         else:
             boxes.append(i)
-    rotation, position = np.array(work.solids.rotation), np.array(work.solids.position)
+    rotation, position = np.array(scratch.solids.rotation), np.array(scratch.solids.position)
     return SweptVolume(
         spheres=np.concatenate(spheres) if spheres else np.zeros((0, 4)),
         box_centres=position[boxes],

@@ -91,7 +91,7 @@ class SkillGeometry:
         bases, index = self.placer.bases(gripper_poses)
         ignore = scene.mask({body.name})
         found = scan_configurations(
-            world, self.chain, GripperPoses(bases, gripper_poses[index]), self._grid, opening, ignore=ignore
+            world, GripperPoses(bases, gripper_poses[index]), self._grid, opening, ignore=ignore
         )
         return [
             GraspCandidate(

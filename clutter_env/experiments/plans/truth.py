@@ -1,4 +1,4 @@
-"""Whole plans under MuJoCo's eyes: every action of a solution, judged in the scene that the actions before it leave."""
+"""Whole plans checked by MuJoCo: each action of a solution in the scene that the actions before it leave."""
 
 from __future__ import annotations
 
@@ -12,15 +12,22 @@ from planners.planner import Planner
 from planners.scene import Scene
 from planners.tamp.solution import Infeasible
 
-__all__ = ["Judged", "judge_plan"]
+__all__ = ["CheckedPlan", "check_plan"]
 
 FINER = 10
-"""How many times finer than the planner the judge looks."""
+"""How many times smaller the steps of this check are than those of the planner."""
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A plan's deepest penetration [m], the action and the pair of geoms it is met in, and the number of actions."""
+class CheckedPlan:
+    """The deepest penetration of a plan.
+
+    Attributes:
+        penetration: its depth [m].
+        action: the action in which it happens.
+        pair: names of the two geoms.
+        actions: number of actions of the plan.
+    """
 
     penetration: float = 0.0
     action: str = ""
@@ -28,15 +35,15 @@ class Judged:
     actions: int = 0
 
 
-def judge_plan(scene: Scene, target: str, seed: int) -> Judged | Infeasible:
-    """Solve, and judge what was found."""
+def check_plan(scene: Scene, target: str, seed: int) -> CheckedPlan | Infeasible:
+    """Solve, and check the plan that was found; a scene without a plan gives the `Infeasible`."""
     found = Planner(scene.robot).solve(scene, target, rng=np.random.default_rng(seed))
     if isinstance(found, Infeasible):
         return found
-    checker, worst = MujocoCollisionChecker(scene), Judged(actions=len(found.actions))
+    checker, worst = MujocoCollisionChecker(scene), CheckedPlan(actions=len(found.actions))
     for action in found.actions:
         checker.move_to(action.scene)
         report = checker.deepest_penetration(action.trajectory, STEP / FINER)
         if report.penetration > worst.penetration:
-            worst = Judged(report.penetration, str(action), report.pair, len(found.actions))
+            worst = CheckedPlan(report.penetration, str(action), report.pair, len(found.actions))
     return worst

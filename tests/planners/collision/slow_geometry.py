@@ -107,7 +107,7 @@ def _height(solids: Solids, i: int) -> float:
 def _placed(
     world: CollisionWorld, base: NDArray[np.float64], q: NDArray[np.float64], opening: float, held: HeldObject | None
 ) -> Solids:
-    """All primitives in the world; the object in hand last, twice, the second time with its bottom raised."""
+    """All primitives in the world; the held object last, twice, the second time with its bottom raised."""
     robot, spec = world.robot, world.scene.robot
     chain = ArmChain.from_robot(spec)
     R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))

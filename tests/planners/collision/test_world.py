@@ -1,20 +1,21 @@
-"""The compiled check against its slow twin, against MuJoCo, and against itself."""
+"""The compiled check against its slow NumPy twin, against MuJoCo, and against itself."""
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners.collision.configuration_kernel import make_workspace, place_robot
 from planners.collision.path_kernel import edge_samples
+from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
-from planners.motion.arm import ArmPath
+from planners.motion.arm import ArmPath, tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.scene import STATIC_BIT, HeldObject
+from planners.scene import STATIC_BIT, HeldObject, RobotState, UnknownObject
 from tests.planners.collision.slow_geometry import slow_hits
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 
@@ -23,7 +24,7 @@ OPENING = 0.08
 HELD = HeldObject("object_02", np.eye(4))
 
 
-def random_postures(world: CollisionWorld, count: int, seed: int) -> NDArray[np.float64]:
+def random_configurations(world: CollisionWorld, count: int, seed: int) -> NDArray[np.float64]:
     """Half of them anywhere, half near configurations in the clutter."""
     rng = np.random.default_rng(seed)
     anywhere = rng.uniform(world.robot.lower, world.robot.upper, (count // 2, 8))
@@ -34,7 +35,7 @@ def random_postures(world: CollisionWorld, count: int, seed: int) -> NDArray[np.
 @pytest.mark.parametrize("held", [None, HELD])
 def test_kernel_equals_its_slow_twin(held: HeldObject | None) -> None:
     world = CollisionWorld.from_scene(mixed_scene(14, 4, board=True))
-    Q = random_postures(world, 60, 0)
+    Q = random_configurations(world, 60, 0)
     found = world.hits_many(BASE, Q, OPENING, held)
     assert 0 < np.count_nonzero(found) < len(Q)
     for q, hits in zip(Q, found, strict=True):
@@ -47,7 +48,7 @@ def test_free_and_hit_mean_the_same_to_mujoco(seed: int, held: HeldObject | None
     """Without padding both agree on thousands of configurations, but for touches by less than a micrometre."""
     world = CollisionWorld.from_scene(mixed_scene(30, seed, board=seed == 0), padding=0.0)
     checker = MujocoCollisionChecker(world.scene)
-    Q = random_postures(world, 700, seed)
+    Q = random_configurations(world, 700, seed)
     hits = world.hits_many(BASE, Q, OPENING, held)
     slack = 1e-6 if held is None else 0.001
     for q, mask in zip(Q, hits, strict=True):
@@ -56,10 +57,10 @@ def test_free_and_hit_mean_the_same_to_mujoco(seed: int, held: HeldObject | None
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_padded_checks_call_little_hit_that_is_far(seed: int) -> None:
-    """What the default padding refuses is within that padding: checked with a padding just above."""
+def test_larger_paddings_hit_more(seed: int) -> None:
+    """What is hit with one padding is hit with every larger one."""
     world = CollisionWorld.from_scene(mixed_scene(30, seed))
-    Q = random_postures(world, 2000, seed)
+    Q = random_configurations(world, 2000, seed)
     masks = [world.with_padding(padding).hits_many(BASE, Q, OPENING) for padding in (0.0, 0.001, 0.002, 0.01)]
     for tight, wide in itertools.pairwise(masks):
         assert not (tight & ~wide).any()
@@ -67,13 +68,13 @@ def test_padded_checks_call_little_hit_that_is_far(seed: int) -> None:
 
 def test_ignored_bits_never_show_and_others_stay() -> None:
     world = CollisionWorld.from_scene(mixed_scene(30, 1))
-    Q = random_postures(world, 500, 1)
+    Q = random_configurations(world, 500, 1)
     ignore = world.scene.mask(world.scene.names[::2]) | 1 << STATIC_BIT
     everything = world.hits_many(BASE, Q, OPENING)
     assert np.array_equal(world.hits_many(BASE, Q, OPENING, ignore=ignore), everything & ~np.uint64(ignore))
 
 
-def test_object_in_hand_is_no_obstacle_and_may_stand_on_the_table() -> None:
+def test_the_held_object_is_no_obstacle_and_may_stand_on_the_table() -> None:
     world = CollisionWorld.from_scene(mixed_scene(12, 3))
     rng = np.random.default_rng(0)
     checked = 0
@@ -81,10 +82,7 @@ def test_object_in_hand_is_no_obstacle_and_may_stand_on_the_table() -> None:
         if not body.is_upright:
             continue
         for base, q in grasp_configurations(world, body.name, rng):
-            work = make_workspace(world.robot, world.attached(None))
-            place_robot(world.robot, work, base, q, OPENING)
-            T_world_tcp = np.eye(4)
-            T_world_tcp[:3, :3], T_world_tcp[:3, 3] = work.R[8], work.p[8]
+            T_world_tcp = tcp_pose(FETCH, RobotState(base, q, 0.0))
             held = HeldObject(body.name, np.linalg.inv(T_world_tcp) @ body.pose)
             grip = 2 * body.half_width
             assert world.hits(base, q, grip, held) == 0
@@ -97,48 +95,71 @@ def test_object_in_hand_is_no_obstacle_and_may_stand_on_the_table() -> None:
 
 def test_one_call_equals_a_row_of_many() -> None:
     world = CollisionWorld.from_scene(mixed_scene(10, 2))
-    Q = random_postures(world, 20, 5)
+    Q = random_configurations(world, 20, 5)
     assert [world.hits(BASE, q, OPENING) for q in Q] == [int(h) for h in world.hits_many(BASE, Q, OPENING)]
 
 
 def test_fingers_move_with_the_opening() -> None:
     world = CollisionWorld.from_scene(mixed_scene(1, 0))
-    work = make_workspace(world.robot, world.attached(None))
+    attached = world.attached(None)
+    scratch = make_scratch(world.robot, attached)
     for opening in (0.0, 0.03, 0.09):
-        place_robot(world.robot, work, BASE, np.array(FETCH.home), opening)
-        apart = np.linalg.norm(work.solids.position[0] - work.solids.position[1])
+        place_robot(world.robot, attached, scratch, BASE, np.array(FETCH.home), opening)
+        apart = np.linalg.norm(scratch.solids.position[0] - scratch.solids.position[1])
         inner = apart - FETCH.finger_thickness
         assert inner == pytest.approx(FETCH.finger_gap_closed + 2 * FETCH.finger_position(opening), abs=1e-6)
 
 
 def corners(world: CollisionWorld, x: NDArray[np.float64], held: HeldObject | None) -> NDArray[np.float64]:
     """World points (n, 3): the corners of the box around every core."""
-    work = make_workspace(world.robot, world.attached(held))
-    place_robot(world.robot, work, x[:3], x[3:], OPENING)
+    attached = world.attached(held)
+    scratch = make_scratch(world.robot, attached)
+    place_robot(world.robot, attached, scratch, x[:3], x[3:], OPENING)
     count = len(world.robot.core) + (held is not None)
     signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
-    local = work.solids.half[:count, None, :] * signs
-    points = work.solids.position[:count, None, :] + np.einsum("nij,nkj->nki", work.solids.rotation[:count], local)
+    local = scratch.solids.half[:count, None, :] * signs
+    turned = np.einsum("nij,nkj->nki", scratch.solids.rotation[:count], local)
+    points = scratch.solids.position[:count, None, :] + turned
     return np.asarray(points.reshape(-1, 3))
 
 
 @pytest.mark.parametrize("held", [None, HELD])
 def test_no_point_moves_further_than_a_step_between_samples(held: HeldObject | None) -> None:
     world = CollisionWorld.from_scene(mixed_scene(5, 0))
-    work = make_workspace(world.robot, world.attached(held))
+    reach = world.attached(held).reach
     rng = np.random.default_rng(0)
     step = 0.02
     for _ in range(50):
         ends = [np.append(rng.uniform(-1, 1, 3), rng.uniform(world.robot.lower, world.robot.upper)) for _ in range(2)]
-        parts = edge_samples(work, *ends, step)
+        parts = edge_samples(reach, *ends, step)
         k = rng.integers(parts)
         before, after = (corners(world, ends[0] + (ends[1] - ends[0]) * i / parts, held) for i in (k, k + 1))
         assert np.linalg.norm(after - before, axis=1).max() <= step
 
 
+def test_moving_a_body_equals_compiling_the_moved_scene() -> None:
+    """Every array is the same, bit for bit, wherever the body moves and however it then lies."""
+    world = CollisionWorld.from_scene(mixed_scene(12, 3, board=True), padding=0.004)
+    rng = np.random.default_rng(0)
+    for name in world.scene.names:
+        quaternion = rng.normal(size=4)
+        body = world.scene.body(name).at(rng.uniform(-1.0, 1.0, 3), quaternion / np.linalg.norm(quaternion))
+        moved, compiled = world.with_body(body), CollisionWorld.from_scene(world.scene.with_body(body), 0.004)
+        assert moved.scene.objects == compiled.scene.objects
+        assert moved.padding == compiled.padding
+        assert moved.obstacles.static is world.obstacles.static
+        pairs = [*zip(moved.obstacles[:-2], compiled.obstacles[:-2], strict=True)]
+        for one, other in [*zip(*pairs[0], strict=True), *pairs[1:]]:
+            assert np.array_equal(one, other)
+            assert one.dtype == other.dtype
+            assert one.flags.c_contiguous
+    with pytest.raises(UnknownObject, match="object_00"):
+        world.with_body(replace(world.scene.body("object_00"), name="cup"))
+
+
 def test_a_path_hits_what_its_configurations_hit() -> None:
     world = CollisionWorld.from_scene(mixed_scene(25, 6))
-    Q = random_postures(world, 40, 7)[20:]
+    Q = random_configurations(world, 40, 7)[20:]
     X = np.hstack([np.tile(BASE, (len(Q), 1)), Q])
     for a, b in itertools.pairwise(X):
         dense = a[3:] + (b - a)[3:] * np.linspace(0, 1, 120)[:, None]

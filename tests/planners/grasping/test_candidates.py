@@ -1,4 +1,4 @@
-"""Grasp options, commitments and placements: laws on random scenes."""
+"""Grasp candidates, commitments and placements: laws on random scenes."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def scene(request: pytest.FixtureRequest) -> Scene:
     return random_scene(25, request.param)
 
 
-def some_options(scene: Scene) -> list[GraspCandidate]:
+def some_candidates(scene: Scene) -> list[GraspCandidate]:
     options = candidates(scene)
     return [option for name in scene.names[:6] for option in options.options(scene, name)]
 
 
-def test_options_put_the_hand_around_the_object(scene: Scene) -> None:
-    for option in some_options(scene):
+def test_candidates_put_the_gripper_around_the_object(scene: Scene) -> None:
+    for option in some_candidates(scene):
         T = tcp_pose(FETCH, RobotState(option.base, option.q, 0.0))
         body = scene.body(option.object)
         assert np.allclose(T[:2, 3], body.position[:2], atol=1e-6)
@@ -49,14 +49,14 @@ def test_options_put_the_hand_around_the_object(scene: Scene) -> None:
 
 def test_blockers_are_what_the_collision_check_says(scene: Scene) -> None:
     world = CollisionWorld.from_scene(scene)
-    for option in some_options(scene):
+    for option in some_candidates(scene):
         own = scene.mask([option.object])
         hits = world.hits(option.base, option.q, option.opening, ignore=own)
         assert hits & SOLID == 0
         assert hits == option.blockers
 
 
-def test_no_option_is_bettered_by_another(scene: Scene) -> None:
+def test_no_candidate_is_dominated_by_another(scene: Scene) -> None:
     options = candidates(scene)
     for name in scene.names[:6]:
         masks = {option.blockers for option in options.options(scene, name)}

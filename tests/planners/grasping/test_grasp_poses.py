@@ -108,9 +108,9 @@ def test_grasp_goes_with_the_object() -> None:
         assert math.cos(after.yaw - grasp.yaw - 1.0) == pytest.approx(1.0)
 
 
-def test_unknown_kind_is_refused() -> None:
+def test_unknown_kinds_are_misuse() -> None:
     with pytest.raises(UnknownGraspKindError, match="side, top"):
-        generate_grasps(cylinder(), FETCH, GraspConfig(kinds=("back",)))  # type: ignore[arg-type]
+        generate_grasps(cylinder(), FETCH, GraspConfig(kinds=("back",)))  # type: ignore[arg-type]  # misuse
 
 
 def test_placement_grid_has_the_papers_25_points_within_the_margin() -> None:

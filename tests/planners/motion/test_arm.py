@@ -1,8 +1,10 @@
-"""Arm motions: free when checked ten times finer, straight where promised, honest about what is in the way."""
+"""Arm paths: free when checked ten times finer; straight lines are straight; objects in the way are named exactly."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,13 +17,14 @@ from planners.motion.arm import (
     ArmPath,
     BlockedBy,
     NoPath,
-    RRTConfig,
+    on_base,
     plan_arm,
     tcp_pose,
     unwrap_joints,
 )
+from planners.motion.arm_query import ArmQuery, RRTConfig
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
-from planners.motion.straight_lines import plan_straight
+from planners.motion.straight_lines import trace_straight
 from planners.scene import Body, RobotState
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
@@ -41,9 +44,9 @@ def hovers(world: CollisionWorld, rng: np.random.Generator, most: int) -> list[t
     for body in world.scene.objects:
         opening = 2 * (body.half_width + SIDE_CLEARANCE)
         for base, q in grasp_configurations(world, body.name, rng) if body.is_upright else []:
-            line = plan_straight(world, base, q, UP, 0.19, opening)
-            if isinstance(line, ArmPath):
-                found.append((base, line.end, opening))
+            line = trace_straight(world, base, q, UP, 0.19)
+            if line is not None and not world.path_hits(on_base(base, line), opening):
+                found.append((base, line[-1], opening))
         if len(found) == most:
             break
     return found
@@ -56,7 +59,7 @@ def test_paths_are_free_when_checked_ten_times_finer(seed: int) -> None:
     goals = hovers(world, rng, 4)
     assert len(goals) == 4
     for base, q, opening in goals:
-        path = plan_arm(world, base, HOME, q, opening, rng=rng)
+        path = plan_arm(world, ArmQuery(base, opening), HOME, q, rng=rng)
         assert isinstance(path, ArmPath)
         assert np.allclose(path.start, HOME)
         assert np.allclose(pose(base, path.end), pose(base, q))
@@ -69,26 +72,27 @@ def test_paths_are_free_when_checked_ten_times_finer(seed: int) -> None:
 def test_the_same_generator_gives_the_same_path() -> None:
     world = CollisionWorld.from_scene(mixed_scene(18, 1))
     for base, q, opening in hovers(world, np.random.default_rng(0), 3):
-        paths = [plan_arm(world, base, HOME, q, opening, rng=np.random.default_rng(5)) for _ in range(2)]
+        query = ArmQuery(base, opening)
+        paths = [plan_arm(world, query, HOME, q, rng=np.random.default_rng(5)) for _ in range(2)]
         assert np.array_equal(*(path.waypoints for path in paths if isinstance(path, ArmPath)))
 
 
-def test_straight_lines_are_straight_and_keep_the_hand_level() -> None:
+def test_straight_lines_are_straight_and_keep_the_gripper_level() -> None:
     world = CollisionWorld.from_scene(mixed_scene(12, 2))
     rng = np.random.default_rng(0)
     lines = 0
     for name in world.scene.names:
         for base, q in grasp_configurations(world, name, rng, count=2):
-            line = plan_straight(world, base, q, UP, 0.2, 0.09)
-            if not isinstance(line, ArmPath):
+            line = trace_straight(world, base, q, UP, 0.2)
+            if line is None:
                 continue
             lines += 1
             start = pose(base, q)
-            poses = np.array([pose(base, w) for w in line.waypoints])
+            poses = np.array([pose(base, w) for w in line])
             assert np.allclose(poses[:, :2, 3], start[:2, 3], atol=2e-4)
             assert np.allclose(np.diff(poses[:, 2, 3]), 0.2 / (len(poses) - 1), atol=4e-4)
             assert np.allclose(poses[:, :3, :3], start[:3, :3], atol=3e-3)
-            between = [pose(base, (a + b) / 2) for a, b in zip(line.waypoints[:-1], line.waypoints[1:], strict=True)]
+            between = [pose(base, (a + b) / 2) for a, b in itertools.pairwise(line)]
             assert np.allclose(np.array(between)[:, :2, 3], start[:2, 3], atol=3e-3)
     assert lines >= 5
 
@@ -104,24 +108,32 @@ def beside(x: float, y: float, angle: float, name: str) -> Body:
     return cylinder(name, x + 0.07 * math.cos(angle), y + 0.07 * math.sin(angle))
 
 
+def line_hits(
+    world: CollisionWorld, base: np.ndarray, line: np.ndarray | None, opening: float, ignore: int = 0
+) -> tuple[str, ...]:
+    """What a straight line hits, by name."""
+    assert line is not None
+    return world.names_of(world.path_hits(on_base(base, line), opening, ignore=ignore))
+
+
 def test_a_straight_line_names_exactly_what_it_hits() -> None:
     target, other = cylinder("object_00", -0.15, 0.0), cylinder("object_02", 0.2, 0.35)
     _, base, q = grasp_of_the_first(target)
     forwards = pose(base, q)[:3, 0]
     ahead = beside(-0.15, 0.0, math.atan2(forwards[1], forwards[0]), "object_01")
     world = CollisionWorld.from_scene(table_scene(ahead, other))
-    raised = plan_straight(world, base, q, UP, 0.05, 0.084)
-    assert isinstance(raised, ArmPath)
-    found = plan_straight(world, base, raised.end, forwards, 0.05, 0.03)
-    assert found == BlockedBy(frozenset({"object_01"}), "approach")
-    ignore = world.scene.mask(["object_01"])
-    assert isinstance(plan_straight(world, base, raised.end, forwards, 0.05, 0.03, ignore=ignore), ArmPath)
-    assert isinstance(plan_straight(world, base, q, -UP, 0.2, 0.084), NoPath)
-    assert isinstance(plan_straight(world, base, q, UP, 2.0, 0.084), NoPath)
+    raised = trace_straight(world, base, q, UP, 0.05)
+    assert raised is not None
+    assert line_hits(world, base, raised, 0.084) == ()
+    line = trace_straight(world, base, raised[-1], forwards, 0.05)
+    assert line_hits(world, base, line, 0.03) == ("object_01",)
+    assert line_hits(world, base, line, 0.03, world.scene.mask(["object_01"])) == ()
+    assert "a static obstacle" in line_hits(world, base, trace_straight(world, base, q, -UP, 0.2), 0.084)
+    assert trace_straight(world, base, q, UP, 2.0) is None
 
 
-def test_blamed_objects_are_needed_and_enough() -> None:
-    """Planning without the blamed ones succeeds, without any fewer it fails."""
+def test_blockers_are_needed_and_enough() -> None:
+    """Planning without the blockers succeeds; with any one of them left it fails."""
     _, base, q = grasp_of_the_first(cylinder("object_00", -0.1, 0.0))
     yaw = math.atan2(pose(base, q)[1, 0], pose(base, q)[0, 0])
     sides = [
@@ -129,22 +141,23 @@ def test_blamed_objects_are_needed_and_enough() -> None:
     ]
     world = CollisionWorld.from_scene(table_scene(*sides, cylinder("object_03", 0.2, 0.35)))
     rng = np.random.default_rng(0)
-    found = plan_arm(world, base, HOME, q, 0.084, rng=rng)
+    query = ArmQuery(base, 0.084)
+    found = plan_arm(world, query, HOME, q, rng=rng)
     assert found == BlockedBy(frozenset({"object_01", "object_02"}), "transit")
     enough = world.scene.mask(found.blockers)
-    assert isinstance(plan_arm(world, base, HOME, q, 0.084, ignore=enough, rng=rng), ArmPath)
+    assert isinstance(plan_arm(world, replace(query, ignore=enough), HOME, q, rng=rng), ArmPath)
     for name in found.blockers:
         fewer = world.scene.mask(found.blockers - {name})
-        assert isinstance(plan_arm(world, base, HOME, q, 0.084, ignore=fewer, rng=rng), BlockedBy)
+        assert isinstance(plan_arm(world, replace(query, ignore=fewer), HOME, q, rng=rng), BlockedBy)
 
 
-def test_what_clearing_cannot_help_is_unreachable_and_says_why() -> None:
+def test_where_clearing_cannot_help_there_is_no_path_and_a_reason() -> None:
     world = CollisionWorld.from_scene(mixed_scene(5, 0))
-    base, rng = np.array([-0.8, 0.0, 0.0]), np.random.default_rng(0)
-    found = plan_arm(world, base, HOME, INTO_TABLE, 0.08, rng=rng)
+    query, rng = ArmQuery(np.array([-0.8, 0.0, 0.0]), 0.08), np.random.default_rng(0)
+    found = plan_arm(world, query, HOME, INTO_TABLE, rng=rng)
     assert isinstance(found, NoPath)
     assert "static obstacle" in found.reason
-    found = plan_arm(world, base, INTO_TABLE, HOME, 0.08, rng=rng)
+    found = plan_arm(world, query, INTO_TABLE, HOME, rng=rng)
     assert isinstance(found, NoPath)
     assert "start" in found.reason
 
@@ -152,12 +165,13 @@ def test_what_clearing_cannot_help_is_unreachable_and_says_why() -> None:
 def test_one_of_several_goals_is_enough() -> None:
     world = CollisionWorld.from_scene(mixed_scene(15, 3))
     base, q, opening = hovers(world, np.random.default_rng(2), 1)[0]
-    path = plan_arm(world, base, HOME, np.stack([INTO_TABLE, q]), opening, rng=np.random.default_rng(0))
+    goals, rng = np.stack([INTO_TABLE, q]), np.random.default_rng(0)
+    path = plan_arm(world, ArmQuery(base, opening), HOME, goals, rng=rng)
     assert isinstance(path, ArmPath)
     assert np.allclose(pose(base, path.end), pose(base, q))
 
 
-def test_turning_joints_take_the_short_way() -> None:
+def test_continuous_joints_take_the_shorter_turn() -> None:
     robot = CollisionWorld.from_scene(table_scene()).robot
     rng = np.random.default_rng(0)
     chain = ArmChain.from_robot(FETCH)
@@ -171,8 +185,9 @@ def test_turning_joints_take_the_short_way() -> None:
 
 
 def test_effort_is_bounded() -> None:
-    """A search that may not search still answers, with a path that needs none or with the reason."""
+    """A search without iterations still answers: with a straight path, or with the reason why there is none."""
     world = CollisionWorld.from_scene(mixed_scene(18, 2))
     for base, q, opening in hovers(world, np.random.default_rng(1), 3):
-        found = plan_arm(world, base, HOME, q, opening, rng=np.random.default_rng(0), config=RRTConfig(iterations=0))
+        query, config = ArmQuery(base, opening), RRTConfig(iterations=0)
+        found = plan_arm(world, query, HOME, q, rng=np.random.default_rng(0), config=config)
         assert isinstance(found, ArmPath | BlockedBy | NoPath)

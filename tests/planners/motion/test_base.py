@@ -1,4 +1,4 @@
-"""Drives: nothing is touched by any part of the robot, and a drive that cannot be says why."""
+"""Base paths: no part of the robot hits anything; where there is no path, the reason is given."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_drives_are_free_when_checked_finer_and_end_where_asked(held: HeldObject
         assert np.allclose(path.waypoints[-1], goal)
         tight = world.with_padding(0.0)
         for opening in (0.0, FETCH.max_opening):
-            assert tight.path_hits(path.drive_vectors, opening, held, step=STEP / 4) == 0
+            assert tight.path_hits(path.configurations, opening, held, step=STEP / 4) == 0
     assert planned >= 15
 
 
@@ -49,8 +49,8 @@ def test_the_shorter_turn_is_taken_and_yaw_is_continuous() -> None:
     assert turned == pytest.approx(2 * math.pi - 6.0)
 
 
-def test_a_way_round_is_found_where_the_straight_one_is_blocked() -> None:
-    """Something as high as the hand stands between start and goal."""
+def test_a_detour_is_found_where_the_straight_line_is_blocked() -> None:
+    """An object as high as the gripper stands between start and goal."""
     tower = cylinder("object_00", -0.45, 0.0, radius=0.1, height=0.6)
     world = CollisionWorld.from_scene(table_scene(tower))
     start, goal = np.array([-1.05, 0.45, 0.0]), np.array([-1.05, -0.45, 0.0])
@@ -58,7 +58,7 @@ def test_a_way_round_is_found_where_the_straight_one_is_blocked() -> None:
     assert world.path_hits(straight, FETCH.max_opening)
     path = plan_base(world, start, goal, HOME)
     assert isinstance(path, BasePath)
-    assert world.path_hits(path.drive_vectors, FETCH.max_opening) == 0
+    assert world.path_hits(path.configurations, FETCH.max_opening) == 0
 
 
 @pytest.mark.parametrize(
@@ -72,11 +72,11 @@ def test_standing_inside_an_obstacle_is_named(start: tuple[float, ...], goal: tu
 
 
 def test_a_held_object_is_part_of_the_robot() -> None:
-    """What hangs below the hand meets what the empty hand passes over."""
-    hand = tcp_pose(FETCH, RobotState(np.zeros(3), HOME, 0.0))[:3, 3]
-    tall = cylinder("object_01", -0.25, 0.0, height=hand[2] - 0.07 - HEIGHT)
+    """An object that hangs below the gripper hits what the empty gripper passes over."""
+    tcp = tcp_pose(FETCH, RobotState(np.zeros(3), HOME, 0.0))[:3, 3]
+    tall = cylinder("object_01", -0.25, 0.0, height=tcp[2] - 0.07 - HEIGHT)
     world = CollisionWorld.from_scene(table_scene(cylinder("object_00", 0.2, 0.3), tall))
     hanging = HeldObject("object_00", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.05], [0, 0, 0, 1.0]]))
-    above = np.array([-0.25 - hand[0], -hand[1], 0.0])
+    above = np.array([-0.25 - tcp[0], -tcp[1], 0.0])
     assert world.names_of(world.hits(above, HOME, 0.06, hanging)) == ("object_01",)
     assert not world.hits(above, HOME, FETCH.max_opening)

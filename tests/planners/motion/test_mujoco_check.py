@@ -1,4 +1,4 @@
-"""The referee: what it sees, what it overlooks on purpose, and that it is reusable."""
+"""MuJoCo's collision check: what it finds, what it ignores on purpose, and that it can be used again."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ HOME = np.array(FETCH.home)
 BASE = np.array([-1.1, 0.0, 0.0])
 
 
-def hand_at_home(base: np.ndarray) -> np.ndarray:
+def tcp_at_home(base: np.ndarray) -> np.ndarray:
     """T_world_tcp (4, 4)."""
     return tcp_pose(FETCH, RobotState(base, HOME, 0.0))
 
 
 def scene_with_a_post(depth: float) -> Scene:
     """A post whose near side is `depth` [m] behind the front of the right finger at home, and an object aside."""
-    tip = hand_at_home(BASE)[:3, 3] + [0.0385 - 0.015, 0.0, 0.0]
+    tip = tcp_at_home(BASE)[:3, 3] + [0.0385 - 0.015, 0.0, 0.0]
     radius, height = 0.03, 0.4
     post = cylinder("object_00", tip[0] + radius - depth, tip[1] - 0.008, radius, height)
     return table_scene(post, cylinder("object_01", 0.2, 0.3))
@@ -58,7 +58,7 @@ def test_a_collision_between_waypoints_is_seen() -> None:
     assert checker.deepest_penetration(ArmPath(base, lowered, 0.05)).penetration > max(ends)
 
 
-def test_the_robot_meets_itself_but_neighbours_may_touch() -> None:
+def test_the_robot_collides_with_itself_but_neighbours_may_touch() -> None:
     checker = MujocoCollisionChecker(table_scene())
     folded = np.array([0.1, 0.0, -1.2, 0.0, 2.25, 0.0, 1.9, 0.0])
     into_head = ArmPath(np.array([-1.5, 0, 0]), folded[None], 0.05)
@@ -70,8 +70,8 @@ def test_the_robot_meets_itself_but_neighbours_may_touch() -> None:
     assert checker.deepest_penetration(ArmPath(BASE, HOME[None], 0.1)).penetration == 0.0
 
 
-def test_an_object_in_hand_meets_others_but_not_the_hand() -> None:
-    tcp = hand_at_home(BASE)[:3, 3]
+def test_a_held_object_collides_with_others_but_not_with_the_gripper() -> None:
+    tcp = tcp_at_home(BASE)[:3, 3]
     far, near = (cylinder("object_00", tcp[0] + gap, tcp[1], 0.03, 0.4) for gap in (0.08, 0.05))
     held = HeldObject("object_01", np.eye(4))
     path = ArmPath(BASE, HOME[None], 0.0, held)
@@ -82,7 +82,7 @@ def test_an_object_in_hand_meets_others_but_not_the_hand() -> None:
     assert report.penetration == pytest.approx(0.01, abs=1e-3)
 
 
-def test_judging_leaves_no_trace() -> None:
+def test_a_check_does_not_change_the_next_one() -> None:
     scene = mixed_scene(10, 1)
     checker = MujocoCollisionChecker(scene)
     empty = ArmPath(np.array([-0.8, 0.0, 0.0]), np.stack([HOME, HOME + 0.3]), 0.05)
@@ -108,7 +108,7 @@ def test_moving_to_another_scene_equals_building_anew() -> None:
         checker.move_to(mixed_scene(11, 2))
 
 
-def test_a_trajectory_is_judged_with_what_is_in_hand_at_the_time() -> None:
+def test_a_trajectory_is_checked_with_the_object_held_at_the_time() -> None:
     scene = table_scene(cylinder("object_00", -0.15, 0.0), cylinder("object_01", 0.1, 0.3))
     world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
     base, q = grasp_configurations(world, "object_00", rng)[0]

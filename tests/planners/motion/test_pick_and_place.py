@@ -39,7 +39,9 @@ def motions() -> list[tuple[CollisionWorld, PickMotion]]:
     return found
 
 
-def test_picks_are_joined_free_and_end_in_the_carry_posture(motions: list[tuple[CollisionWorld, PickMotion]]) -> None:
+def test_picks_are_joined_free_and_end_in_the_carry_configuration(
+    motions: list[tuple[CollisionWorld, PickMotion]],
+) -> None:
     for world, motion in motions:
         checker = MujocoCollisionChecker(world.scene)
         for before, after in zip(motion.paths[:-1], motion.paths[1:], strict=True):

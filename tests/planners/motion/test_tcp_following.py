@@ -1,4 +1,4 @@
-"""What joints hit that follow a hand: all that their samples hit, and nothing for fingers that were wide before."""
+"""Hits of joints that follow TCP poses: all that their samples hit; the opening is that of the moment."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def motion_layer(scene: Scene) -> MotionLayer:
 
 
 def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
-    """The first pick of the catalogue that the controller can follow, from where the base then stands."""
+    """The first pick that the controller can follow, from where the base then stands."""
     layer = motion_layer(ALONE)
     for grasp in layer.candidates.options(ALONE, "wanted"):
         scene = ALONE.with_state(replace(ALONE.state, base=grasp.base))
@@ -48,24 +48,24 @@ def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
 
 
 SCENE, GRASP, TRAJECTORY = followed_pick()
-HAND = tcp_pose(FETCH, RobotState(GRASP.base, GRASP.q, 0.0))
+TCP_POSE = tcp_pose(FETCH, RobotState(GRASP.base, GRASP.q, 0.0))
 
 
 def test_hits_of_a_way_are_those_of_its_samples() -> None:
-    objects = [cylinder(f"near_{i}", *(HAND[:2, 3] + 0.09 * np.array([np.cos(i), np.sin(i)]))) for i in range(6)]
+    objects = [cylinder(f"near_{i}", *(TCP_POSE[:2, 3] + 0.09 * np.array([np.cos(i), np.sin(i)]))) for i in range(6)]
     scene = replace(SCENE, objects=(SCENE.body("wanted"), *objects))
     way = follow(TcpFollower(FETCH), FETCH, np.array(scene.state.q), TRAJECTORY)
     assert way is not None
     world, ignore = CollisionWorld.from_scene(scene, padding=0.0), scene.mask(["wanted"])
     sampled = 0
-    for drive, finger, held in zip(way.drive, way.finger_position, way.held, strict=True):
-        sampled |= world.hits(drive[:3], drive[3:], FETCH.finger_gap_closed + 2 * finger, held, ignore)
+    for x, finger, held in zip(way.configurations, way.finger_position, way.held, strict=True):
+        sampled |= world.hits(x[:3], x[3:], FETCH.finger_gap_closed + 2 * finger, held, ignore)
     assert sampled
     assert sampled & ~way.hits(world, ignore) == 0
 
 
 def test_fingers_are_only_as_wide_as_they_are_when_they_pass() -> None:
-    sides = [cylinder(f"side_{i}", *(HAND[:2, 3] + i * 0.092 * HAND[:2, 1])) for i in (-1, 1)]
+    sides = [cylinder(f"side_{i}", *(TCP_POSE[:2, 3] + i * 0.092 * TCP_POSE[:2, 1])) for i in (-1, 1)]
     world = CollisionWorld.from_scene(replace(SCENE, objects=(SCENE.body("wanted"), *sides)), padding=0.0)
     hover = np.array([GRASP.q[0] + 0.2, *GRASP.q[1:]])
     away, there = (np.concatenate((GRASP.base, q)) for q in (hover, GRASP.q))
@@ -81,7 +81,7 @@ def test_fingers_are_only_as_wide_as_they_are_when_they_pass() -> None:
 
 
 def test_objects_touched_while_following_are_in_the_way_and_named() -> None:
-    between = (GRASP.base[:2] + HAND[:2, 3]) / 2
+    between = (GRASP.base[:2] + TCP_POSE[:2, 3]) / 2
     blocked = SCENE.with_body(SCENE.body("other").at([*between, 0.95]))
     found = motion_layer(blocked)._followed(blocked, BoundMotion(TRAJECTORY, blocked), ("wanted",))
     assert isinstance(found, BlockedBy)

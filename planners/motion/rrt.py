@@ -1,0 +1,183 @@
+"""Bidirectional rapidly exploring random trees, compiled.
+
+RRT-Connect: Kuffner & LaValle, "RRT-Connect: An efficient approach to single-query path planning", ICRA 2000. Nodes
+are whole-body configurations (d,): base, torso and arm. Joints whose limits coincide stay fixed. Distances weigh each
+joint by how far it can move a point of the robot, so they are in metres.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.collision.compilation import leaf_kernel
+from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
+from planners.collision.path_kernel import edge_hits, edge_samples
+from planners.collision.robot_pose_kernel import Scratch, make_scratch
+
+__all__ = ["rrt_connect", "squared_distance"]
+
+Array = NDArray[np.float64]
+
+_NONE = np.uint64(0)
+_FROM_START, _FROM_GOAL, _NO_PARENT = np.int64(0), np.int64(1), np.int64(-1)
+"""Row of each tree, and the parent of its roots; typed, so that kernels are not compiled once more for constants."""
+_EXTENSION = 0.5
+"""[m] that a tree grows towards a random target at once."""
+_LEAST_PROGRESS = 3
+"""Steps that a blocked extension must have made to be kept."""
+_NEAR_SPREAD = 0.4
+"""[m] Standard deviation of targets drawn about the straight line, each joint weighed by its reach."""
+
+
+@leaf_kernel
+def squared_distance(a: Array, b: Array, weights: Array) -> float:
+    """[m²] between two whole-body configurations (d,), each joint weighed by `weights` (d,)."""
+    total = 0.0
+    for joint in range(a.shape[0]):
+        difference = (a[joint] - b[joint]) * weights[joint]
+        total += difference * difference
+    return total
+
+
+@leaf_kernel
+def _nearest(nodes: Array, count: int, target: Array, weights: Array) -> int:
+    """Index of the node nearest to `target` among the first `count`."""
+    best, index = math.inf, 0
+    for i in range(count):
+        distance = squared_distance(nodes[i], target, weights)
+        if distance < best:
+            best, index = distance, i
+    return index
+
+
+@leaf_kernel
+def _advance(query: CollisionQuery, scratch: Scratch, start: Array, target: Array, step: float, reached: Array) -> int:
+    """Move from `start` towards `target` until something is hit; write the last free configuration to `reached`.
+
+    Returns:
+        0 when blocked at once, 1 on the way, 2 when the target was reached.
+    """
+    parts = edge_samples(query.attached.reach, start, target, step)
+    for i in range(1, parts + 1):
+        for joint in range(start.shape[0]):
+            reached[joint] = start[joint] + (target[joint] - start[joint]) * i / parts
+        if configuration_hits(query, query.active, scratch, reached[:3], reached[3:]) != _NONE:
+            for joint in range(start.shape[0]):
+                reached[joint] = start[joint] + (target[joint] - start[joint]) * (i - 1) / parts
+            return 1 if i > _LEAST_PROGRESS else 0
+    return 2
+
+
+@njit(cache=True)
+def _trace(nodes: Array, parents: NDArray[np.int64], leaf: int) -> Array:
+    """The branch from the root to a leaf, (k, d)."""
+    length, node = 0, leaf
+    while node >= 0:
+        length, node = length + 1, parents[node]
+    branch, node = np.empty((length, nodes.shape[1])), leaf
+    for i in range(length - 1, -1, -1):
+        branch[i] = nodes[node]
+        node = parents[node]
+    return branch
+
+
+@njit(cache=True)
+def _grow(
+    nodes: Array, parents: NDArray[np.int64], counts: NDArray[np.int64], tree: int, parent: int, node: Array
+) -> int:
+    """Add a node to a tree; its index."""
+    index = counts[tree]
+    nodes[tree, index] = node
+    parents[tree, index] = parent
+    counts[tree] += 1
+    return int(index)
+
+
+@njit(cache=True)
+def _draw(
+    start: Array,
+    goal: Array,
+    lower: Array,
+    upper: Array,
+    weights: Array,
+    near: float,
+    rng: np.random.Generator,
+    target: Array,
+) -> None:
+    """Write a random target within the bounds, with probability `near` about the straight line to the goal."""
+    if rng.random() < near:
+        share = rng.random()
+        for joint in range(target.shape[0]):
+            middle = start[joint] + (goal[joint] - start[joint]) * share
+            drawn = middle + rng.standard_normal() * _NEAR_SPREAD / weights[joint]
+            target[joint] = min(max(drawn, lower[joint]), upper[joint])
+        return
+    for joint in range(target.shape[0]):
+        target[joint] = lower[joint] + (upper[joint] - lower[joint]) * rng.random()
+
+
+@njit(cache=True)
+def rrt_connect(
+    query: CollisionQuery,
+    start: Array,
+    goals: Array,
+    lower: Array,
+    upper: Array,
+    step: float,
+    iterations: int,
+    near: float,
+    rng: np.random.Generator,
+) -> Array:
+    """A free path from one whole-body configuration to one of several.
+
+    Args:
+        query: what counts as a hit; `first_only` must be set.
+        start: (d,), free.
+        goals: (g, d), free.
+        lower, upper: (d,) bounds of the random targets; where they coincide the joint does not move.
+        step: [m] No point of the robot moves more between two checks.
+        iterations: random targets at most.
+        near: share of them drawn about the straight line from start to goal: small detours are then found sooner.
+        rng: the same generator state gives the same path.
+
+    Returns:
+        the path (k, d); (0, d) when none was found.
+    """
+    scratch, weights = make_scratch(query.robot, query.attached), query.attached.reach
+    d, capacity = start.shape[0], goals.shape[0] + 1 + 2 * iterations
+    nodes, parents, counts = np.empty((2, capacity, d)), np.empty((2, capacity), np.int64), np.zeros(2, np.int64)
+    _grow(nodes, parents, counts, _FROM_START, _NO_PARENT, start)
+    for i in range(goals.shape[0]):
+        _grow(nodes, parents, counts, _FROM_GOAL, _NO_PARENT, goals[i])
+        if edge_hits(query, scratch, start, goals[i], step) == _NONE:
+            path = np.empty((2, d))
+            path[0], path[1] = start, goals[i]
+            return path
+    target, reached, link = np.empty(d), np.empty(d), np.empty(d)
+    tree = _FROM_START
+    for _ in range(iterations):
+        goal = goals[int(rng.random() * goals.shape[0])]
+        _draw(start, goal, lower, upper, weights, near, rng, target)
+        stem = _nearest(nodes[tree], counts[tree], target, weights)
+        distance = math.sqrt(squared_distance(nodes[tree, stem], target, weights))
+        share = min(1.0, _EXTENSION / max(distance, 1e-12))
+        for joint in range(d):
+            target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
+        if _advance(query, scratch, nodes[tree, stem], target, step, reached):
+            leaf = _grow(nodes, parents, counts, tree, stem, reached)
+            other = 1 - tree
+            stem = _nearest(nodes[other], counts[other], reached, weights)
+            outcome = _advance(query, scratch, nodes[other, stem], reached, step, link)
+            if outcome == 2:
+                first = _trace(nodes[tree], parents[tree], leaf)
+                second = _trace(nodes[other], parents[other], stem)
+                path = np.vstack((first, second[::-1]))
+                return path if tree == _FROM_START else path[::-1].copy()
+            if outcome == 1:
+                _grow(nodes, parents, counts, other, stem, link)
+        tree = 1 - tree
+    return np.empty((0, d))
