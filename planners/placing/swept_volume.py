@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.geometry import Solids
 from planners.collision.robot_model import BASE
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
@@ -53,7 +54,7 @@ def configuration_volume(world: CollisionWorld, base: Array, q: Array, opening: 
     )
 
 
-def _along_capsule(solids, i: int, radius: float) -> Array:  # type: ignore[no-untyped-def]
+def _along_capsule(solids: Solids, i: int, radius: float) -> Array:
     """Spheres (k, 4) that cover a capsule along its z axis."""
     half = float(solids.half[i, 2])
     count = 1 + int(np.ceil(2 * half / _SPACING))
