@@ -216,7 +216,7 @@ class _Blockers:
 
     def blockers(self, name: str) -> Sequence[int]:
         """As `BlockerMasks.blockers`."""
-        return [option.blockers for option in self.candidates.options(self.scene, name)]
+        return [option.blockers for option in self.candidates.for_object(self.scene, name)]
 
 
 @cache
