@@ -24,6 +24,7 @@ PHYSICS_STEPS = round(1 / (CONTROL_HZ * TIMESTEP))
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 CONTROL_MODES = ("joint", "ee")
 REWARD_MODES = ("sparse", "dense")
+SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd")
 SCENE_CAMERAS = ("scene", "top")
 """Cameras of every scene; the robot brings its own."""
@@ -49,6 +50,10 @@ class EnvConfig:
     control_mode: str = "joint"
     """What the action's numbers mean: "joint" or "ee"."""
     reward_mode: str = "sparse"
+    success: str = "clean"
+    """What counts as success: "lifted", or "clean": lifted, and no object has fallen or been disturbed."""
+    terminate_on_fallen: bool = False
+    """Whether the episode ends when an object falls."""
     obs_mode: str = "state"
     robot: str | RobotSpec | Mapping[str, Any] = "fetch"
     """A name known to `assets.robots.robot`, or a `RobotSpec`."""
@@ -68,6 +73,8 @@ class EnvConfig:
         layout, robot = self.find_layout(), self.find_robot()
         check_choice("control_mode", self.control_mode, CONTROL_MODES)
         check_choice("reward_mode", self.reward_mode, REWARD_MODES)
+        check_choice("success", self.success, SUCCESS_KINDS)
+        check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
         check_choice("render_mode", self.render_mode, (None, *RENDER_MODES))
         check_choice("shapes", self.shapes, SHAPE_SETS)

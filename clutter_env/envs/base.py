@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.identity import layout_identity, robot_identity
+from clutter_env.envs.judge import Judge
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.task import Task
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.random_scene import slot_shapes
-from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.ee_control import TcpFollower
 from clutter_env.simulation.saved_state import SavedState, capture_physics, pack, unpack
 from clutter_env.simulation.simulator import Simulator
@@ -33,7 +33,7 @@ _PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_rand
 """Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
 
 
-class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
+class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
     """A robot, a table, objects; subclasses say what the task is."""
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
@@ -56,39 +56,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
+        self._judge: Judge
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
 
-    # What a task defines.
-
-    @abstractmethod
-    def _draw_scene(self, options: ResetOptions) -> TableScene:
-        """The scene of a new episode."""
-
-    @abstractmethod
-    def _begin(self) -> None:
-        """Start the task's bookkeeping; the world and `measurements` are those of the first state."""
-
-    @abstractmethod
-    def _advance(self) -> tuple[float, bool]:
-        """Bookkeeping after a step: the reward, and whether the episode has ended."""
-
-    @abstractmethod
-    def _observe(self) -> dict[str, Any]:
-        """The observation."""
-
-    @abstractmethod
-    def _info(self) -> dict[str, Any]:
-        """The info dictionary."""
-
-    @abstractmethod
-    def _memory(self) -> dict[str, Any]:
-        """The task's bookkeeping as JSON values."""
-
-    @abstractmethod
-    def _recall(self, memory: dict[str, Any]) -> None:
-        """Restore the bookkeeping that `_memory` returned."""
+    # Defaults of what a task may change.
 
     def _make_observer(self) -> Observer:
         """The maker of the observation vectors; with image observations they leave out the objects."""
@@ -116,6 +89,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             self.restore_state(checked.state)
         else:
             self._simulator.start(self._draw_scene(checked), self._start_configuration())
+            self._judge = Judge(self.world, self.measurements, self.target_slot)
             self._begin()
         if self.render_mode == "human":
             self.render()
@@ -128,6 +102,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
         self._simulator.step(action)
+        self._judge.update(self.measurements)
         reward, terminated = self._advance()
         if self.render_mode == "human":
             self.render()
@@ -183,6 +158,16 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self.world.names[self.target_slot] if self.target_slot >= 0 else ""
 
     @property
+    def info(self) -> dict[str, Any]:
+        """The info of the present state.
+
+        Raises:
+            ActionError: `reset` has not been called.
+        """
+        self._simulator.check_started("info")
+        return self._info()
+
+    @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
         """Slices and columns of the observation's entries, by name; see `observation_layout`."""
         return self._observer.layout
@@ -235,7 +220,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._simulator.check_started("save_state()")
         scene = self.world.scene
         assert scene is not None
-        memory = {"task": self._memory(), **self._simulator.memory(), "rng": self.np_random.bit_generator.state}
+        memory = {
+            "task": self._memory(),
+            "judge": self._judge.memory(),
+            **self._simulator.memory(),
+            "rng": self.np_random.bit_generator.state,
+        }
         return pack(SavedState(self._kind, scene, capture_physics(self.world), memory))
 
     def restore_state(self, state: bytes) -> None:
@@ -247,6 +237,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         saved = unpack(state, self._kind)
         self._simulator.restore(saved)
         self.np_random.bit_generator.state = saved.memory["rng"]
+        self._judge = Judge.recall(saved.memory["judge"], self.world, self.measurements, self.target_slot)
         self._recall(saved.memory["task"])
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -267,6 +258,19 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "layout": layout_identity(self.layout),
             "robot": robot_identity(self.robot),
             "control_mode": self.control_mode,
+        }
+
+    def _info(self) -> dict[str, Any]:
+        """The info dictionary, the same keys in all environments."""
+        held, judge = self.measurements.held, self._judge
+        return {
+            "is_success": self._is_success(),
+            "lifted": judge.lifted,
+            "target": self.target,
+            "held": self.world.names[held] if held >= 0 else "",
+            "num_fallen": judge.num_fallen,
+            "num_disturbed": judge.num_disturbed,
+            "num_cleared": judge.num_cleared,
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
