@@ -8,11 +8,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.learning.demonstrations.scripted import bulldoze
 from clutter_env.learning.errors import LearningError
 
-__all__ = ["BASELINES", "greedy_agent", "random_agent"]
+__all__ = ["BASELINES", "bulldozer_agent", "greedy_agent", "random_agent"]
 
-BASELINES = ("random", "greedy")
+BASELINES = ("random", "greedy", "bulldozer")
 _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
 """Indices of the approach directions, those from the robot's side first."""
 
@@ -30,6 +32,20 @@ def random_agent(env: gym.Env, seed: int) -> Callable[[Any], Any]:
         return int(rng.choice(np.flatnonzero(masks)))
 
     return act
+
+
+def bulldozer_agent(env: gym.Env) -> Callable[[Any], Any]:
+    """A policy that goes straight for the target at full speed, through whatever stands in between.
+
+    It knows the exact poses; see `scripted.bulldoze`.
+
+    Raises:
+        LearningError: not a Retrieve environment with `control_mode="ee"`.
+    """
+    retrieve_env = env.unwrapped
+    if not isinstance(retrieve_env, RetrieveEnv) or retrieve_env.control_mode != "ee":
+        raise LearningError("the bulldozer acts in Retrieve environments with control_mode='ee'")
+    return lambda _: bulldoze(retrieve_env)[1]
 
 
 def greedy_agent(env: gym.Env) -> Callable[[Any], Any]:
