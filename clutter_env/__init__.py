@@ -2,10 +2,16 @@
 
 from gymnasium.envs.registration import register
 
-__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS"]
+__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget"]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
+
+
+def skill_budget(num_objects: int) -> int:
+    """Skills allowed in an episode of Skill: enough for some mistakes, too few to try every skill."""
+    return 4 + num_objects // 5
+
 
 for _count in OBJECT_COUNTS:
     register(
@@ -24,4 +30,5 @@ for _count in SKILL_OBJECT_COUNTS:
         id=f"clutter_env/Skill-o{_count}-v0",
         entry_point="clutter_env.envs.skill:SkillEnv",
         kwargs={"num_objects": _count},
+        max_episode_steps=skill_budget(_count),
     )

@@ -9,6 +9,7 @@ What counts, for each object and since reset:
 - cleared: it has been moved in hand by more than `DISTURBED_PATH` and put down, and has not fallen since.
 
 An object is in hand while both fingers touch it, and until they have not for `RELEASE_STEPS` control steps in a row.
+Once it is released, its path goes on from where it was last touched by both.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class Judge:
         is_chord = squared > self._chord_squared
         fallen = measurements.is_fallen > self._is_fallen
         if self._in_hand >= 0:
-            fallen[self._in_hand] = False
+            is_chord[self._in_hand] = fallen[self._in_hand] = False
         if np.count_nonzero(is_chord) or np.count_nonzero(fallen):
             self._paths[is_chord] += np.sqrt(squared[is_chord])
             self._chord_starts[is_chord] = positions[is_chord]
@@ -135,24 +136,23 @@ class Judge:
         return judge
 
     def _follow_gripper(self, held: int, positions: Array) -> None:
-        """Begin or end the time in which an object is in hand; its motion until now is not counted."""
+        """Begin or end the time in which an object is in hand; its motion until the last contact is not counted."""
         if held >= 0:
             if held != self._in_hand:
-                self._release(positions)
+                self._release()
                 self._in_hand, self._grasped_at = held, positions[held].copy()
             self._steps_without_contact = 0
+            self._chord_starts[held] = positions[held]
         elif self._in_hand >= 0:
             self._steps_without_contact += 1
             if self._steps_without_contact >= RELEASE_STEPS:
-                self._release(positions)
-        if self._in_hand >= 0:
-            self._chord_starts[self._in_hand] = positions[self._in_hand]
+                self._release()
 
-    def _release(self, positions: Array) -> None:
-        """The object in hand, if there is one, is put down."""
+    def _release(self) -> None:
+        """The object in hand, if there is one, is put down; its path continues from where contact was lost."""
         if self._in_hand < 0:
             return
-        x, y, z = (float(value) for value in positions[self._in_hand] - self._grasped_at)
+        x, y, z = (float(value) for value in self._chord_starts[self._in_hand] - self._grasped_at)
         if math.sqrt(x * x + y * y + z * z) > DISTURBED_PATH:
             self._is_cleared[self._in_hand] = True
         self._in_hand, self._steps_without_contact = -1, 0

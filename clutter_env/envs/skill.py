@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from clutter_env import skill_budget
 from clutter_env.config import RENDER_MODES, check_choice, check_integer
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
@@ -24,7 +25,7 @@ from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeome
 from planners.skills.motion import SkillPlanner
 from planners.tamp.solution import BoundAction
 
-__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv", "default_budget"]
+__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
 
 SIMULATIONS = ("physics", "kinematic")
 SKILL_COST = 0.05
@@ -37,11 +38,6 @@ BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "
 """Columns of an object's row before its `DIRECTIONS` flags of failed attempts."""
 
 _POSITION_BOUND = 4.0
-
-
-def default_budget(num_objects: int) -> int:
-    """Skills allowed in an episode: enough for some mistakes, too few to try every skill."""
-    return 4 + num_objects // 5
 
 
 class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
@@ -74,7 +70,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._is_kinematic = simulation == "kinematic"
         self._geometric_mask = geometric_mask
         self._count = self._physics_env.config.num_objects
-        self.budget = default_budget(self._count) if budget is None else budget
+        self.budget = skill_budget(self._count) if budget is None else budget
         check_integer("budget", self.budget, 1)
         self.render_mode = self._physics_env.render_mode
         self._size = self._count * DIRECTIONS + 1

@@ -49,7 +49,7 @@ def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
     plan = Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02", target="object_01")
     settings = EpisodeSettings("clutter_env/Retrieve-o5-v0", strategy="ngr")
     report = EpisodeReport(failure="no clearance location: nowhere for object_02")
-    text = episode_text(EpisodeResult(settings, 0, table_scene(), plan, report, False, None))
+    text = episode_text(EpisodeResult(settings, 0, table_scene(), plan, report, False, False, None))
     assert "No plan takes object_01" in text
     assert "Cause: no clearance location" in text
     assert "Evidence: nowhere for object_02" in text
