@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.identity import layout_identity, robot_identity
-from clutter_env.envs.judge import Judge
+from clutter_env.envs.judge import Judge, JudgeMemory
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.task import Task
@@ -60,8 +61,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
-
-    # Defaults of what a task may change.
 
     def _make_observer(self) -> Observer:
         """The maker of the observation vectors; with image observations they leave out the objects."""
@@ -159,11 +158,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
 
     @property
     def info(self) -> dict[str, Any]:
-        """The info of the present state.
-
-        Raises:
-            ActionError: `reset` has not been called.
-        """
+        """The info of the present state; raises ActionError before `reset`."""
         self._simulator.check_started("info")
         return self._info()
 
@@ -222,7 +217,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         assert scene is not None
         memory = {
             "task": self._memory(),
-            "judge": self._judge.memory(),
+            "judge": asdict(self._judge.memory()),
             **self._simulator.memory(),
             "rng": self.np_random.bit_generator.state,
         }
@@ -235,9 +230,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
             StateError: not a saved state of an environment like this one.
         """
         saved = unpack(state, self._kind)
+        memory = JudgeMemory(**saved.memory["judge"])
+        memory.check(saved.scene.num_objects)
         self._simulator.restore(saved)
         self.np_random.bit_generator.state = saved.memory["rng"]
-        self._judge = Judge.recall(saved.memory["judge"], self.world, self.measurements, self.target_slot)
+        self._judge = Judge.recall(memory, self.world, self.measurements, self.target_slot)
         self._recall(saved.memory["task"])
 
     def __reduce__(self) -> tuple[Any, ...]:

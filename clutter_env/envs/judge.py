@@ -15,16 +15,17 @@ Once it is released, its path goes on from where it was last touched by both.
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.config import CONTROL_HZ
+from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["CHORD", "DISTURBED_PATH", "HOLD_STEPS", "LIFT_HEIGHT", "RELEASE_STEPS", "Judge"]
+__all__ = ["CHORD", "DISTURBED_PATH", "HOLD_STEPS", "LIFT_HEIGHT", "RELEASE_STEPS", "Judge", "JudgeMemory"]
 
 LIFT_HEIGHT = 0.10
 """[m] above the table at which the target's lowest point counts as lifted."""
@@ -40,6 +41,38 @@ RELEASE_STEPS = 2
 """Control steps without contact of both fingers after which an object is released; a single one is contact noise."""
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JudgeMemory:
+    """What a judge remembers of the past, for saved states.
+
+    Attributes:
+        chord_starts: (n, 3) [m] where the last chord of each object ended.
+        paths: (n,) [m] lengths of the chords of each object.
+        is_fallen: (n,) whether each object has fallen since reset.
+        is_cleared: (n,) whether each object has been carried and put down.
+        in_hand: slot of the object in hand, -1 without one.
+        steps_without_contact: control steps since both fingers touched it.
+        grasped_at: (3,) [m] where it was grasped.
+        steps_held: control steps in a row with the target held and lifted.
+    """
+
+    chord_starts: tuple[tuple[float, ...], ...]
+    paths: tuple[float, ...]
+    is_fallen: tuple[bool, ...]
+    is_cleared: tuple[bool, ...]
+    in_hand: int
+    steps_without_contact: int
+    grasped_at: tuple[float, ...]
+    steps_held: int
+
+    def check(self, num_objects: int) -> None:
+        """Raise StateError unless the memory is one of so many objects."""
+        sizes = {len(self.chord_starts), len(self.paths), len(self.is_fallen), len(self.is_cleared)}
+        is_of_points = all(len(point) == 3 for point in (*self.chord_starts, self.grasped_at))
+        if sizes != {num_objects} or not is_of_points or not -1 <= self.in_hand < num_objects:
+            raise StateError(f"the judge's memory in the state is not one of {num_objects} objects")
 
 
 class Judge:
@@ -106,32 +139,32 @@ class Judge:
         self._follow_target(measurements)
         self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
 
-    def memory(self) -> dict[str, Any]:
-        """What has to be kept of the past, as JSON values."""
-        return {
-            "chord_starts": self._chord_starts.tolist(),
-            "paths": self._paths.tolist(),
-            "is_fallen": self._is_fallen.tolist(),
-            "is_cleared": self._is_cleared.tolist(),
-            "in_hand": self._in_hand,
-            "steps_without_contact": self._steps_without_contact,
-            "grasped_at": self._grasped_at.tolist(),
-            "steps_held": self.steps_held,
-        }
+    def memory(self) -> JudgeMemory:
+        """What has to be kept of the past."""
+        return JudgeMemory(
+            chord_starts=tuple(map(tuple, self._chord_starts.tolist())),
+            paths=tuple(self._paths.tolist()),
+            is_fallen=tuple(self._is_fallen.tolist()),
+            is_cleared=tuple(self._is_cleared.tolist()),
+            in_hand=self._in_hand,
+            steps_without_contact=self._steps_without_contact,
+            grasped_at=tuple(self._grasped_at.tolist()),
+            steps_held=self.steps_held,
+        )
 
     @classmethod
-    def recall(cls, memory: dict[str, Any], world: World, measurements: Measurements, target: int) -> Judge:
+    def recall(cls, memory: JudgeMemory, world: World, measurements: Measurements, target: int) -> Judge:
         """The judge that had this `memory` in the state of `world`, bit for bit."""
         judge = cls(world, measurements, target)
         count = len(measurements.poses)
-        judge._chord_starts = np.array(memory["chord_starts"], dtype=np.float64).reshape(count, 3)
-        judge._paths = np.array(memory["paths"], dtype=np.float64).reshape(count)
-        judge._is_fallen = np.array(memory["is_fallen"], dtype=np.bool_).reshape(count)
-        judge._is_cleared = np.array(memory["is_cleared"], dtype=np.bool_).reshape(count)
-        judge._in_hand = memory["in_hand"]
-        judge._steps_without_contact = memory["steps_without_contact"]
-        judge._grasped_at = np.array(memory["grasped_at"], dtype=np.float64).reshape(3)
-        judge.steps_held = memory["steps_held"]
+        judge._chord_starts = np.array(memory.chord_starts, dtype=np.float64).reshape(count, 3)
+        judge._paths = np.array(memory.paths, dtype=np.float64)
+        judge._is_fallen = np.array(memory.is_fallen, dtype=np.bool_)
+        judge._is_cleared = np.array(memory.is_cleared, dtype=np.bool_)
+        judge._in_hand = memory.in_hand
+        judge._steps_without_contact = memory.steps_without_contact
+        judge._grasped_at = np.array(memory.grasped_at, dtype=np.float64)
+        judge.steps_held = memory.steps_held
         judge._derive()
         return judge
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from clutter_env.envs.judge import CHORD, DISTURBED_PATH, RELEASE_STEPS, Judge
+from clutter_env.errors import StateError
 from clutter_env.simulation.world import Measurements
 
 
@@ -104,6 +107,15 @@ def test_an_object_torn_out_of_the_gripper_is_disturbed() -> None:
     table.step(1, (0.06, 0, 0))
     table.step(1)
     assert table.counts() == (0, 1, 0)
+
+
+def test_a_memory_of_other_objects_is_refused() -> None:
+    memory = Table(3).judge.memory()
+    memory.check(3)
+    wrong = [replace(memory, in_hand=3), replace(memory, paths=(0.0,) * 2), replace(memory, grasped_at=(0.0, 0.0))]
+    for entry in wrong:
+        with pytest.raises(StateError, match="3 objects"):
+            entry.check(3)
 
 
 def test_a_dropped_object_is_disturbed() -> None:
