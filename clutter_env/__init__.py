@@ -18,8 +18,8 @@ for _count in OBJECT_COUNTS:
         id=f"clutter_env/Retrieve-o{_count}-v0",
         entry_point="clutter_env.envs.retrieve:RetrieveEnv",
         kwargs={"num_objects": _count},
-        # 20 s, and 10 s for each object: about 2.5 times the 95% quantile of the expert's episodes, docs/retrieve.md.
-        max_episode_steps=400 + 200 * _count,
+        # 20 s, and 11 s for each object: about 2.5 times the 95% quantile of the expert's episodes, docs/retrieve.md.
+        max_episode_steps=400 + 220 * _count,
     )
 
 register(id="clutter_env/Reach-v0", entry_point="clutter_env.envs.goal:ReachEnv", max_episode_steps=100)

@@ -89,8 +89,8 @@ def test_keyword_and_layout_tables_are_complete() -> None:
 def test_object_columns_are_counted_right() -> None:
     assert f"reshape(N, {len(OBJECT_FIELDS)})" in RETRIEVE
     limit = gym.spec("clutter_env/Retrieve-o15-v0").max_episode_steps
-    assert limit == 400 + 200 * 15
-    assert "400 + 200 N" in RETRIEVE
+    assert limit == 400 + 220 * 15
+    assert "400 + 220 N" in RETRIEVE
 
 
 EXAMPLES = [
