@@ -16,7 +16,7 @@ from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.envs.reward import DENSE_SCALES
 from clutter_env.scene.layout import LAYOUTS, Layout
-from clutter_env.scene.random_scene import SHAPE_SETS, capacity
+from clutter_env.scene.object_sets import SHAPE_SETS, capacity
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RETRIEVE = (DOCS / "retrieve.md").read_text()

@@ -22,7 +22,7 @@ from clutter_env.envs.task import Task
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.random_scene import slot_shapes
+from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.simulation.ee_control import TcpFollower
 from clutter_env.simulation.saved_state import SavedState, capture_physics, pack, unpack
 from clutter_env.simulation.simulator import Simulator

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from clutter_env.config import EnvConfig, check_choice, check_integer
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
-from clutter_env.envs.reset_options import ResetOptions, draw_scene
+from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.scene.table_scene import TableScene
 
 __all__ = ["GOAL_TOLERANCE", "GoalEnv", "PickEnv", "ReachEnv"]

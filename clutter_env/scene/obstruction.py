@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-import assets
 import numpy as np
 from numpy.typing import NDArray
 
+import assets
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.table_scene import TableScene
 
@@ -64,13 +64,12 @@ class SideApproaches:
     Attributes:
         solids: outline of gripper and wrist.
         grasp_height: [m] of the TCP above the table, for objects that are high enough.
-        cell: [m] side of the cells of `reachable`.
-        reachable: by name of the layout, whether the robot reaches a grasp on the empty table: (nx, ny, YAWS).
+        reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, YAWS): the
+            table top is divided evenly into nx by ny cells.
     """
 
     solids: Solids
     grasp_height: float
-    cell: float
     reachable: dict[str, NDArray[np.bool_]]
 
     def is_reachable(self, layout: Layout, points: Array, yaws: Array) -> NDArray[np.bool_]:
@@ -83,8 +82,9 @@ class SideApproaches:
         if table is None:
             ahead = np.abs(np.mod(yaws + math.pi, 2 * math.pi) - math.pi) <= WIDEST_YAW
             return ahead | (not layout.is_front_only)
-        cells = np.floor((points + (layout.depth / 2, layout.width / 2)) / self.cell).astype(np.int64)
-        cells = np.clip(cells, 0, np.array(table.shape[:2]) - 1)
+        count = np.array(table.shape[:2])
+        shares = points / (layout.depth, layout.width) + 0.5
+        cells = np.clip(np.floor(shares * count).astype(np.int64), 0, count - 1)
         index = np.rint(yaws * (YAWS / (2 * math.pi))).astype(np.int64) % YAWS
         return np.asarray(table[cells[..., 0], cells[..., 1], index])
 
@@ -102,11 +102,10 @@ def side_approaches(robot: str) -> SideApproaches:
         FileNotFoundError: there is no table for that robot; see `robots_with_approaches`.
     """
     content = json.loads(assets.path(f"approaches/{robot}.json").read_text())
-    columns = np.array(content["solids"], np.float64).T
+    start, end, half_width, radius, half_height, is_finger = np.array(content["solids"], np.float64).T
     return SideApproaches(
-        solids=Solids(*columns[:5], columns[5] > 0),
+        solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
         grasp_height=content["grasp_height"],
-        cell=content["cell"],
         reachable={name: _decoded(rows) for name, rows in content["layouts"].items()},
     )
 

@@ -43,14 +43,13 @@ def approach_table(robot: str, layouts: tuple[str, ...], tick: Callable[[], obje
 
     Returns:
         `solids`: gripper and wrist of a level gripper, rows (x0, x1, half width, radius, half height, moves with the
-        fingers) in metres, x along the approach from the TCP; `grasp_height` of the TCP above the table and `cell` [m];
+        fingers) in metres, x along the approach from the TCP; `grasp_height` [m] of the TCP above the table;
         `layouts`: for each name rows of cells along x, each cell a bit mask of the reachable yaws as six hexadecimal
         digits; bit k is a yaw of 2πk/24.
     """
     spec = find_robot(robot)
     return {
         "robot": robot,
-        "cell": CELL,
         "grasp_height": spec.grasp_height,
         "solids": _solids(spec),
         "layouts": {name: _rows(spec, find_layout(name), tick) for name in layouts},
@@ -104,7 +103,7 @@ def _rows(robot: RobotSpec, layout: Layout, tick: Callable[[], object]) -> list[
 def _centres(size: float) -> Array:
     """Centres of the cells along one side of the table."""
     count = round(size / CELL)
-    return (np.arange(count) + 0.5) * CELL - size / 2
+    return np.asarray((np.arange(count) + 0.5) * (size / count) - size / 2)
 
 
 def _solids(robot: RobotSpec) -> list[list[float]]:
