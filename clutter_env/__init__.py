@@ -1,8 +1,10 @@
-"""Registers the environments with Gymnasium, and nothing else."""
+"""Registers the environments with Gymnasium, and knows the suites of scenes."""
 
 from gymnasium.envs.registration import register
 
-__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget"]
+from clutter_env.suites import suite, suite_names
+
+__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget", "suite", "suite_names"]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)

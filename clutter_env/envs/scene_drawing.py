@@ -14,7 +14,7 @@ from clutter_env.scene.table_scene import TableScene
 
 __all__ = ["MAX_DRAWS", "draw_scene"]
 
-MAX_DRAWS = 100
+MAX_DRAWS = 1000
 """Random scenes that are drawn until one has an obstructed target."""
 
 
