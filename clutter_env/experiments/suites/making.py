@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-import clutter_env  # noqa: F401  registers the environments
 from assets.robots import robot as find_robot
+from clutter_env import OBJECT_COUNTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
 from clutter_env.suites import SPLITS, content_digest, scene_digests
 from planners.planner import Planner
@@ -44,6 +44,17 @@ class SuitePlan:
     max_steps: int
     keywords: dict[str, Any] = field(default_factory=dict)
     needs_clearing: bool = True
+
+    @property
+    def env_id(self) -> str:
+        """The environment with as many objects, or else the next smaller one."""
+        return f"clutter_env/Retrieve-o{max(n for n in OBJECT_COUNTS if n <= self.objects)}-v0"
+
+    @property
+    def env_keywords(self) -> dict[str, Any]:
+        """`keywords`, and what the environment's id does not say."""
+        number = {} if self.objects in OBJECT_COUNTS else {"num_objects": self.objects}
+        return {**self.keywords, "layout": self.keywords.get("layout", "paper"), **number}
 
 
 PLANS = (
@@ -106,8 +117,8 @@ def make_suite(plan: SuitePlan, scenes: int, workers: int, tick: Callable[[], ob
         "name": plan.name,
         "format": FORMAT,
         "about": plan.about,
-        "env_id": f"clutter_env/Retrieve-o{plan.objects}-v0",
-        "keywords": dict(plan.keywords) | ({} if "layout" in plan.keywords else {"layout": "paper"}),
+        "env_id": plan.env_id,
+        "keywords": plan.env_keywords,
         "options": {},
         "max_steps": plan.max_steps,
         "made_with": {name: metadata.version(name) for name in ("mujoco", "numpy")},
@@ -138,7 +149,7 @@ def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callab
 
 def _jobs(plan: SuitePlan, first: int) -> Iterator[_Job]:
     for seed in count(first):
-        yield _Job(f"clutter_env/Retrieve-o{plan.objects}-v0", tuple(plan.keywords.items()), seed)
+        yield _Job(plan.env_id, tuple(plan.env_keywords.items()), seed)
 
 
 def _entry(job: _Job) -> dict[str, Any]:
