@@ -23,7 +23,7 @@ class Arguments:
     suite: str = "side-15-v1"
     """Name of the suite."""
     policy: str = "lookahead"
-    """A strategy of the expert ("lookahead", "ngr", "dogar", "srivastava"), "random", or module:Class."""
+    """A strategy of the expert ("lookahead", "ngr", "dogar", "srivastava"), "random", "bulldozer", or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None

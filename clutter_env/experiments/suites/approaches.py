@@ -78,7 +78,7 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
             mine = bases[pose_of == yaw]
             if len(mine):
                 tried = GripperPoses(mine, np.tile(poses[yaw], (len(mine), 1)))
-                configurations = scan_configurations(world, chain, tried, grid, opening, first_free=True)
+                configurations = scan_configurations(world, tried, grid, opening, first_free=True)
                 found[index, yaw] = len(configurations.q) > 0
     return found
 

@@ -12,7 +12,7 @@ import gymnasium as gym
 
 from clutter_env.learning.demonstrations.experts import STRATEGY_NAMES, Expert, make_expert
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.baselines import random_agent
+from clutter_env.learning.policies.baselines import Bulldozer, random_agent
 
 __all__ = ["BUILT_IN", "SuitePolicy", "env_keywords", "load_policy"]
 
@@ -82,7 +82,7 @@ class RandomPolicy:
         return self._act(observation)
 
 
-BUILT_IN = (*STRATEGY_NAMES, "random")
+BUILT_IN = (*STRATEGY_NAMES, "random", "bulldozer")
 """Names of the built-in policies."""
 
 
@@ -101,6 +101,8 @@ def load_policy(name: str, seed: int) -> SuitePolicy:
         return ExpertPolicy(name)
     if name == "random":
         return RandomPolicy(seed)
+    if name == "bulldozer":
+        return Bulldozer()
     module, _, attribute = name.partition(":")
     if not attribute:
         raise LearningError(f"no policy {name!r}; give module:Class, or one of {', '.join(BUILT_IN)}")
