@@ -85,6 +85,7 @@ class Judge:
         steps_held: control steps in a row with the target held and lifted.
         num_fallen: number of objects that have fallen since reset.
         num_disturbed: number of objects that have been disturbed since reset.
+        num_cleared: number of objects that have been cleared since reset, the target not counted.
         newly_disturbed: number of objects that were disturbed or fell in the last control step and never before.
     """
 
@@ -112,12 +113,6 @@ class Judge:
         """No object has fallen or been disturbed since reset."""
         return not self._num_spoilt
 
-    @property
-    def num_cleared(self) -> int:
-        """Number of objects cleared since reset, the target not counted."""
-        cleared = self._is_cleared & ~self._is_fallen
-        return int(np.count_nonzero(cleared)) - bool(self._target >= 0 and cleared[self._target])
-
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step."""
         before = self._num_spoilt
@@ -127,14 +122,14 @@ class Judge:
         offsets *= offsets
         squared = offsets[:, 0] + offsets[:, 1] + offsets[:, 2]
         is_chord = squared > self._chord_squared
-        fallen = measurements.is_fallen > self._is_fallen
         if self._in_hand >= 0:
-            is_chord[self._in_hand] = fallen[self._in_hand] = False
-        if np.count_nonzero(is_chord) or np.count_nonzero(fallen):
+            is_chord[self._in_hand] = False
+        if np.count_nonzero(is_chord):
             self._paths[is_chord] += np.sqrt(squared[is_chord])
             self._chord_starts[is_chord] = positions[is_chord]
-            self._is_fallen |= fallen
             self._derive()
+        if np.count_nonzero(measurements.is_fallen):
+            self._note_falls(measurements.is_fallen)
         self.newly_disturbed = self._num_spoilt - before
         self._follow_target(measurements)
         self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
@@ -189,6 +184,16 @@ class Judge:
         if math.sqrt(x * x + y * y + z * z) > DISTURBED_PATH:
             self._is_cleared[self._in_hand] = True
         self._in_hand, self._steps_without_contact = -1, 0
+        self._derive()
+
+    def _note_falls(self, is_fallen: NDArray[np.bool_]) -> None:
+        """Keep in mind which objects lie or have left their support; not the one in hand."""
+        fallen = is_fallen & ~self._is_fallen
+        if self._in_hand >= 0:
+            fallen[self._in_hand] = False
+        if np.count_nonzero(fallen):
+            self._is_fallen |= fallen
+            self._derive()
 
     def _follow_target(self, measurements: Measurements) -> None:
         """Measure the target."""
@@ -207,5 +212,8 @@ class Judge:
         self._chord_squared: Array = np.where(is_disturbed, np.inf, chords * chords)
         self.num_disturbed = int(np.count_nonzero(is_disturbed))
         self.num_fallen = int(np.count_nonzero(self._is_fallen))
+        is_cleared = self._is_cleared & ~self._is_fallen
+        is_cleared[self._target : self._target + 1] = False  # an empty slice without a target
+        self.num_cleared = int(np.count_nonzero(is_cleared))
         self._num_spoilt = int(np.count_nonzero(is_disturbed | self._is_fallen))
         self.newly_disturbed = 0
