@@ -41,7 +41,7 @@ class Bulldozer:
     """Goes straight for the target at full speed, through whatever stands in between; see `scripted.bulldoze`.
 
     It knows the exact poses. A new episode begins with `reset(env, info)`, as in the protocol of
-    `clutter-env evaluate --policy clutter_env.learning.policies.baselines:Bulldozer`.
+    `clutter-env evaluate --policy bulldozer`.
 
     Attributes:
         env_keywords: keyword arguments with which an environment must be made for it.
