@@ -19,7 +19,7 @@ from clutter_env.scene.table_scene import TableScene, object_name
 
 __all__ = ["ResetOptions", "explicit_scene"]
 
-OPTION_NAMES = ("target", "objects", "obstructed", "state")
+OPTION_NAMES = ("target", "objects", "state", "obstructed")
 _COMMON_KEYS = ("shape", "position", "height", "yaw", "mass")
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("depth", "width")}
 HALF_WIDTH_LIMITS = (0.01, 0.10)

@@ -33,7 +33,6 @@ class SuitePlan:
         name: with its version.
         about: what the scenes have in common.
         objects: how many.
-        max_steps: control steps in an episode.
         keywords: of the environment.
         needs_clearing: only scenes with a proved floor of at least 1 for side grasps.
     """
@@ -41,7 +40,6 @@ class SuitePlan:
     name: str
     about: str
     objects: int
-    max_steps: int
     keywords: dict[str, Any] = field(default_factory=dict)
     needs_clearing: bool = True
 
@@ -51,6 +49,11 @@ class SuitePlan:
         return f"clutter_env/Retrieve-o{max(n for n in OBJECT_COUNTS if n <= self.objects)}-v0"
 
     @property
+    def max_steps(self) -> int:
+        """Control steps in an episode: the time limit of Retrieve with as many objects when version 1 was made."""
+        return 400 + 220 * self.objects
+
+    @property
     def env_keywords(self) -> dict[str, Any]:
         """`keywords`, and what the environment's id does not say."""
         number = {} if self.objects in OBJECT_COUNTS else {"num_objects": self.objects}
@@ -58,29 +61,20 @@ class SuitePlan:
 
 
 PLANS = (
-    SuitePlan("side-15-v1", "15 objects on the paper's table, an obstructed target", 15, 2400, {"obstructed": True}),
-    SuitePlan("side-25-v1", "25 objects on the paper's table, an obstructed target", 25, 3600, {"obstructed": True}),
-    SuitePlan("side-40-v1", "40 objects on the paper's table, an obstructed target", 40, 6000, {"obstructed": True}),
-    SuitePlan("all-25-v1", "25 objects on the paper's table, targets as they come", 25, 3600, {}, False),
+    SuitePlan("side-15-v1", "15 objects on the paper's table, an obstructed target", 15, {"obstructed": True}),
+    SuitePlan("side-25-v1", "25 objects on the paper's table, an obstructed target", 25, {"obstructed": True}),
+    SuitePlan("side-40-v1", "40 objects on the paper's table, an obstructed target", 40, {"obstructed": True}),
+    SuitePlan("all-25-v1", "25 objects on the paper's table, targets as they come", 25, {}, False),
     SuitePlan(
-        "shelf-10-v1",
-        "10 objects in the shelf, an obstructed target",
-        10,
-        2400,
-        {"layout": "shelf", "obstructed": True},
+        "shelf-10-v1", "10 objects in the shelf, an obstructed target", 10, {"layout": "shelf", "obstructed": True}
     ),
     SuitePlan(
-        "shelf-16-v1",
-        "16 objects in the shelf, an obstructed target",
-        16,
-        3600,
-        {"layout": "shelf", "obstructed": True},
+        "shelf-16-v1", "16 objects in the shelf, an obstructed target", 16, {"layout": "shelf", "obstructed": True}
     ),
     SuitePlan(
         "dense-25-v1",
         "25 objects on the small table, an obstructed target",
         25,
-        3600,
         {"layout": "dense", "obstructed": True},
     ),
 )
