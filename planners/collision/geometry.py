@@ -13,8 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from irm.compilation import njit
 
 __all__ = ["BOX", "CYLINDER", "ELLIPSOID", "HULL", "Solids", "are_any_within", "are_within", "core_distance", "height"]
 
