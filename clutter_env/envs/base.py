@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
-from clutter_env.envs.identity import layout_identity, robot_identity
+from clutter_env.envs.generator import generator_kept_on_error
+from clutter_env.envs.identity import environment_kind
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.rendering.cameras import EnvRenderer
@@ -23,7 +24,8 @@ from clutter_env.scene.layout import Layout
 from clutter_env.scene.random_scene import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.ee_control import TcpFollower
-from clutter_env.simulation.saved_state import SavedState, capture_physics, pack, unpack
+from clutter_env.simulation.physics_state import capture_physics
+from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
 from clutter_env.simulation.world import Measurements, World
 
@@ -87,8 +89,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The task's bookkeeping as JSON values."""
 
     @abstractmethod
-    def _recall(self, memory: dict[str, Any]) -> None:
-        """Restore the bookkeeping that `_memory` returned."""
+    def _recall(self, memory: Any) -> None:
+        """Restore the bookkeeping that `_memory` returned, or raise StateError before anything changes."""
 
     def _make_observer(self) -> Observer:
         """The maker of the observation vectors; with image observations they leave out the objects."""
@@ -106,17 +108,20 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Start an episode; what it starts from is a function of seed and options alone.
 
+        A refused reset changes nothing, the random generator included.
+
         Raises:
             OptionError: an unknown or invalid option.
             StateError: the option `state` is not a saved state of this environment.
         """
         checked = ResetOptions.of(options)
-        super().reset(seed=seed)
-        if checked.state is not None:
-            self.restore_state(checked.state)
-        else:
-            self._simulator.start(self._draw_scene(checked), self._start_configuration())
-            self._begin()
+        with generator_kept_on_error(self):
+            super().reset(seed=seed)
+            if checked.state is not None:
+                self.restore_state(checked.state)
+            else:
+                self._simulator.start(self._draw_scene(checked), self._start_configuration())
+                self._begin()
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info()
@@ -242,12 +247,14 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Continue from a saved state, bit for bit, also in another process.
 
         Raises:
-            StateError: not a saved state of an environment like this one.
+            StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
         saved = unpack(state, self._kind)
-        self._simulator.restore(saved)
-        self.np_random.bit_generator.state = saved.memory["rng"]
+        checked = self._simulator.check(saved)
+        check_generator(self.np_random, saved.memory["rng"])
         self._recall(saved.memory["task"])
+        self._simulator.restore(checked)
+        self.np_random.bit_generator.state = saved.memory["rng"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
@@ -260,14 +267,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def _kind(self) -> dict[str, Any]:
         """What a saved state and the environment that restores it must have in common."""
-        return {
-            "task": type(self).__name__,
-            "mujoco": mujoco.__version__,
-            "num_objects": self.config.num_objects,
-            "layout": layout_identity(self.layout),
-            "robot": robot_identity(self.robot),
-            "control_mode": self.control_mode,
-        }
+        return environment_kind(type(self).__name__, self.config, self.layout, self.robot)
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation that the configuration asks for; see `Observer.observe`."""

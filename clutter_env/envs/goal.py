@@ -16,6 +16,7 @@ from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.scene.table_scene import TableScene
+from clutter_env.simulation.state_fields import Fields
 
 __all__ = ["GOAL_TOLERANCE", "GoalEnv", "PickEnv", "ReachEnv"]
 
@@ -117,8 +118,8 @@ class GoalEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {"goal": self._goal.tolist()}
 
-    def _recall(self, memory: dict[str, Any]) -> None:
-        self._goal = np.array(memory["goal"])
+    def _recall(self, memory: Any) -> None:
+        self._goal = Fields(memory, "memory task", ("goal",)).numbers("goal", (3,), -GOAL_BOUND, GOAL_BOUND)
 
 
 class ReachEnv(GoalEnv):

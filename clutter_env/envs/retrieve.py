@@ -9,6 +9,7 @@ from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.reward import HOLD_STEPS, LIFT_HEIGHT, Progress, reward
 from clutter_env.scene.table_scene import TableScene
+from clutter_env.simulation.state_fields import Fields, read_dataclass
 
 __all__ = ["RetrieveEnv"]
 
@@ -76,5 +77,5 @@ class RetrieveEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {"progress": vars(self._progress)}
 
-    def _recall(self, memory: dict[str, Any]) -> None:
-        self._progress = Progress(**memory["progress"])
+    def _recall(self, memory: Any) -> None:
+        self._progress = read_dataclass(Progress, Fields(memory, "memory task", ("progress",))["progress"], "progress")

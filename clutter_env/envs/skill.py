@@ -14,6 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env.config import RENDER_MODES, check_choice, check_integer
+from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
 from clutter_env.scene.layout import TABLE_HEIGHT
@@ -93,8 +94,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Raises:
             OptionError: an unknown or invalid option.
         """
-        super().reset(seed=seed)
-        _, info = self._physics_env.reset(seed=seed, options=options)
+        with generator_kept_on_error(self):
+            super().reset(seed=seed)
+            _, info = self._physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()
