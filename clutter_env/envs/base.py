@@ -89,8 +89,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The task's bookkeeping as JSON values."""
 
     @abstractmethod
-    def _recall(self, memory: Any) -> None:
-        """Restore the bookkeeping that `_memory` returned, or raise StateError before anything changes."""
+    def _read_memory(self, memory: Any) -> Any:
+        """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
+
+    @abstractmethod
+    def _recall(self, bookkeeping: Any) -> None:
+        """Restore the bookkeeping that `_read_memory` returned."""
 
     def _make_observer(self) -> Observer:
         """The maker of the observation vectors; with image observations they leave out the objects."""
@@ -252,8 +256,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         saved = unpack(state, self._kind)
         checked = self._simulator.check(saved)
         check_generator(self.np_random, saved.memory["rng"])
-        self._recall(saved.memory["task"])
+        bookkeeping = self._read_memory(saved.memory["task"])
         self._simulator.restore(checked)
+        self._recall(bookkeeping)
         self.np_random.bit_generator.state = saved.memory["rng"]
 
     def __reduce__(self) -> tuple[Any, ...]:

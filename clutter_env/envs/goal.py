@@ -118,8 +118,11 @@ class GoalEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {"goal": self._goal.tolist()}
 
-    def _recall(self, memory: Any) -> None:
-        self._goal = Fields(memory, "memory task", ("goal",)).numbers("goal", (3,), -GOAL_BOUND, GOAL_BOUND)
+    def _read_memory(self, memory: Any) -> NDArray[np.float64]:
+        return Fields(memory, "memory task", ("goal",)).numbers("goal", (3,), -GOAL_BOUND, GOAL_BOUND)
+
+    def _recall(self, bookkeeping: NDArray[np.float64]) -> None:
+        self._goal = bookkeeping
 
 
 class ReachEnv(GoalEnv):

@@ -77,5 +77,8 @@ class RetrieveEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {"progress": vars(self._progress)}
 
-    def _recall(self, memory: Any) -> None:
-        self._progress = read_dataclass(Progress, Fields(memory, "memory task", ("progress",))["progress"], "progress")
+    def _read_memory(self, memory: Any) -> Progress:
+        return read_dataclass(Progress, Fields(memory, "memory task", ("progress",))["progress"], "progress")
+
+    def _recall(self, bookkeeping: Progress) -> None:
+        self._progress = bookkeeping

@@ -32,6 +32,8 @@ _AWAKE_LISTS = ("tree_asleep", "tree_awake", "body_awake", "body_awake_ind", "pa
 _AWAKE_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
 _UNIT_TOLERANCE = 1e-6
 """Of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
+_SLEEPING_OVERLAP = 1e-5
+"""[m] by which bodies that fell asleep apart from each other may overlap; scenes of the user's own have up to 1e-6."""
 _LARGEST_POSITION = 1e3
 """[m] or [rad], far outside any scene."""
 _LARGEST_VELOCITY = 1e6
@@ -89,17 +91,44 @@ def restore_physics(world: World, scene: TableScene, state: PhysicsState) -> Non
 
     Setting a state wakes every body. Therefore the quantities that sleeping bodies keep from their last step awake are
     computed, and then the bodies are put to sleep again.
+
+    Raises:
+        StateError: bodies that fell asleep apart from each other overlap; the world has not changed.
     """
+    model, data, scene_before = world.model, world.data, world.scene
+    mujoco.mj_copyData(world.spare_data, model, data)
     world.apply_scene(scene)
-    model, data = world.model, world.data
     mujoco.mj_resetData(model, data)
     mujoco.mj_setState(model, data, state.integration, _INTEGRATION)
     mujoco.mj_forward(model, data)
+    if _sleepers_overlap(model, data, state.lists["tree_asleep"]):
+        if scene_before is not None:
+            world.apply_scene(scene_before)
+        mujoco.mj_copyData(data, model, world.spare_data)
+        raise StateError("physics: bodies of the state sleep and overlap")
     mujoco.mj_setState(model, data, state.integration, _INTEGRATION)
     for name in _AWAKE_LISTS:
         getattr(data, name)[:] = state.lists[name]
     for name in _AWAKE_COUNTS:
         setattr(data, name, state.counts[name])
+
+
+def _sleepers_overlap(model: mujoco.MjModel, data: mujoco.MjData, asleep: Integers) -> bool:
+    """Whether two trees of different sleeping cycles overlap: MuJoCo would wake only one of them, and then fail.
+
+    Bodies that touch when they come to rest fall asleep together, in one cycle, and wake together.
+    """
+    is_asleep = asleep >= 0
+    following = np.where(is_asleep, asleep, np.arange(len(asleep)))
+    cycle = np.arange(len(asleep))
+    for _ in range(len(asleep)):
+        smallest = np.minimum(cycle, cycle[following])
+        if np.array_equal(smallest, cycle):
+            break
+        cycle = smallest
+    trees = model.body_treeid[model.geom_bodyid[data.contact.geom]].reshape(-1, 2)
+    is_between_sleepers = ((trees >= 0) & is_asleep[trees]).all(axis=1) & (cycle[trees[:, 0]] != cycle[trees[:, 1]])
+    return bool((is_between_sleepers & (data.contact.dist < -_SLEEPING_OVERLAP)).any())
 
 
 def _split(model: mujoco.MjModel, integration: NDArray[np.float64]) -> dict[mujoco.mjtState, NDArray[np.float64]]:

@@ -142,9 +142,13 @@ class Simulator:
         )
 
     def restore(self, state: CheckedState) -> None:
-        """Continue from a saved state, bit for bit."""
+        """Continue from a saved state, bit for bit.
+
+        Raises:
+            StateError: bodies of the state sleep and overlap; nothing has changed.
+        """
+        restore_physics(state.world, state.scene, state.physics)
         self.world = state.world
-        restore_physics(self.world, state.scene, state.physics)
         self.world.controller.state = state.control
         self.action_mode.wanted_tcp = state.wanted_tcp
         self.measurements = self.world.measure_objects(state.held, state.is_touching)

@@ -69,7 +69,9 @@ class Fields:
         """An array (shape) of finite numbers from `lowest` to `highest`, both included."""
         wanted = f"finite numbers of shape {shape} from {lowest:g} to {highest:g}"
         entries = self._flat(name, shape, wanted)
-        if not all(_is_number(entry) and lowest <= entry <= highest for entry in entries):
+        if not set(map(type, entries)) <= {int, float}:
+            raise self._refuse(name, wanted)
+        if not all(lowest <= entry <= highest for entry in entries):  # false for NaN too
             raise self._refuse(name, wanted)
         return np.array(entries, np.float64).reshape(shape)
 
@@ -77,7 +79,7 @@ class Fields:
         """An array (size,) of integers from `lowest` to `highest`, both included."""
         wanted = f"{size} integers from {lowest} to {highest}"
         entries = self._flat(name, (size,), wanted)
-        if not all(type(entry) is int and lowest <= entry <= highest for entry in entries):
+        if not set(map(type, entries)) <= {int} or not all(lowest <= entry <= highest for entry in entries):
             raise self._refuse(name, wanted)
         return np.array(entries, np.int64)
 

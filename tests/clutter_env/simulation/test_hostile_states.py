@@ -215,13 +215,38 @@ def test_a_generator_of_another_kind_is_refused(bit_generator: type) -> None:
     assert snapshot(env) == before
 
 
-def test_objects_in_one_place_are_restored_without_a_crash() -> None:
+def test_sleeping_objects_that_overlap_are_refused() -> None:
+    """MuJoCo stops with a fatal error when one of them is touched."""
+    env = made("clutter_env/Retrieve-o5-v0")
+    content, before = opened(env.save_state()), snapshot(env)
+    content["scene"]["half_extents"][0] = [0.5, 0.5, 0.2]
+    with pytest.raises(StateError, match="overlap"):
+        env.restore_state(seal(content))
+    assert snapshot(env) == before
+
+
+def test_awake_objects_in_one_place_are_restored_without_a_crash() -> None:
     """A state that is valid, though no simulation reaches it: 60 objects inside one another."""
     env = made("clutter_env/Retrieve-o60-v0")
     content = opened(env.save_state())
     first = 1 + int(env.model.nq) - 7 * 60
     place = content["physics"]["integration"][first : first + 7]
     content["physics"]["integration"][first : first + 7 * 60] = place * 60
+    wake(env, content["physics"])
     env.restore_state(seal(content))
     for _ in range(5):
         env.step(np.zeros(env.action_size))
+
+
+def wake(env: BaseEnv, physics: dict[str, Any]) -> None:
+    """Wake every body of a state."""
+    trees, bodies, dofs = env.model.ntree, env.model.nbody, env.model.nv
+    physics["lists"] = {
+        "tree_asleep": [-1] * trees,
+        "tree_awake": [1] * trees,
+        "body_awake": [-1] + [1] * (bodies - 1),
+        "body_awake_ind": list(range(bodies)),
+        "parent_awake_ind": [*range(1, bodies), 0],
+        "dof_awake_ind": list(range(dofs)),
+    }
+    physics["counts"] = {"ntree_awake": trees, "nbody_awake": bodies, "nparent_awake": bodies - 1, "nv_awake": dofs}
