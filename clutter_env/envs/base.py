@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -17,6 +17,7 @@ from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.identity import environment_kind
 from clutter_env.envs.observation import EntryLayout, Observer
+from clutter_env.envs.pickling import kept_attributes, make_again
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
@@ -30,9 +31,6 @@ from clutter_env.simulation.simulator import Simulator
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = ["BaseEnv"]
-
-_PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
-"""Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
 
 
 class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
@@ -146,8 +144,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """An image (height, width, 3) uint8, a depth image (height, width) float32 [m], or None (shown in a window).
 
         Raises:
+            ActionError: `reset` has not been called.
             RenderingUnavailable: no OpenGL, or no display for a window.
         """
+        self._simulator.check_started("render()")
         return self._rendering.render(self.world)
 
     def close(self) -> None:
@@ -264,8 +264,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._simulator.has_started else None
-        rest = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
-        return _unpickle, (type(self), self.config.keywords(), rest, saved)
+        return make_again, (type(self), self.config.keywords(), kept_attributes(self), saved)
 
     # Inside.
 
@@ -288,13 +287,3 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if self.config.obs_mode == "rgbd":
             parts |= self._rendering.observation_spaces()
         return spaces.Dict(parts)
-
-
-def _unpickle(
-    make: Callable[..., BaseEnv], keywords: dict[str, Any], rest: dict[str, Any], saved: bytes | None
-) -> BaseEnv:
-    env = make(**keywords)
-    env.__dict__.update(rest)
-    if saved is not None:
-        env.restore_state(saved)
-    return env

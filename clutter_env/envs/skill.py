@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from clutter_env.config import RENDER_MODES, check_choice, check_integer
+from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
@@ -60,7 +60,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     says), and those of `RetrieveEnv` but for `control_mode`.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012  as in gym.Env
+    metadata: dict[str, Any] = RetrieveEnv.metadata
 
     def __init__(
         self,
@@ -76,13 +76,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._count = self._physics_env.config.num_objects
         self.budget = default_budget(self._count) if budget is None else budget
         check_integer("budget", self.budget, 1)
-        self.render_mode = self._physics_env.render_mode
+        self.render_mode, self.metadata = self._physics_env.render_mode, self._physics_env.metadata
         self._size = self._count * DIRECTIONS + 1
         self.action_space = spaces.Discrete(self._size)
         row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
         bound = np.array(row * self._count + [1.0, 1.0], np.float32)
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self._geometry: SkillGeometry | None = None
+        self._has_started = False
 
     # The Gymnasium surface.
 
@@ -104,13 +105,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._left = self.budget
         self._moved: list[str] = []
         self._is_taken = False
+        self._has_started = True
         return self._observe(), self._info("")
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Try one skill.
 
         Raises:
-            ActionError: not an action of the action space.
+            ActionError: not an action of the action space, or `reset` has not been called; nothing has changed.
         """
         index = _checked(action, self._size)
         skill = self.skill(index)
@@ -138,6 +140,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def skill(self, action: int) -> Skill:
         """The skill of an action."""
+        self._check_started("skill()")
         if action == self._count * DIRECTIONS:
             return Skill(self._target)
         return Skill(self._scene.names[action // DIRECTIONS], action % DIRECTIONS)
@@ -148,6 +151,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Args:
             geometric: also leave out skills without a free grasp; by default as the environment was made.
         """
+        self._check_started("action_masks()")
         mask = ~self._failed
         for i, body in enumerate(self._bodies()):
             clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
@@ -163,11 +167,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     @property
     def scene(self) -> Scene:
         """The scene that the planner works on now."""
+        self._check_started("scene")
         return self._scene
 
     @property
     def target(self) -> str:
         """Name of the target."""
+        self._check_started("target")
         return self._target
 
     @property
@@ -176,6 +182,11 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._physics_env
 
     # Private.
+
+    def _check_started(self, call: str) -> None:
+        """Raise ActionError unless an episode has begun; `call` is what needs one."""
+        if not self._has_started:
+            raise ActionError(f"call reset() before {call}")
 
     def _read_scene(self) -> None:
         """Read the scene from the physics."""
@@ -270,6 +281,6 @@ def _stands(body: Body) -> bool:
 
 def _checked(action: Any, count: int) -> int:
     value = np.asarray(action)
-    if value.shape != () or not np.issubdtype(value.dtype, np.integer) or not 0 <= int(value) < count:
+    if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < count:
         raise ActionError(f"the action must be an integer from 0 to {count - 1}, not {action!r}")
     return int(value)
