@@ -85,6 +85,22 @@ def test_the_directory_that_the_warning_asks_for_is_used(read_only_install: Path
         assert list(Path(cache).rglob("*.nbi"))
 
 
+FULL_DISK = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+"""
+
+
+def test_a_full_disk_is_no_error(tmp_path: Path) -> None:
+    """A limit of the size of files stands in for the full disk."""
+    pytest.importorskip("resource")
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", FULL_DISK + USE]
+    result = subprocess.run(command, capture_output=True, text=True, env=variables)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.count("NUMBA_CACHE_DIR") == 1, result.stderr
+
+
 def test_other_errors_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(**_: object) -> None:
         raise RuntimeError("another reason")
