@@ -18,7 +18,7 @@ def path(relative: str) -> Path:
     """
     file = _ROOT / relative
     if not file.is_file():
-        suffixes = {".xml", ".pddl"}
+        suffixes = {".xml", ".pddl", ".json"}
         known = sorted(str(f.relative_to(_ROOT)) for f in _ROOT.rglob("*") if f.suffix in suffixes)
         raise FileNotFoundError(f"no asset {relative!r}; known assets: {', '.join(known)}")
     return file

@@ -1,19 +1,27 @@
-"""Registers the environments with Gymnasium, and nothing else."""
+"""Registers the environments with Gymnasium, and knows the suites of scenes."""
 
 from gymnasium.envs.registration import WrapperSpec, register
 
-__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS"]
+from clutter_env.suites import suite, suite_names
+
+__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget", "suite", "suite_names"]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
+
+
+def skill_budget(num_objects: int) -> int:
+    """Skills allowed in an episode of Skill: enough for some mistakes, too few to try every skill."""
+    return 4 + num_objects // 5
+
 
 for _count in OBJECT_COUNTS:
     register(
         id=f"clutter_env/Retrieve-o{_count}-v0",
         entry_point="clutter_env.envs.retrieve:RetrieveEnv",
         kwargs={"num_objects": _count},
-        # 300 s, and 20 s more for each object that may have to be cleared first.
-        max_episode_steps=6000 + 400 * _count,
+        # 20 s, and 11 s for each object: about 2.5 times the 95% quantile of the expert's episodes, docs/retrieve.md.
+        max_episode_steps=400 + 220 * _count,
     )
 
 for _name in ("Reach", "Pick"):
@@ -29,4 +37,5 @@ for _count in SKILL_OBJECT_COUNTS:
         id=f"clutter_env/Skill-o{_count}-v0",
         entry_point="clutter_env.envs.skill:SkillEnv",
         kwargs={"num_objects": _count},
+        max_episode_steps=skill_budget(_count),
     )

@@ -11,7 +11,8 @@ from assets.robots import InvalidRobot, RobotSpec, UnknownRobot
 from assets.robots import robot as find_robot
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import Layout, find_layout
-from clutter_env.scene.random_scene import SHAPE_SETS, capacity
+from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
+from clutter_env.scene.obstruction import robots_with_approaches
 
 __all__ = ["CONTROL_HZ", "PHYSICS_STEPS", "RENDER_MODES", "TIMESTEP", "EnvConfig"]
 
@@ -24,6 +25,9 @@ PHYSICS_STEPS = round(1 / (CONTROL_HZ * TIMESTEP))
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 CONTROL_MODES = ("joint", "ee")
 REWARD_MODES = ("sparse", "dense")
+OBSTRUCTED = (False, True, 2, 3)
+"""Values of `obstructed`: the least number of objects in the way of every side grasp of the target."""
+SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd")
 SCENE_CAMERAS = ("scene", "top")
 """Cameras of every scene; the robot brings its own."""
@@ -49,12 +53,21 @@ class EnvConfig:
     control_mode: str = "joint"
     """What the action's numbers mean: "joint" or "ee"."""
     reward_mode: str = "sparse"
+    success: str = "clean"
+    """What counts as success: "lifted", or "clean": lifted, and no object has fallen or been disturbed."""
+    terminate_on_fallen: bool = False
+    """Whether the episode ends when an object falls."""
     obs_mode: str = "state"
     robot: str | RobotSpec | Mapping[str, Any] = "fetch"
     """A name known to `assets.robots.robot`, or a `RobotSpec`."""
     render_mode: str | None = None
     shapes: str = "cylinder"
     """What the objects are: "cylinder", "box" or "mixed"."""
+    object_set: str = "standard"
+    """Sizes and masses of random objects: a name in `OBJECT_SETS`."""
+    obstructed: bool | int = False
+    """Whether the target is one that no side grasp reaches without moving something; 2 or 3: at least so many objects
+    are in the way of every side grasp. By `scene.obstruction`, which needs no planner."""
     camera: str = "scene"
     """The camera that `render()` looks through."""
     width: int = 480
@@ -68,21 +81,53 @@ class EnvConfig:
         layout, robot = self.find_layout(), self.find_robot()
         check_choice("control_mode", self.control_mode, CONTROL_MODES)
         check_choice("reward_mode", self.reward_mode, REWARD_MODES)
+        check_choice("success", self.success, SUCCESS_KINDS)
+        check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
         check_choice("render_mode", self.render_mode, (None, *RENDER_MODES))
         check_choice("shapes", self.shapes, SHAPE_SETS)
+        check_choice("object_set", self.object_set, OBJECT_SETS)
+        check_choice("obstructed", self.obstructed, OBSTRUCTED)
         check_choice("camera", self.camera, (*SCENE_CAMERAS, *robot.cameras))
         if self.obs_mode == "rgbd" and not robot.cameras:
             raise ConfigError(f"obs_mode='rgbd' needs a robot with cameras; robot {robot.name!r} has none")
         for name in ("width", "height", "image_size"):
             check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE)
         check_integer("num_objects", self.num_objects, 0)
-        fit = capacity(layout, self.shapes)
+        self._check_objects(layout)
+        if self.obstructed and (problem := self.obstruction_problem(int(self.obstructed))):
+            raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
+
+    def _check_objects(self, layout: Layout) -> None:
+        """Raise ConfigError unless there are such objects and the table has room for them."""
+        objects = self.find_object_set()
+        if self.shapes not in objects.shapes:
+            raise ConfigError(
+                f"shapes={self.shapes!r} is not valid with object_set={self.object_set!r}; "
+                f"valid values: {', '.join(map(repr, objects.shapes))}"
+            )
+        fit = capacity(layout, self.shapes, objects)
         if self.num_objects > fit:
             raise ConfigError(
-                f"num_objects={self.num_objects} does not fit layout {layout.name!r} with shapes={self.shapes!r}: "
-                f"at most {fit} fit"
+                f"num_objects={self.num_objects} does not fit layout {layout.name!r} with shapes={self.shapes!r} and "
+                f"object_set={self.object_set!r}: at most {fit} fit"
             )
+
+    def obstruction_problem(self, least: int) -> str:
+        """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
+        robots = robots_with_approaches()
+        if self.find_robot().name not in robots:
+            return f"side grasps are known of these robots: {', '.join(robots)}"
+        if not self.find_object_set().has_side_grasps:
+            known = ", ".join(repr(name) for name, entry in OBJECT_SETS.items() if entry.has_side_grasps)
+            return f"object_set={self.object_set!r} is too low for side grasps; valid values: {known}"
+        if self.num_objects <= least:
+            return f"num_objects={self.num_objects} is not valid; it must be at least {least + 1}"
+        return ""
+
+    def find_object_set(self) -> ObjectSet:
+        """The ranges of sizes and masses that `object_set` names."""
+        return OBJECT_SETS[self.object_set]
 
     def find_layout(self) -> Layout:
         """The layout that `layout` names or describes.

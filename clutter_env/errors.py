@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-__all__ = ["ActionError", "ClutterEnvError", "ConfigError", "OptionError", "RenderingUnavailable", "StateError"]
+__all__ = [
+    "ActionError",
+    "ClutterEnvError",
+    "ConfigError",
+    "OptionError",
+    "RenderingUnavailable",
+    "StateError",
+    "SuiteError",
+]
 
 
 class ClutterEnvError(ValueError):
@@ -27,3 +35,7 @@ class StateError(ClutterEnvError):
 
 class RenderingUnavailable(ClutterEnvError, RuntimeError):
     """This machine cannot render; the message says what is missing."""
+
+
+class SuiteError(ClutterEnvError):
+    """No such suite, or a scene of a suite that is not the one that the suite was made with."""

@@ -48,7 +48,7 @@ def solve(
     """Plan to take `target` out of the clutter.
 
     Args:
-        scene: the world, the robot in its home configuration; an object may be in hand.
+        scene: the world, the robot in its home configuration; an object may be held.
         target: name of the object wanted.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
@@ -216,7 +216,7 @@ class _Blockers:
 
     def blockers(self, name: str) -> Sequence[int]:
         """As `BlockerMasks.blockers`."""
-        return [option.blockers for option in self.candidates.options(self.scene, name)]
+        return [option.blockers for option in self.candidates.for_object(self.scene, name)]
 
 
 @cache

@@ -16,7 +16,7 @@ from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.envs.reward import DENSE_SCALES
 from clutter_env.scene.layout import LAYOUTS, Layout
-from clutter_env.scene.random_scene import SHAPE_SETS, capacity
+from clutter_env.scene.object_sets import SHAPE_SETS, capacity
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RETRIEVE = (DOCS / "retrieve.md").read_text()
@@ -89,8 +89,8 @@ def test_keyword_and_layout_tables_are_complete() -> None:
 def test_object_columns_are_counted_right() -> None:
     assert f"reshape(N, {len(OBJECT_FIELDS)})" in RETRIEVE
     limit = gym.spec("clutter_env/Retrieve-o15-v0").max_episode_steps
-    assert limit == 6000 + 400 * 15
-    assert "6000 + 400 N" in RETRIEVE
+    assert limit == 400 + 220 * 15
+    assert "400 + 220 N" in RETRIEVE
 
 
 EXAMPLES = [

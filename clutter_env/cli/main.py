@@ -13,6 +13,7 @@ COMMANDS = {
     "collect": "collect demonstrations of an expert that replay bit for bit",
     "train": "train a policy, from rewards or from demonstrations",
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
+    "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
     "map": "build the reachability map of a robot",
     "benchmark": "measure speed, memory and rendering of the environments",

@@ -140,7 +140,7 @@ def free_grasps(scene: Scene) -> Iterator[GraspCandidate]:
     """The best grasp of every object that can be grasped without touching another."""
     candidates = GraspCandidates(map_placer(scene), ArmChain.from_robot(scene.robot))
     for name in scene.names:
-        yield from [option for option in candidates.options(scene, name) if not option.blockers][:1]
+        yield from [option for option in candidates.for_object(scene, name) if not option.blockers][:1]
 
 
 def check_plans(objects: int, arguments: Arguments) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -16,24 +16,26 @@ from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.identity import environment_kind
+from clutter_env.envs.judge import Judge, JudgeMemory
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.pickling import kept_attributes, make_again
 from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.task import Task
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.random_scene import slot_shapes
-from clutter_env.scene.table_scene import TableScene
+from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.simulation.ee_control import TcpFollower
 from clutter_env.simulation.physics_state import capture_physics
 from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
+from clutter_env.simulation.state_fields import read_dataclass
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = ["BaseEnv"]
 
 
-class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
+class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
     """A robot, a table, objects; subclasses say what the task is."""
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
@@ -56,43 +58,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
+        self._judge: Judge
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
-
-    # What a task defines.
-
-    @abstractmethod
-    def _draw_scene(self, options: ResetOptions) -> TableScene:
-        """The scene of a new episode."""
-
-    @abstractmethod
-    def _begin(self) -> None:
-        """Start the task's bookkeeping; the world and `measurements` are those of the first state."""
-
-    @abstractmethod
-    def _advance(self) -> tuple[float, bool]:
-        """Bookkeeping after a step: the reward, and whether the episode has ended."""
-
-    @abstractmethod
-    def _observe(self) -> dict[str, Any]:
-        """The observation."""
-
-    @abstractmethod
-    def _info(self) -> dict[str, Any]:
-        """The info dictionary."""
-
-    @abstractmethod
-    def _memory(self) -> dict[str, Any]:
-        """The task's bookkeeping as JSON values."""
-
-    @abstractmethod
-    def _read_memory(self, memory: Any) -> Any:
-        """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
-
-    @abstractmethod
-    def _recall(self, bookkeeping: Any) -> None:
-        """Restore the bookkeeping that `_read_memory` returned."""
 
     def _make_observer(self) -> Observer:
         """The maker of the observation vectors; with image observations they leave out the objects."""
@@ -123,6 +92,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
                 self.restore_state(checked.state)
             else:
                 self._simulator.start(self._draw_scene(checked), self._start_configuration())
+                self._judge = Judge(self.world, self.measurements, self.target_slot)
                 self._begin()
         if self.render_mode == "human":
             self.render()
@@ -135,6 +105,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
         self._simulator.step(action)
+        self._judge.update(self.measurements)
         reward, terminated = self._advance()
         if self.render_mode == "human":
             self.render()
@@ -192,6 +163,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self.world.names[self.target_slot] if self.target_slot >= 0 else ""
 
     @property
+    def info(self) -> dict[str, Any]:
+        """The info of the present state; raises ActionError before `reset`."""
+        self._simulator.check_started("info")
+        return self._info()
+
+    @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
         """Slices and columns of the observation's entries, by name; see `observation_layout`."""
         return self._observer.layout
@@ -244,7 +221,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._simulator.check_started("save_state()")
         scene = self.world.scene
         assert scene is not None
-        memory = {"task": self._memory(), **self._simulator.memory(), "rng": self.np_random.bit_generator.state}
+        memory = {
+            "task": self._memory(),
+            "judge": asdict(self._judge.memory()),
+            **self._simulator.memory(),
+            "rng": self.np_random.bit_generator.state,
+        }
         return pack(SavedState(self._kind, scene, capture_physics(self.world), memory))
 
     def restore_state(self, state: bytes) -> None:
@@ -256,8 +238,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         saved = unpack(state, self._kind)
         checked = self._simulator.check(saved)
         check_generator(self.np_random, saved.memory["rng"])
+        judged = read_dataclass(JudgeMemory, saved.memory["judge"], "judge")
+        judged.check(saved.scene.num_objects)
         bookkeeping = self._read_memory(saved.memory["task"])
         self._simulator.restore(checked)
+        self._judge = Judge.recall(judged, self.world, self.measurements, self.target_slot)
         self._recall(bookkeeping)
         self.np_random.bit_generator.state = saved.memory["rng"]
 
@@ -272,6 +257,19 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _kind(self) -> dict[str, Any]:
         """What a saved state and the environment that restores it must have in common."""
         return environment_kind(type(self).__name__, self.config, self.layout, self.robot)
+
+    def _info(self) -> dict[str, Any]:
+        """The info dictionary, the same keys in all environments."""
+        held, judge = self.measurements.held, self._judge
+        return {
+            "is_success": self._is_success(),
+            "lifted": judge.lifted,
+            "target": self.target,
+            "held": self.world.names[held] if held >= 0 else "",
+            "num_fallen": judge.num_fallen,
+            "num_disturbed": judge.num_disturbed,
+            "num_cleared": judge.num_cleared,
+        }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation that the configuration asks for; see `Observer.observe`."""

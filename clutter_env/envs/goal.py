@@ -11,10 +11,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from clutter_env.config import EnvConfig, check_integer
+from clutter_env.config import EnvConfig, check_choice, check_integer
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
-from clutter_env.envs.reset_options import ResetOptions, draw_scene
+from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import Fields
 
@@ -46,10 +47,16 @@ class GoalEnv(BaseEnv):
     """Observations are `observation`, `achieved_goal` and `desired_goal`; goals are points in the world frame.
 
     Rewards, by `reward_mode`: "sparse", 0 within `GOAL_TOLERANCE` of the goal, else -1; "dense", minus the distance.
-    Episodes end by their time limit only.
+    `info["is_success"]` is the goal reached, whatever else has moved, as in relabelled rewards; the other keys of the
+    info are those of `RetrieveEnv`. Episodes end by their time limit only.
+
+    Raises:
+        ConfigError: `success` or `terminate_on_fallen` is given; they are of the retrieval task.
     """
 
     def __init__(self, config: EnvConfig) -> None:
+        for name in ("success", "terminate_on_fallen"):
+            check_choice(name, getattr(config, name), (getattr(EnvConfig, name),))
         self._goal = np.zeros(3)
         super().__init__(config)
 
@@ -106,14 +113,8 @@ class GoalEnv(BaseEnv):
             }
         )
 
-    def _info(self) -> dict[str, Any]:
-        held, target = self.measurements.held, self.target_slot
-        return {
-            "is_success": bool(_distance(self._achieved(), self._goal) <= GOAL_TOLERANCE),
-            "target": self.world.names[target] if target >= 0 else "",
-            "held": self.world.names[held] if held >= 0 else "",
-            "num_fallen": int(self.measurements.is_fallen.sum()),
-        }
+    def _is_success(self) -> bool:
+        return bool(_distance(self._achieved(), self._goal) <= GOAL_TOLERANCE)
 
     def _memory(self) -> dict[str, Any]:
         return {"goal": self._goal.tolist()}

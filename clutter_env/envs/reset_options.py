@@ -1,4 +1,4 @@
-"""`reset(options=...)`: checked and turned into scenes before anything in the environment changes."""
+"""`reset(options=...)`: checked before anything in the environment changes; scenes that the user describes."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.config import EnvConfig
-from clutter_env.errors import OptionError
+from clutter_env.config import OBSTRUCTED, check_choice
+from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.random_scene import sample_base, sample_scene
+from clutter_env.scene.random_scene import sample_base
 from clutter_env.scene.table_scene import TableScene, object_name
 
-__all__ = ["ResetOptions", "draw_scene", "explicit_scene"]
+__all__ = ["ResetOptions", "explicit_scene"]
 
-OPTION_NAMES = ("target", "objects", "state")
+OPTION_NAMES = ("target", "objects", "obstructed", "state")
 _COMMON_KEYS = ("shape", "position", "height", "yaw", "mass")
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("depth", "width")}
 HALF_WIDTH_LIMITS = (0.01, 0.10)
@@ -42,6 +42,7 @@ class ResetOptions:
     target: str | None = None
     objects: tuple[Mapping[str, Any], ...] | None = None
     state: bytes | None = None
+    obstructed: bool | int | None = None
 
     @classmethod
     def of(cls, options: object) -> ResetOptions:
@@ -64,7 +65,13 @@ class ResetOptions:
             raise OptionError(f"option 'target' must be an object's name such as 'object_00', not {given['target']!r}")
         if not isinstance(given.get("state", b""), bytes):
             raise OptionError(f"option 'state' must be bytes from save_state(), not {type(given['state']).__name__}")
-        return cls(given.get("target"), _descriptions(given.get("objects")), given.get("state"))
+        try:
+            check_choice("option 'obstructed'", given.get("obstructed", False), OBSTRUCTED)
+        except ConfigError as problem:
+            raise OptionError(str(problem)) from None
+        return cls(
+            given.get("target"), _descriptions(given.get("objects")), given.get("state"), given.get("obstructed")
+        )
 
     def target_index(self, count: int) -> int | None:
         """The slot of the wanted target, None where it is drawn at random.
@@ -89,20 +96,6 @@ def _descriptions(objects: object) -> tuple[Mapping[str, Any], ...] | None:
         if not isinstance(entry, Mapping):
             raise OptionError(f"option 'objects' must be a list of dictionaries; it holds {entry!r}")
     return tuple(objects)
-
-
-def draw_scene(rng: np.random.Generator, layout: Layout, config: EnvConfig, options: ResetOptions) -> TableScene:
-    """The scene that the options describe, random where they leave it open.
-
-    Raises:
-        OptionError: see `explicit_scene`; or there is no object of the wanted target's name.
-    """
-    if options.objects is None:
-        scene = sample_scene(rng, layout, config.num_objects, config.shapes)
-    else:
-        scene = explicit_scene(rng, layout, options.objects, config.num_objects)
-    wanted = options.target_index(scene.num_objects)
-    return scene if wanted is None else scene.with_target(wanted)
 
 
 def explicit_scene(

@@ -6,10 +6,12 @@ from typing import Any
 
 from clutter_env.config import EnvConfig, check_integer
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.reset_options import ResetOptions, draw_scene
-from clutter_env.envs.reward import HOLD_STEPS, LIFT_HEIGHT, Progress, reward
+from clutter_env.envs.judge import HOLD_STEPS, LIFT_HEIGHT
+from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
+from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import Fields, read_dataclass
+from clutter_env.simulation.state_fields import Fields
 
 __all__ = ["RetrieveEnv"]
 
@@ -19,8 +21,10 @@ class RetrieveEnv(BaseEnv):
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
     scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). The info of `reset` and of every step
-    has `is_success`, `target`, `held` and `num_fallen`. The episode ends with success, or when the target has fallen
-    off the table.
+    has `is_success`, `lifted`, `target`, `held`, `num_fallen`, `num_disturbed` and `num_cleared`; see `judge.Judge`.
+    With `success="clean"` the task is done only if nothing has fallen or been disturbed, with "lifted" in any case.
+    The episode ends with success, when the target has fallen off the table, or, with `terminate_on_fallen`, when an
+    object has fallen.
 
     Example:
         >>> import gymnasium as gym, clutter_env
@@ -32,7 +36,7 @@ class RetrieveEnv(BaseEnv):
 
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
-        self._progress = Progress()
+        self._potential = 0.0
         super().__init__(EnvConfig.from_keywords(keywords))
 
     @property
@@ -54,31 +58,35 @@ class RetrieveEnv(BaseEnv):
         return draw_scene(self.np_random, self.layout, self.config, options)
 
     def _begin(self) -> None:
-        self._progress = Progress().after(self.world, self.measurements, self.target_slot)
+        self._potential = self._measure_potential()
 
     def _advance(self) -> tuple[float, bool]:
-        self._progress = self._progress.after(self.world, self.measurements, self.target_slot)
-        value = reward(self.config.reward_mode, self.world, self.measurements, self._progress, self.target_slot)
-        return value, self._progress.is_success or self._progress.is_target_lost
+        judge, is_success = self._judge, self._is_success()
+        is_spoilt = self.config.terminate_on_fallen and judge.num_fallen > 0
+        is_over = is_success or judge.is_target_lost or is_spoilt
+        if self.config.reward_mode == "sparse":
+            return float(is_success), is_over
+        before, self._potential = self._potential, self._measure_potential()
+        return dense_reward(before, self._potential, event_terms(judge, is_success)), is_over
 
     def _observe(self) -> dict[str, Any]:
-        hold = min(self._progress.steps_held / HOLD_STEPS, 1.0)
-        return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._progress.lift)
+        hold = min(self._judge.steps_held / HOLD_STEPS, 1.0)
+        return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._judge.lift)
 
-    def _info(self) -> dict[str, Any]:
-        held = self.measurements.held
-        return {
-            "is_success": self._progress.is_success,
-            "target": self.world.names[self.target_slot],
-            "held": self.world.names[held] if held >= 0 else "",
-            "num_fallen": self._progress.num_fallen,
-        }
+    def _is_success(self) -> bool:
+        return self._judge.lifted and (self.config.success == "lifted" or self._judge.is_clean)
 
     def _memory(self) -> dict[str, Any]:
-        return {"progress": vars(self._progress)}
+        return {}
 
-    def _read_memory(self, memory: Any) -> Progress:
-        return read_dataclass(Progress, Fields(memory, "memory task", ("progress",))["progress"], "progress")
+    def _read_memory(self, memory: Any) -> None:
+        Fields(memory, "memory task", ())
 
-    def _recall(self, bookkeeping: Progress) -> None:
-        self._progress = bookkeeping
+    def _recall(self, bookkeeping: None) -> None:  # noqa: ARG002  the task remembers nothing
+        self._potential = self._measure_potential()
+
+    def _measure_potential(self) -> float:
+        """The potential of the present state; 0 with the sparse reward, which has none."""
+        if self.config.reward_mode == "sparse":
+            return 0.0
+        return potential(potential_terms(self.world, self.measurements, self._judge, self.target_slot))

@@ -1,86 +1,67 @@
-"""Success and reward of the retrieval task: named measurements first, then what they are worth."""
+"""Reward of the retrieval task: differences of a potential, a bonus for success, penalties for disturbing.
+
+The potential of a state says how near the target is to being lifted. Its differences are plain, not discounted, so
+their sum over an episode depends on the last state alone: staying anywhere, at any height, earns nothing.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
-from clutter_env.config import CONTROL_HZ
-from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.envs.judge import LIFT_HEIGHT, Judge
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["DENSE_SCALES", "HOLD_STEPS", "LIFT_HEIGHT", "Progress", "dense_terms", "reward"]
-
-LIFT_HEIGHT = 0.10
-"""[m] above the table at which the target's lowest point counts as lifted."""
-HOLD_TIME = 0.5
-"""[s] for which it must stay there, held."""
-HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
+__all__ = ["DENSE_SCALES", "POTENTIAL_TERMS", "dense_reward", "event_terms", "potential", "potential_terms"]
 
 REACH_SCALE = 5.0
 """[1/m] The reaching term falls to a quarter at 0.2 m."""
 
+POTENTIAL_TERMS = ("reach", "grasp", "lift")
+"""Terms of the potential, each between 0 and 1; the reward counts their change in a step."""
+
 DENSE_SCALES: Mapping[str, float] = MappingProxyType(
-    {"reach": 0.2, "grasp": 0.2, "lift": 0.5, "success": 10.0, "fallen": -1.0, "lost": -10.0}
+    {"reach": 0.2, "grasp": 0.2, "lift": 0.6, "success": 10.0, "disturbed": -3.0, "lost": -10.0}
 )
-"""What one unit of each term of `dense_terms` is worth in the dense reward."""
+"""What one unit of each term is worth in the dense reward.
+
+The potential is at most 1 altogether, less than the penalty for one disturbed object: disturbing never pays, however
+much sooner the target is lifted, with discounts from 0.95 on."""
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Where the task stands after a step.
+def dense_reward(before: float, after: float, events: Mapping[str, float]) -> float:
+    """The reward of a step: the difference of two potentials, and the events in between times their scales.
 
-    `steps_held` control steps in a row with the target held and lifted; `lift` [m] of its lowest point above the
-    table; `num_fallen` objects toppled or off the table, `newly_fallen` of them in this step.
+    Args:
+        before: `potential` of the state before the step.
+        after: `potential` of the state after it.
+        events: `event_terms` of the step.
     """
-
-    steps_held: int = 0
-    is_target_held: bool = False
-    is_target_lost: bool = False
-    lift: float = 0.0
-    num_fallen: int = 0
-    newly_fallen: int = 0
-
-    @property
-    def is_success(self) -> bool:
-        """The target has been held high enough for long enough."""
-        return self.steps_held >= HOLD_STEPS
-
-    def after(self, world: World, measurements: Measurements, target: int) -> Progress:
-        """The progress one control step later."""
-        lift = world.lowest_point(measurements, target) - TABLE_HEIGHT
-        is_held = measurements.held == target
-        fallen = int(measurements.is_fallen.sum())
-        return Progress(
-            steps_held=self.steps_held + 1 if is_held and lift >= LIFT_HEIGHT else 0,
-            is_target_held=is_held,
-            is_target_lost=bool(measurements.is_off[target]),
-            lift=lift,
-            num_fallen=fallen,
-            newly_fallen=max(fallen - self.num_fallen, 0),
-        )
+    return after - before + sum(DENSE_SCALES[name] * value for name, value in events.items())
 
 
-def reward(mode: str, world: World, measurements: Measurements, progress: Progress, target: int) -> float:
-    """Sparse: 1 at success, else 0. Dense: the sum of `dense_terms` times `DENSE_SCALES`."""
-    if mode == "sparse":
-        return float(progress.is_success)
-    terms = dense_terms(world, measurements, progress, target)
-    return float(sum(DENSE_SCALES[name] * value for name, value in terms.items()))
+def potential(terms: Mapping[str, float]) -> float:
+    """The potential of a state with these `potential_terms`."""
+    return sum(DENSE_SCALES[name] * terms[name] for name in POTENTIAL_TERMS)
 
 
-def dense_terms(world: World, measurements: Measurements, progress: Progress, target: int) -> dict[str, float]:
-    """The terms of the dense reward, each between 0 and 1 but for the count of objects newly fallen."""
-    is_held = float(progress.is_target_held)
+def potential_terms(world: World, measurements: Measurements, judge: Judge, target: int) -> dict[str, float]:
+    """The terms of a state's potential, each between 0 and 1: see the table in `docs/retrieve.md`."""
+    is_held = float(judge.is_target_held)
     return {
         "reach": 1.0 - math.tanh(REACH_SCALE * _grasp_distance(world, measurements, target)),
         "grasp": is_held,
-        "lift": is_held * min(max(progress.lift / LIFT_HEIGHT, 0.0), 1.0),
-        "success": float(progress.is_success),
-        "fallen": float(progress.newly_fallen),
-        "lost": float(progress.is_target_lost),
+        "lift": is_held * min(max(judge.lift / LIFT_HEIGHT, 0.0), 1.0),
+    }
+
+
+def event_terms(judge: Judge, is_success: bool) -> dict[str, float]:
+    """What has happened in a step: success (0 or 1), objects newly disturbed or fallen, target lost (0 or 1)."""
+    return {
+        "success": float(is_success),
+        "disturbed": float(judge.newly_disturbed),
+        "lost": float(judge.is_target_lost),
     }
 
 

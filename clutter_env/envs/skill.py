@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from clutter_env import skill_budget
 from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.retrieve import RetrieveEnv
@@ -25,7 +26,7 @@ from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeome
 from planners.skills.motion import SkillPlanner
 from planners.tamp.solution import BoundAction
 
-__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv", "default_budget"]
+__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
 
 SIMULATIONS = ("physics", "kinematic")
 SKILL_COST = 0.05
@@ -40,11 +41,6 @@ BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "
 _POSITION_BOUND = 4.0
 
 
-def default_budget(num_objects: int) -> int:
-    """Skills allowed in an episode: enough for some mistakes, too few to try every skill."""
-    return 4 + num_objects // 5
-
-
 class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     """Retrieve the target by skills.
 
@@ -52,9 +48,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     can be grasped. The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that
     failed since the objects last changed), then the share of the budget left and the flag of a failed attempt to take.
 
-    Episodes end with success, with the target lost, or when the budget is spent. The reward is 1 for success less
-    `SKILL_COST` for every skill. `info` has, besides `is_success`, `target`, `held` and `num_fallen`: `failure` (why
-    the last skill failed, "" if it did not) and `moved` (names of the objects cleared so far, in order).
+    Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
+    any case), with the target lost, or when the budget is spent. The reward is 1 for success less `SKILL_COST` for
+    every skill. `info` has, besides the keys of `RetrieveEnv`'s: `failure` (why the last skill failed, "" if it did
+    not) and `moved` (names of the objects cleared so far, in order).
 
     Keyword arguments: `simulation` ("physics" or "kinematic"), `budget` (skills), `geometric_mask` (what `action_masks`
     says), and those of `RetrieveEnv` but for `control_mode`.
@@ -74,7 +71,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._is_kinematic = simulation == "kinematic"
         self._geometric_mask = geometric_mask
         self._count = self._physics_env.config.num_objects
-        self.budget = default_budget(self._count) if budget is None else budget
+        self.budget = skill_budget(self._count) if budget is None else budget
         check_integer("budget", self.budget, 1)
         self.render_mode, self.metadata = self._physics_env.render_mode, self._physics_env.metadata
         self._size = self._count * DIRECTIONS + 1
@@ -104,7 +101,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._failed = np.zeros(self._size, dtype=np.bool_)
         self._left = self.budget
         self._moved: list[str] = []
-        self._is_taken = False
+        self._is_taken = self._is_physics_over = False
         self._has_started = True
         return self._observe(), self._info("")
 
@@ -125,7 +122,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             self._moved.append(skill.object)
         info = self._info(failure)
         is_lost = not self._is_taken and not _stands(self._scene.body(self._target))
-        is_over = info["is_success"] or is_lost or self._left == 0
+        is_over = self._is_taken or is_lost or self._is_physics_over or self._left == 0
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
     def render(self) -> Any:
@@ -241,9 +238,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
         """One control step; whether the episode of the physics environment is over."""
-        _, _, is_over, _, info = self._physics_env.step(action)
-        self._is_taken = info["is_success"]
-        return is_over
+        _, _, self._is_physics_over, _, info = self._physics_env.step(action)
+        self._is_taken = info["lifted"]
+        return self._is_physics_over or self._is_taken
 
     def _bodies(self) -> list[Body | None]:
         """The objects that can be cleared or taken; None for those that have fallen."""
@@ -262,14 +259,20 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
 
     def _info(self, failure: str) -> dict[str, Any]:
+        info = self._kinematic_info() if self._is_kinematic else self._physics_env.info
+        return {**info, "failure": failure, "moved": tuple(self._moved)}
+
+    def _kinematic_info(self) -> dict[str, Any]:
+        """The info of the kinematic model, in which no object is ever disturbed."""
         held = self._scene.held
         return {
-            "is_success": bool(self._is_taken),
+            "is_success": self._is_taken,
+            "lifted": self._is_taken,
             "target": self._target,
             "held": held.name if held is not None else "",
-            "num_fallen": sum(body is None for body in self._bodies()),
-            "failure": failure,
-            "moved": tuple(self._moved),
+            "num_fallen": 0,
+            "num_disturbed": 0,
+            "num_cleared": len(set(self._moved)),
         }
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Interval", "Times", "bootstrap", "success_interval", "times", "wilson"]
+__all__ = ["NO_INTERVAL", "Interval", "Times", "bootstrap", "success_interval", "times", "wilson"]
 
 RESAMPLES = 4000
 LEVEL = 0.95
@@ -36,6 +36,7 @@ class Times(NamedTuple):
 
 
 NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
+"""Of nothing to average."""
 
 
 def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> Interval:

@@ -27,8 +27,8 @@ _MAGIC = b"clutter-env state 1\n"
 _MOST_BYTES = 2**24
 """A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
 _PARTS = ("kind", "scene", "physics", "memory")
-MEMORY = ("task", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
-"""What the task, the controller and the environment remember besides the physics."""
+MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
+"""What the task, the judge, the controller and the environment remember besides the physics."""
 
 _LARGEST_HALF_EXTENT = 1.0
 """[m]"""

@@ -37,7 +37,7 @@ Volume: TypeAlias = Callable[[GraspCandidate], int]
 class CandidateSource(Protocol):
     """Where grasps come from."""
 
-    def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+    def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, with what blocks each now; best first."""
         ...
 
@@ -49,9 +49,9 @@ class ExcludingObjects:
     source: CandidateSource
     names: frozenset[str]
 
-    def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
-        """As `CandidateSource.options`."""
-        return () if name in self.names else self.source.options(scene, name)
+    def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """As `CandidateSource.for_object`."""
+        return () if name in self.names else self.source.for_object(scene, name)
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def greedy_commitments(
     def commit(name: str, waiting: int) -> bool:
         """Commit to a grasp of that object and of all in its way, none of which may block those of `waiting`."""
         waiting |= 1 << scene.index(name)
-        for option in sorted(source.options(scene, name), key=lambda option: option.blockers.bit_count()):
+        for option in sorted(source.for_object(scene, name), key=lambda option: option.blockers.bit_count()):
             if deadline.is_over:
                 return False
             if option.blockers & waiting:
@@ -120,7 +120,7 @@ def greedy_commitments(
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
     if deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
-    reachable = bool(source.options(scene, target))
+    reachable = bool(source.for_object(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 
 
@@ -141,7 +141,7 @@ def smallest_commitments(
 
     def masks(index: int) -> list[int]:
         """What is in the way of each grasp of that object."""
-        return [option.blockers for option in source.options(scene, names[index])]
+        return [option.blockers for option in source.for_object(scene, names[index])]
 
     for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits, deadline=deadline):
         if result.count is None:
@@ -194,7 +194,7 @@ def _random_order(
 
 
 def _free_options(source: CandidateSource, scene: Scene, name: str, removed: int) -> list[GraspCandidate]:
-    return [option for option in source.options(scene, name) if option.blockers & ~removed == 0]
+    return [option for option in source.for_object(scene, name) if option.blockers & ~removed == 0]
 
 
 def _committed(source: CandidateSource, scene: Scene, target: str, result: FloorResult) -> Commitments:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from irm.compilation import njit
 
-__all__ = ["leaf_kernel"]
+__all__ = ["inlined_kernel", "leaf_kernel"]
 
 leaf_kernel = njit(cache=True, _nrt=False)
-"""`numba.njit` without reference counting, for kernels that neither allocate nor return arrays, and call
-none that do.
+"""`numba.njit` without reference counting, for kernels that neither allocate nor return arrays and call none that do.
 
-Numba counts references, atomically, to every array that it takes out of a tuple. With the 50 arrays of a collision
-query this took more time than the check itself: 6.1 µs with counting, 2.4 µs without, among 25 objects. Numba compiles
-inner loops of its own in this way (`numba.misc.mergesort`); see https://github.com/numba/numba/issues/2350. A kernel
-that allocates after all is refused when it is compiled ("NRT required but not enabled").
+Numba counts references, atomically, to every array taken out of a tuple. For the 50 arrays of a collision query
+this takes longer than the check itself. Numba compiles inner loops of its own in this way (`numba.misc.mergesort`); see
+https://github.com/numba/numba/issues/2350. A kernel that allocates after all is refused when it is compiled ("NRT
+required but not enabled").
+"""
+inlined_kernel = njit(cache=True, _nrt=False, forceinline=True)
+"""A `leaf_kernel` that is compiled into its callers.
+
+Numba passes the arrays of a tuple as some 500 separate arguments: copying them takes a third of a collision check.
 """

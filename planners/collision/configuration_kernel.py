@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.compilation import leaf_kernel
+from planners.collision.compilation import inlined_kernel, leaf_kernel
 from planners.collision.geometry import CYLINDER, Solids, are_any_within, are_within, core_distance, height
 from planners.collision.robot_model import BASE, RobotArrays
 from planners.collision.robot_pose_kernel import Attached, Scratch, place_robot
@@ -167,7 +167,7 @@ def _hits_itself(
     return False
 
 
-@leaf_kernel
+@inlined_kernel
 def configuration_hits(query: CollisionQuery, active: np.uint64, scratch: Scratch, base: Array, q: Array) -> np.uint64:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 

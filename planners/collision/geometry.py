@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.compilation import njit
+from planners.collision.compilation import leaf_kernel
 
 __all__ = ["BOX", "CYLINDER", "ELLIPSOID", "HULL", "Solids", "are_any_within", "are_within", "core_distance", "height"]
 
@@ -55,7 +55,7 @@ class Solids(NamedTuple):
     first: NDArray[np.int64]
 
 
-@njit(cache=True)
+@leaf_kernel
 def _support(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The farthest point of core i, a box or cylinder, in the direction (x, y, z)."""
     half, R = solids.half, solids.rotation
@@ -78,7 +78,7 @@ def _support(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[floa
     )
 
 
-@njit(cache=True)
+@leaf_kernel
 def _farthest_point(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The farthest point of core i, of any kind, in the direction (x, y, z)."""
     if solids.core[i] <= CYLINDER:
@@ -106,7 +106,7 @@ def _farthest_point(solids: Solids, i: int, x: float, y: float, z: float) -> tup
     )
 
 
-@njit(cache=True)
+@leaf_kernel
 def height(solids: Solids, i: int) -> float:
     """[m] from the centre of solid i up to its highest point."""
     half, R = solids.half, solids.rotation
@@ -118,7 +118,7 @@ def height(solids: Solids, i: int) -> float:
     return float(upright + math.sqrt(R[i, 2, 0] * R[i, 2, 0] + R[i, 2, 1] * R[i, 2, 1]) * half[i, 0])
 
 
-@njit(cache=True)
+@leaf_kernel
 def core_distance(solids: Solids, i: int, x: float, y: float, z: float) -> float:
     """[m] from a point to the oriented box around core i: a lower bound of the distance to the core."""
     half, R = solids.half, solids.rotation
@@ -129,7 +129,7 @@ def core_distance(solids: Solids, i: int, x: float, y: float, z: float) -> float
     return math.sqrt(a * a + b * b + c * c)
 
 
-@njit(cache=True)
+@leaf_kernel
 def _reduce_segment(simplex: Array, i: int, j: int) -> tuple[float, float, float, int]:
     """Closest point to the origin on an edge of the simplex, and the vertices (bits) that span it."""
     ax, ay, az = simplex[i, 0], simplex[i, 1], simplex[i, 2]
@@ -144,7 +144,7 @@ def _reduce_segment(simplex: Array, i: int, j: int) -> tuple[float, float, float
     return ax + s * dx, ay + s * dy, az + s * dz, 1 << i | 1 << j
 
 
-@njit(cache=True)
+@leaf_kernel
 def _reduce_triangle(simplex: Array, i: int, j: int, k: int) -> tuple[float, float, float, int]:
     """Closest point to the origin on a face of the simplex, and the vertices (bits) that span it."""
     ax, ay, az = simplex[i, 0], simplex[i, 1], simplex[i, 2]
@@ -164,7 +164,7 @@ def _reduce_triangle(simplex: Array, i: int, j: int, k: int) -> tuple[float, flo
     return best[0], best[1], best[2], best[3]
 
 
-@njit(cache=True)
+@leaf_kernel
 def _is_beyond(simplex: Array, i: int, j: int, k: int, inside: int) -> bool:
     """Whether a face separates the origin from the fourth vertex, or the simplex is flat."""
     ax, ay, az = simplex[i, 0], simplex[i, 1], simplex[i, 2]
@@ -176,7 +176,7 @@ def _is_beyond(simplex: Array, i: int, j: int, k: int, inside: int) -> bool:
     return bool(origin * fourth <= 0.0)
 
 
-@njit(cache=True)
+@leaf_kernel
 def _reduce_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
     """Closest point to the origin in the full simplex; all four bits are set when it contains the origin."""
     best = (0.0, 0.0, 0.0, 15)
@@ -190,7 +190,7 @@ def _reduce_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
     return best
 
 
-@njit(cache=True)
+@leaf_kernel
 def _keep(simplex: Array, count: int, used: int) -> int:
     """Drop the vertices whose bits are not set; how many remain."""
     kept = 0
@@ -202,7 +202,7 @@ def _keep(simplex: Array, count: int, used: int) -> int:
     return kept
 
 
-@njit(cache=True)
+@leaf_kernel
 def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tuple[float, float, float, int]:
     """Add a vertex to a simplex of `count` vertices, and drop those that do not span its closest point to the origin.
 
@@ -222,7 +222,7 @@ def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tup
     return x, y, z, _keep(simplex, count + 1, used)
 
 
-@njit(cache=True)
+@leaf_kernel
 def are_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
     """Whether solid i of `a` and j of `b`, boxes or cylinders, are at most `padding` [m] apart.
 
@@ -252,7 +252,7 @@ def are_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Ar
     return True
 
 
-@njit(cache=True)
+@leaf_kernel
 def are_any_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
     """As `are_within`, for solids of any kind.
 

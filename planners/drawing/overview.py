@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,17 +12,71 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from planners.drawing.region import COLOURS, outline
+from planners.motion.trajectory import Trajectory
 from planners.scene import Body, Scene
-from planners.tamp.solution import Solution
+from planners.strategies import Strategy
 
-__all__ = ["draw_overview"]
+__all__ = ["DrawnAction", "DrawnPlan", "draw_overview"]
 
 _MARGIN = 0.15
 """[m] around the support and the base's footprints."""
 _WAY = "#4c78a8"
 
 
-def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
+class DrawnAction(Protocol):
+    """What is drawn of an action: `planners.BoundAction`."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it was planned in."""
+        ...
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Its motion."""
+        ...
+
+    @property
+    def target(self) -> str:
+        """The object that is moved or approached, "" for a base motion."""
+        ...
+
+    @property
+    def is_clearance(self) -> bool:
+        """Whether it puts an obstacle aside."""
+        ...
+
+    @property
+    def released(self) -> Body | None:
+        """The object where it is put down, None if nothing is."""
+        ...
+
+
+class DrawnPlan(Protocol):
+    """What is drawn of a plan: `planners.Solution`, whose method `plot` calls this module."""
+
+    @property
+    def target(self) -> str:
+        """The object wanted."""
+        ...
+
+    @property
+    def strategy(self) -> Strategy:
+        """The strategy that made the plan."""
+        ...
+
+    @property
+    def clearances(self) -> Sequence[str]:
+        """The objects put aside, in order."""
+        ...
+
+    @property
+    def actions(self) -> Sequence[DrawnAction]:
+        """The actions in order."""
+        ...
+
+
+def draw_overview(solution: DrawnPlan, ax: Axes | None = None) -> Axes:
     """Draw a plan as the robot sees the scene at the start, itself at the bottom: y to the left, x upwards.
 
     Args:
@@ -59,7 +116,7 @@ def _draw_obstacles(axes: Axes, scene: Scene) -> None:
         axes.add_patch(Polygon(corners, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
 
 
-def _draw_clearances(axes: Axes, solution: Solution) -> None:
+def _draw_clearances(axes: Axes, solution: DrawnPlan) -> None:
     """A numbered arrow for each clearance, from where the object stands to where it is put."""
     for number, action in enumerate((a for a in solution.actions if a.is_clearance), start=1):
         placed = action.released
@@ -91,7 +148,7 @@ def _write(axes: Axes, body: Body, text: str, colour: str) -> None:
     axes.annotate(text, _place(body), ha="center", va="center", fontsize=7, color=colour, zorder=10)
 
 
-def _draw_base(axes: Axes, solution: Solution) -> None:
+def _draw_base(axes: Axes, solution: DrawnPlan) -> None:
     """The way of the base's centre, and its footprint and heading wherever it stops."""
     for action in solution.actions:
         base = action.trajectory.base
@@ -104,7 +161,7 @@ def _draw_base(axes: Axes, solution: Solution) -> None:
         axes.plot((y, ahead[0]), (x, ahead[1]), color=_WAY, linewidth=1.6, zorder=2)
 
 
-def _frame(axes: Axes, solution: Solution) -> None:
+def _frame(axes: Axes, solution: DrawnPlan) -> None:
     """Show the support and every base pose."""
     scene = solution.actions[0].scene
     radius = scene.robot.base_radius

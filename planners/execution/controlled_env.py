@@ -12,7 +12,7 @@ from assets.robots import RobotSpec
 from planners.execution.errors import ExpertError
 from planners.motion.tcp_following import TcpFollower
 
-__all__ = ["CONTROL_MODES", "ControlledEnv", "controlled_env"]
+__all__ = ["CONTROL_MODES", "ControlledEnv", "controlled_env", "num_disturbances"]
 
 Array = NDArray[np.float64]
 
@@ -127,6 +127,21 @@ def controlled_env(env: Any) -> ControlledEnv:
             "(RescaleAction, ClipAction, ...): the expert's actions are those of the environment itself"
         )
     return inner
+
+
+def num_disturbances(env: ControlledEnv) -> int | None:
+    """Objects that have fallen plus objects that have been disturbed, as the environment counts them.
+
+    Args:
+        env: counts if it has a property `info` with `num_fallen` and `num_disturbed`, as `clutter_env`'s have.
+
+    Returns:
+        The sum, in which an object may be counted twice; None if the environment does not count.
+    """
+    info = getattr(env, "info", None)
+    if info is None or not {"num_fallen", "num_disturbed"} <= info.keys():
+        return None
+    return int(info["num_fallen"]) + int(info["num_disturbed"])
 
 
 def _has(env: object, name: str) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planners.collision.robot_model import robot_arrays
 from planners.execution.config import ExpertConfig
-from planners.execution.controlled_env import ControlledEnv
+from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
 from planners.execution.monitor import Sensor
@@ -84,6 +84,12 @@ class Episode:
     @property
     def report(self) -> EpisodeReport:
         """How the episode went, or how it stands: the environment may end before the plan does."""
+        report = self._standing()
+        disturbances = num_disturbances(self._env)
+        return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
+
+    def _standing(self) -> EpisodeReport:
+        """The report without the environment's judgement."""
         if self.done or self._executor is None or self._executor.deviation is not None:
             return self._report
         if not self._is_retrieved():

@@ -15,6 +15,8 @@ class EpisodeReport:
         planned: the last solve found a plan.
         executed: the last plan was executed to its end.
         scored: the target is held up.
+        clean: it is, and no object has fallen or been disturbed since the environment's reset, as the environment's
+            info counts them; None if the environment has no such counts.
         failure: the reason for failure, "" for success.
         clearances: objects put aside in the simulation, in order.
         duplicated: those put aside more than once.
@@ -28,6 +30,7 @@ class EpisodeReport:
     planned: bool = False
     executed: bool = False
     scored: bool = False
+    clean: bool | None = None
     failure: str = ""
     clearances: tuple[str, ...] = ()
     duplicated: tuple[str, ...] = ()

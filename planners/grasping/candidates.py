@@ -98,6 +98,7 @@ class GraspCandidates:
         placer: base poses for gripper poses.
         chain: the arm.
         config: how finely grasps are sampled.
+        compiled: the compiled scenes, shared with the other users in one solve.
     """
 
     placer: BasePlacer
@@ -107,26 +108,26 @@ class GraspCandidates:
     _scene: Scene | None = None
     _known: dict[str, tuple[GraspCandidate, ...]] = field(default_factory=dict)
 
-    def options(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+    def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
-        self._look_at(scene)
+        self._forget_other_scenes(scene)
         if name not in self._known:
             self._known[name] = self._find(scene, scene.body(name))
         return self._known[name]
 
-    def ban(self, scene: Scene, option: GraspCandidate) -> None:
+    def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
-        kept = (other for other in self.options(scene, option.object) if other.key != option.key)
-        self._known[option.object] = tuple(kept)
+        kept = (other for other in self.for_object(scene, grasp.object) if other.key != grasp.key)
+        self._known[grasp.object] = tuple(kept)
 
-    def obstruct(self, scene: Scene, option: GraspCandidate, blockers: int) -> None:
+    def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
-        worse = replace(option, blockers=option.blockers | blockers)
-        kept = [worse if other.key == option.key else other for other in self.options(scene, option.object)]
+        worse = replace(grasp, blockers=grasp.blockers | blockers)
+        kept = [worse if other.key == grasp.key else other for other in self.for_object(scene, grasp.object)]
         kept.sort(key=lambda other: (other.blockers.bit_count(), -other.quality))
-        self._known[option.object] = tuple(kept)
+        self._known[grasp.object] = tuple(kept)
 
-    def _look_at(self, scene: Scene) -> None:
+    def _forget_other_scenes(self, scene: Scene) -> None:
         if self._scene is None or not _same_objects(self._scene, scene):
             self._scene = scene
             self._known = {}
@@ -144,13 +145,13 @@ class GraspCandidates:
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
         found = scan_configurations(self.compiled.world(scene), poses, self._grid(), opening, ignore=ignore)
-        options = [
+        candidates = [
             GraspCandidate(
                 body.name, bases[pair], q, float(poses.gripper_poses[pair, 3]), opening, int(hits), float(quality)
             )
             for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
         ]
-        return tuple(sorted(options, key=lambda option: (option.blockers.bit_count(), -option.quality)))
+        return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
 
     def _grid(self) -> ConfigurationGrid:
         if self.config.near_home:

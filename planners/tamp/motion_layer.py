@@ -144,7 +144,7 @@ class MotionLayer:
     def placements(
         self, scene: Scene, keep_clear: Sequence[GraspCandidate], strategy: Strategy, planned: Placement | None
     ) -> Iterator[Placement]:
-        """Where the object in hand may be put: the placement planned for it, then others."""
+        """Where the held object may be put: the placement planned for it, then others."""
         first = () if planned is None else (planned,)
         others = self.placement_search.find(self._compiled(scene), keep_clear, strategy, self.rng, self.deadline)
         return itertools.islice(itertools.chain(first, others), strategy.placements)
@@ -171,7 +171,7 @@ class MotionLayer:
         return NoPath("MuJoCo finds penetration")
 
     def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
-        """Put the object in hand down as planned, from where the base stands."""
+        """Put the held object down as planned, from where the base stands."""
         assert scene.held is not None
         world = self._compiled(scene)
         for _ in range(_TRIES):

@@ -103,7 +103,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     first = PLANNER.solve(scene, "object_00")
     assert isinstance(first, Solution)
     candidates = GraspCandidates(map_placer(scene), PLANNER.chain)
-    in_hand = grasped(scene, candidates.options(scene, "object_00")[0])
+    in_hand = grasped(scene, candidates.for_object(scene, "object_00")[0])
     found = PLANNER.solve(in_hand, "object_01")
     assert isinstance(found, Solution), found
     assert [action.name for action in found.actions if action.name != "MoveBase"] == ["PutDownForClearance", "PickUp"]

@@ -31,7 +31,7 @@ GREY = "#777777"
 def markdown(settings: TableSettings, scenes: Sequence[Scenes], rows: Sequence[Row]) -> str:
     """All tables, one after another."""
     strategies = list(dict.fromkeys(row.strategy for row in rows))
-    parts = [_table_1(rows, strategies), _success(rows), _paired(rows, strategies[0], settings.cap)]
+    parts = [_table_1(rows, strategies), _success(rows, settings.physics), _paired(rows, strategies[0], settings.cap)]
     parts += [_planning_time(rows, settings.physics), _causes(rows), _scene_table(scenes)]
     return "\n".join(parts)
 
@@ -84,14 +84,19 @@ def _of_paper(figure: str, objects: int) -> list[str]:
     return [f"{PAPER[figure][name][at]:g}" for name in ("srivastava", "ngr")]
 
 
-def _success(rows: Sequence[Row]) -> str:
-    head = ["N", "strategy", "solved", "success", "p", "cleared / floor", "exactly the floor", "replans", "crashed"]
+def _success(rows: Sequence[Row], is_physics: bool) -> str:
+    """Success rates; in physics those of clean success, and beside them the share of targets lifted in any way."""
+    head = (
+        ["N", "strategy", "solved", "clean success", "lifted"] if is_physics else ["N", "strategy", "solved", "success"]
+    )
+    head += ["p", "cleared / floor", "exactly the floor", "replans", "crashed"]
     lines = [
         [
             str(row.objects),
             row.strategy,
             f"{row.solved} / {row.scenes}",
             str(row.success),
+            *([str(row.lifted)] if is_physics else []),
             number_text(row.p_success, "{:.2g}"),
             str(row.ratio),
             number_text(row.at_floor, "{:.0%}"),

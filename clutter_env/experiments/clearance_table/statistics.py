@@ -58,6 +58,7 @@ class Row:
         crashed: number of attempts that crashed; they are counted nowhere else.
         solved: number of scenes solved.
         success: share of `scenes` that are solved, with Wilson's interval.
+        lifted: share of `scenes` whose target was lifted, whatever else moved; of interest in physics only.
         clearances: objects cleared, over the solved scenes.
         duplicated: objects cleared twice or more, over the solved scenes.
         ratio: clearances divided by the floor, over the solved scenes with a proved floor.
@@ -83,6 +84,7 @@ class Row:
     crashed: int
     solved: int
     success: Interval
+    lifted: Interval
     clearances: Interval
     duplicated: Interval
     ratio: Interval
@@ -151,6 +153,7 @@ def make_row(
         crashed=len(own) - len(ended),
         solved=len(solved),
         success=wilson(len(solved), len(ended)),
+        lifted=wilson(sum(attempt.lifted for attempt in ended.values()), len(ended)),
         clearances=bootstrap([[len(attempt.clearances) for attempt in solved.values()]], rng),
         duplicated=bootstrap([[attempt.duplicated for attempt in solved.values()]], rng),
         ratio=bootstrap([floored], rng),

@@ -18,6 +18,8 @@ from planners.tamp.solution import Infeasible
 
 __all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "run_trial"]
 
+NOT_CLEAN = "lifted, but not clean"
+"""Cause of the failure of an episode in which the target was lifted and an object had fallen or been disturbed."""
 ASSESSMENT = "floor"
 """In place of a strategy: compute the minimum number of clearances of the scene."""
 _WARM_UP_SEED = 99_999
@@ -94,7 +96,7 @@ class Attempt:
         objects: number of objects on the table.
         seed: of the environment's reset.
         strategy: its name.
-        solved: whether there is a plan; in physics, whether the environment reports success.
+        solved: whether there is a plan; in physics, whether the environment reports clean success.
         cause: "" for success, "crash", "killed", or the cause of the failure.
         detail: more about it; the traceback of a crash.
         clearances: names of the objects cleared, in order.
@@ -107,7 +109,9 @@ class Attempt:
         wall_s: wall time [s].
         sim_s: simulated time [s], in physics.
         steps: of the environment, in physics.
+        lifted: whether the target was lifted and held, whatever else moved, in physics.
         fallen: number of objects that have fallen, in physics.
+        disturbed: number of objects that have been disturbed, in physics.
         deviations: what made the expert replan, in physics.
     """
 
@@ -127,7 +131,9 @@ class Attempt:
     wall_s: float = 0.0
     sim_s: float = 0.0
     steps: int = 0
+    lifted: bool = False
     fallen: int = 0
+    disturbed: int = 0
     deviations: tuple[str, ...] = ()
 
 
@@ -180,18 +186,20 @@ def _execute(trial: Trial) -> Attempt:
     before = time.perf_counter()
     expert = TampExpert(env, trial.strategy, config=ExpertConfig(planning_s=trial.time_limit, with_floor=False))
     expert.reset(info["target"])
-    over, steps = expert.done, 0
+    over, steps, lifted = expert.done, 0, False
     while not over:
         _, _, terminated, truncated, info = env.step(expert.act())
+        lifted |= info["lifted"]
         over = terminated or truncated or expert.done
         steps += 1
     report = expert.report
     solved = bool(info["is_success"])
+    failure = NOT_CLEAN if lifted and not solved else report.failure
     return Attempt(
         *trial.key,
         solved=solved,
-        cause="" if solved else _cause(report.failure, steps),
-        detail="" if solved else report.failure,
+        cause="" if solved else _cause(failure, steps),
+        detail="" if solved else failure,
         clearances=report.clearances,
         duplicated=len(report.duplicated),
         replans=report.replans,
@@ -199,7 +207,9 @@ def _execute(trial: Trial) -> Attempt:
         wall_s=time.perf_counter() - before,
         sim_s=report.sim_s,
         steps=steps,
+        lifted=lifted,
         fallen=int(info["num_fallen"]),
+        disturbed=int(info["num_disturbed"]),
         deviations=report.deviations,
     )
 

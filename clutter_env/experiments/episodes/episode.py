@@ -68,7 +68,8 @@ class EpisodeResult:
         scene: at the start.
         plan: the first plan, or the reason why there is none.
         report: of the expert.
-        is_success: what the environment says.
+        is_success: clean success, as the environment says.
+        lifted: whether the target was lifted, whatever else moved.
         film: the pictures taken, None if there are none.
     """
 
@@ -78,6 +79,7 @@ class EpisodeResult:
     plan: Solution | Infeasible
     report: EpisodeReport
     is_success: bool
+    lifted: bool
     film: Film | None
 
 
@@ -100,10 +102,10 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
     plan = expert.solution
     if plan is None:
         raise ValueError(expert.report.failure)
-    is_success = _execute(settings, env, expert, film)
+    is_success, lifted = _execute(settings, env, expert, film)
     report = expert.report
     env.close()
-    return EpisodeResult(settings, seed, scene, plan, report, is_success, film)
+    return EpisodeResult(settings, seed, scene, plan, report, is_success, lifted, film)
 
 
 def draw_episode(result: EpisodeResult, directory: Path) -> list[Path]:
@@ -141,7 +143,7 @@ def episode_text(result: EpisodeResult) -> str:
         )
         name = "ngr"
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(history) or 'none'}")
-    parts.append(f"Report\n\n{report_text(result.report, result.is_success)}")
+    parts.append(f"Report\n\n{report_text(result.report, result.is_success, result.lifted)}")
     return "\n\n".join(parts)
 
 
@@ -153,6 +155,7 @@ def episode_figures(result: EpisodeResult) -> dict[str, Any]:
         "target": result.plan.target,
         "strategy": result.settings.strategy,
         "is_success": result.is_success,
+        "lifted": result.lifted,
         "report": asdict(result.report),
         "plan": [str(action) for action in getattr(result.plan, "actions", ())],
         "replanning": [asdict(entry) for entry in result.plan.stats.history],
@@ -194,9 +197,9 @@ def _make_film(settings: EpisodeSettings, env: gym.Env, say: Say) -> Film | None
         return None
 
 
-def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: Film | None) -> bool:
-    """Let the expert act until the episode ends; whether the environment says success."""
-    is_success = False
+def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
+    """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
+    is_success = lifted = False
     is_over = expert.done
     step_s = 1 / env.metadata["render_fps"]
     with tqdm(bar_format="{n:.0f} s simulated{postfix}") as bar:
@@ -205,6 +208,7 @@ def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: 
             phase = expert.phase
             _, _, terminated, truncated, info = env.step(action)
             is_success = bool(info["is_success"])
+            lifted |= info["lifted"]
             if film is not None:
                 film.watch(phase)
             if settings.display == "viewer":
@@ -214,4 +218,4 @@ def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: 
             is_over = terminated or truncated or expert.done
     if film is not None:
         film.finish(f"{expert.target} taken" if is_success else f"ended: {expert.report.failure}")
-    return is_success
+    return is_success, lifted

@@ -62,23 +62,26 @@ def play_many(first: Trial, episodes: int, only_obstructed: bool, jobs: int, pat
 
 
 def counts_text(played: Sequence[Episode]) -> str:
-    """Success rate with its 95% interval, clearances, times, causes of failure and deviations."""
+    """Rates of both kinds of success with 95% intervals, clearances, times, causes of failure and deviations."""
     ended = [entry for entry in played if entry.attempt.cause != CRASH]
     attempts = [entry.attempt for entry in ended]
     solved = [entry for entry in ended if entry.attempt.solved]
-    success = wilson(len(solved), len(ended))
+    success, lifted = wilson(len(solved), len(ended)), sum(attempt.lifted for attempt in attempts)
     floors = [entry for entry in solved if entry.floor is not None]
+    simulated = times([entry.attempt.sim_s for entry in solved])
     planning = times([attempt.total_s for attempt in attempts])
     rows = {
         "episodes": f"{len(ended)}, and {len(played) - len(ended)} CRASHED",
-        "success": f"{len(solved)} of {len(ended)}: {success}",
+        "clean success": f"{len(solved)} of {len(ended)}: {success}",
+        "target lifted": f"{lifted} of {len(ended)}: {wilson(lifted, len(ended))}",
         "objects cleared": f"{_mean([len(entry.attempt.clearances) for entry in solved]):.2f} on average",
         "minimum number of clearances": f"{_mean([entry.floor or 0 for entry in floors]):.2f} on average",
         "cleared twice or more": f"{sum(attempt.duplicated for attempt in attempts)} objects",
         "replans after deviations": f"{sum(attempt.replans for attempt in attempts)}",
-        "fallen off the table": f"{sum(attempt.fallen for attempt in attempts)} objects",
+        "toppled or off the table": f"{sum(attempt.fallen for attempt in attempts)} objects",
+        "disturbed": f"{sum(attempt.disturbed for attempt in attempts)} objects",
         "planning": f"{planning.median:.2f} s of CPU time (median), {planning.p95:.2f} s (95th percentile)",
-        "simulated time": f"{_mean([attempt.sim_s for attempt in attempts]):.0f} s on average",
+        "simulated time of a success": f"{simulated.median:.1f} s (median), {simulated.p95:.1f} s (95th percentile)",
     }
     width = max(map(len, rows))
     lines = [f"  {name:<{width}}  {value}" for name, value in rows.items()]

@@ -38,11 +38,12 @@ def _step(number: int, entry: ReplanRecord) -> str:
     return "\n".join(lines)
 
 
-def report_text(report: EpisodeReport, is_success: bool) -> str:
-    """The results of the episode, one figure a line."""
+def report_text(report: EpisodeReport, is_success: bool, lifted: bool) -> str:
+    """The results of the episode, one figure a line; `is_success` and `lifted` are what the environment says."""
     names = ", ".join(report.clearances) or "none"
     rows = {
-        "success": "yes, by the environment" if is_success else f"no: {report.failure or 'the target was not held up'}",
+        "success": "yes, by the environment" if is_success else f"no: {report.failure or _reason(lifted)}",
+        "target lifted": "yes" if lifted else "no",
         "planned, executed, scored": ", ".join(
             "yes" if done else "no" for done in (report.planned, report.executed, report.scored)
         ),
@@ -55,3 +56,8 @@ def report_text(report: EpisodeReport, is_success: bool) -> str:
     }
     width = max(map(len, rows))
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
+
+
+def _reason(lifted: bool) -> str:
+    """Why an episode is no success although the expert reports no failure."""
+    return "an object has fallen or been disturbed" if lifted else "the target was not held up"

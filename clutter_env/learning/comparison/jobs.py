@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from clutter_env.learning.comparison.evaluation import Score, play, play_expert
-from clutter_env.learning.demonstrations.experts import expert_keywords, expert_names, make_expert
+from clutter_env.learning.demonstrations.experts import MAX_SCRIPT_STEPS, expert_keywords, expert_names, make_expert
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.baselines import BASELINES, greedy_agent, random_agent
+from clutter_env.learning.policies.baselines import BASELINES, Bulldozer, greedy_agent, random_agent
 from clutter_env.learning.policies.runs import RUN_FILE, load_run
 from clutter_env.learning.task import Task
 
@@ -47,6 +47,10 @@ def run_job(job: EvaluationJob) -> Score | int | None:
             return play_expert(env, make_expert(env, job.policy), job.seed)
         finally:
             env.close()
+    if job.policy == "bulldozer":
+        env, bulldozer = Task(job.env_id, Bulldozer.env_keywords).make(), Bulldozer()
+        bulldozer.reset(env, {})
+        return play(env, bulldozer.act, job.seed, min(job.max_steps or MAX_SCRIPT_STEPS, MAX_SCRIPT_STEPS))
     if job.policy in BASELINES:
         env = Task(job.env_id.replace("/Retrieve", "/Skill")).make()
         act = greedy_agent(env) if job.policy == "greedy" else random_agent(env, job.seed)

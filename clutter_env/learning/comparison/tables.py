@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from clutter_env.learning.comparison.evaluation import Score
-from clutter_env.reporting.statistics import Interval, bootstrap, success_interval
+from clutter_env.reporting.statistics import NO_INTERVAL, Interval, bootstrap, success_interval
 from clutter_env.reporting.tables import markdown_table, number_text
 
 __all__ = ["Row", "markdown", "plot", "summarise"]
@@ -31,7 +31,8 @@ class Row:
         policy: its name.
         runs: number of training seeds.
         episodes: number of episodes of all runs.
-        success: share of the episodes; see `success_interval`.
+        success: share of the episodes with (clean) success; see `success_interval`.
+        lifted: share of the episodes whose target was lifted, whatever else moved; NaN for Reach and Pick.
         moved: number of objects moved, over the scenes that the policy solved.
         excess: `moved` minus the minimum number of clearances, over the solved scenes for which it is proved.
         steps: of the environment.
@@ -45,6 +46,7 @@ class Row:
     runs: int
     episodes: int
     success: Interval
+    lifted: Interval
     moved: Interval
     excess: Interval
     steps: Interval
@@ -78,13 +80,14 @@ def summarise(
         steps=bootstrap([[score.steps for score in run] for run in runs], rng),
         sim_s=bootstrap([[score.sim_s for score in run] for run in runs], rng),
         wall_s=bootstrap([[score.wall_s for score in run] for run in runs], rng),
+        lifted=_lifted(scene_set, runs, rng),
         failures=dict(Counter(score.failure for run in runs for score in run if not score.is_success)),
     )
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """The table. Steps are of the environment: skills where a policy acts by skills."""
-    head = ["scenes", "policy", "runs × scenes", "success", "moved", "moved - floor"]
+    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved", "moved - floor"]
     head += ["steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
 
@@ -96,6 +99,7 @@ def _cells(row: Row) -> list[str]:
         row.policy,
         f"{row.runs} × {row.episodes // max(row.runs, 1)}",
         str(row.success),
+        str(row.lifted),
         str(row.moved),
         str(row.excess),
         number_text(row.steps.mean, "{:.0f}"),
@@ -118,7 +122,7 @@ def plot(rows: Sequence[Row], path: Path) -> None:
         numbers = np.array([int(row.scene_set[1:]) for row in own]) + OFFSET * (index - (len(policies) - 1) / 2)
         _draw(panels[0], numbers, [row.success for row in own], policy, index)
         _draw(panels[1], numbers, [row.moved for row in own], policy, index)
-    panels[0].set(title="success", ylim=(-0.03, 1.03))
+    panels[0].set(title="clean success", ylim=(-0.03, 1.03))
     panels[1].set(title="objects moved, on solved scenes")
     panels[1].set_ylim(bottom=0)
     for axes in panels:
@@ -135,6 +139,13 @@ def _draw(axes: Any, numbers: NDArray[np.float64], values: Sequence[Interval], l
     marker, colour = "osD^vPX"[index % 7], f"C{index % 10}"
     lengths = np.maximum((means - low, high - means), 0.0)
     axes.errorbar(numbers, means, yerr=lengths, marker=marker, color=colour, capsize=3, label=label)
+
+
+def _lifted(scene_set: str, runs: Sequence[Sequence[Score]], rng: np.random.Generator) -> Interval:
+    """The share of targets lifted; lifting is not the task in Reach and Pick."""
+    if scene_set in ("reach", "pick"):
+        return NO_INTERVAL
+    return success_interval([[score.lifted for score in run] for run in runs], rng)
 
 
 def _excess(run: Sequence[Score], floors: Mapping[int, int | None]) -> list[float]:

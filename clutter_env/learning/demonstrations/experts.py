@@ -15,7 +15,7 @@ from clutter_env.learning.errors import UnknownExpert
 from clutter_env.learning.task import family
 from clutter_env.reporting.json_file import json_values
 
-__all__ = ["Expert", "expert_keywords", "expert_names", "make_expert"]
+__all__ = ["MAX_SCRIPT_STEPS", "Expert", "expert_keywords", "expert_names", "make_expert"]
 
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""

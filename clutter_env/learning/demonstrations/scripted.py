@@ -18,7 +18,7 @@ from clutter_env.envs.goal import GoalEnv
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
 
-__all__ = ["SCRIPTS", "Step"]
+__all__ = ["SCRIPTS", "Step", "bulldoze"]
 
 Array = NDArray[np.float64]
 Step = tuple[str, NDArray[Any]]
@@ -52,6 +52,13 @@ STEER_HEIGHT = 0.04
 """[m] below its commanded height at which the gripper stops moving sideways."""
 LIFT = 0.15
 """[m] of the commanded TCP above its present height while the target is lifted."""
+
+FULL_SPEED_GAIN = 20.0
+"""[1/s] As `GAIN`, for a gripper that moves at its greatest speed until it is 2 cm from its goal."""
+CHARGE_FROM = 0.10
+"""[m] before the table's front edge: where the gripper waits until it is in line with the target."""
+IN_LINE = 0.02
+"""[m] from the line to the target, across and up, within which the gripper charges."""
 
 
 def reach(env: GoalEnv) -> Step:
@@ -97,6 +104,25 @@ def retrieve(env: RetrieveEnv) -> Step:
     if tcp_error == 0 and tcp[2] - grasp[2] < AT_GRASP:
         return "close", _action(env, grasp, 0.0, drive)
     return ("drive" if base_error > APPROACH else "descend"), _action(env, point, opening, drive)
+
+
+def bulldoze(env: RetrieveEnv) -> Step:
+    """Line up before the table at the height of the grasp, charge straight at the target, close the fingers, lift.
+
+    Whatever stands in between is pushed aside or toppled, at full speed.
+    """
+    tcp = _tcp(env)
+    if env.measurements.held == env.target_slot:
+        return "lift", _action(env, tcp + (0, 0, LIFT), 0.0)
+    grasp, _, opening = _target_grasp(env)
+    drive = _remaining_drive(env)
+    if _off_axis(env, tcp, grasp) == 0:
+        return "close", _action(env, grasp, 0.0)
+    start = -env.layout.depth / 2 - CHARGE_FROM
+    if tcp[0] < start + IN_LINE and np.abs(tcp - grasp)[1:].max() > IN_LINE:
+        drive[0] = min(drive[0], start - STANDOFF - _base(env)[0])
+        return "line up", _action(env, np.array([start, *grasp[1:]]), opening, drive, FULL_SPEED_GAIN)
+    return "charge", _action(env, grasp, opening, drive, FULL_SPEED_GAIN)
 
 
 SCRIPTS: Mapping[str, Callable[[Any], Step]] = MappingProxyType({"reach": reach, "pick": pick, "scripted": retrieve})
@@ -148,7 +174,9 @@ def _off_axis(env: BaseEnv, tcp: Array, grasp: Array) -> float:
     return max(abs(float(ahead)) - ALIGNED[0], abs(float(across)) - ALIGNED[1], 0.0)
 
 
-def _action(env: BaseEnv, point: Array, opening: float, drive: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[Any]:
+def _action(
+    env: BaseEnv, point: Array, opening: float, drive: ArrayLike = (0.0, 0.0, 0.0), gain: float = GAIN
+) -> NDArray[Any]:
     """The action that moves the TCP towards a point, keeps the gripper level and straight ahead, and drives the base.
 
     Velocities are proportional to the remaining distances, so that the same state always gives the same action.
@@ -158,12 +186,13 @@ def _action(env: BaseEnv, point: Array, opening: float, drive: ArrayLike = (0.0,
         point: (3,) [m] in the world.
         opening: of the gripper [m].
         drive: remaining motion (3,) of the base: ahead [m], to the left [m], turning [rad].
+        gain: [1/s] velocity of the gripper divided by its remaining distance.
     """
     yaw = float(env.world.controller.state.target[2])
     cosine, sine = math.cos(yaw), math.sin(yaw)
     R_base_world = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     R_base_tcp = R_base_world @ env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
-    linear = GAIN * (R_base_world @ (point - _tcp(env))) / env.robot.max_tcp_velocity[0]
+    linear = gain * (R_base_world @ (point - _tcp(env))) / env.robot.max_tcp_velocity[0]
     angular = TURN_GAIN * _level_error(R_base_tcp) / env.robot.max_tcp_velocity[1]
     linear /= max(1.0, float(np.abs(linear).max()))
     base = GAIN * np.asarray(drive) / np.array(env.robot.max_velocity[:3])

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.learning.demonstrations.experts import MAX_SCRIPT_STEPS
+from clutter_env.learning.demonstrations.scripted import bulldoze
 from clutter_env.learning.errors import LearningError
 
-__all__ = ["BASELINES", "greedy_agent", "random_agent"]
+__all__ = ["BASELINES", "Bulldozer", "greedy_agent", "random_agent"]
 
-BASELINES = ("random", "greedy")
+BASELINES = ("random", "greedy", "bulldozer")
 _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
 """Indices of the approach directions, those from the robot's side first."""
 
@@ -30,6 +35,45 @@ def random_agent(env: gym.Env, seed: int) -> Callable[[Any], Any]:
         return int(rng.choice(np.flatnonzero(masks)))
 
     return act
+
+
+class Bulldozer:
+    """Goes straight for the target at full speed, through whatever stands in between; see `scripted.bulldoze`.
+
+    It knows the exact poses. A new episode begins with `reset(env, info)`, as in the protocol of
+    `clutter-env evaluate --policy clutter_env.learning.policies.baselines:Bulldozer`.
+
+    Attributes:
+        env_keywords: keyword arguments with which an environment must be made for it.
+    """
+
+    env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
+
+    def __init__(self) -> None:
+        self._env: RetrieveEnv | None = None
+        self._steps = 0
+
+    def reset(self, env: gym.Env, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode; `env` has been reset and returned `info`.
+
+        Raises:
+            LearningError: not a Retrieve environment with `control_mode="ee"`.
+        """
+        retrieve_env = env.unwrapped
+        if not isinstance(retrieve_env, RetrieveEnv) or retrieve_env.control_mode != "ee":
+            raise LearningError("the bulldozer acts in Retrieve environments with control_mode='ee'")
+        self._env, self._steps = retrieve_env, 0
+
+    @property
+    def done(self) -> bool:
+        """Whether it has given up: it needs less than a hundred steps, or does not get there."""
+        return self._steps >= MAX_SCRIPT_STEPS
+
+    def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
+        """The next action."""
+        assert self._env is not None
+        self._steps += 1
+        return bulldoze(self._env)[1]
 
 
 def greedy_agent(env: gym.Env) -> Callable[[Any], Any]:

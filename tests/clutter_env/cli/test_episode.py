@@ -49,7 +49,7 @@ def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
     plan = Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02", target="object_01")
     settings = EpisodeSettings("clutter_env/Retrieve-o5-v0", strategy="ngr")
     report = EpisodeReport(failure="no clearance location: nowhere for object_02")
-    text = episode_text(EpisodeResult(settings, 0, table_scene(), plan, report, False, None))
+    text = episode_text(EpisodeResult(settings, 0, table_scene(), plan, report, False, False, None))
     assert "No plan takes object_01" in text
     assert "Cause: no clearance location" in text
     assert "Evidence: nowhere for object_02" in text
@@ -60,7 +60,7 @@ def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
 def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
     plan = solved()
     settings = EpisodeSettings("clutter_env/Retrieve-o25-v0")
-    result = EpisodeResult(settings, 3, plan.actions[0].scene, plan, EpisodeReport(), True, None)
+    result = EpisodeResult(settings, 3, plan.actions[0].scene, plan, EpisodeReport(), True, True, None)
     files = draw_episode(result, tmp_path)
     assert [path.name for path in files] == ["plan.png", "overview.png", "plan.npz"]
     assert Solution.load(tmp_path / "plan.npz") == plan
@@ -73,8 +73,9 @@ def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
 
 def test_the_report_believes_the_environment() -> None:
     report = EpisodeReport(planned=True, executed=True, scored=True, clearances=("object_02",), floor=1)
-    assert "yes, by the environment" in report_text(report, is_success=True)
-    assert "no: the target was not held up" in report_text(report, is_success=False)
+    assert "yes, by the environment" in report_text(report, is_success=True, lifted=True)
+    assert "no: the target was not held up" in report_text(report, is_success=False, lifted=False)
+    assert "no: an object has fallen or been disturbed" in report_text(report, is_success=False, lifted=True)
 
 
 def test_counts_keep_crashes_apart_from_failures() -> None:

@@ -19,7 +19,15 @@ IDS = [
     "clutter_env/Reach-v0",
     "clutter_env/Pick-v0",
 ]
-INFO_TYPES = {"is_success": bool, "target": str, "held": str, "num_fallen": int}
+INFO_TYPES = {
+    "is_success": bool,
+    "lifted": bool,
+    "target": str,
+    "held": str,
+    "num_fallen": int,
+    "num_disturbed": int,
+    "num_cleared": int,
+}
 
 
 @pytest.mark.parametrize("env_id", IDS)

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import clutter_env
-from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv, default_budget
+from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv
 from clutter_env.errors import ActionError, ConfigError
 from planners.skills.geometry import DIRECTIONS
 
@@ -98,7 +98,44 @@ def test_the_budget_ends_the_episode() -> None:
     assert is_over
     assert not info["is_success"]
     assert observation[-2] == 0.0
-    assert default_budget(15) == 7
+
+
+@pytest.mark.parametrize("count", clutter_env.SKILL_OBJECT_COUNTS)
+def test_the_time_limit_is_the_budget(count: int) -> None:
+    limit = gym.spec(f"clutter_env/Skill-o{count}-v0").max_episode_steps
+    assert limit == SkillEnv(simulation="kinematic", num_objects=count).budget == 4 + count // 5
+
+
+def tamper(env: SkillEnv, height: float) -> None:
+    """Put an object that is not the target at another height [m]; that stops the next skill."""
+    physics_env = env.physics_env
+    poses = physics_env.data.qpos[physics_env.world.index.object_qpos].reshape(-1, 7)
+    poses[(physics_env.target_slot + 1) % len(poses), 2] += height
+
+
+@pytest.mark.parametrize("success", ["clean", "lifted"])
+def test_a_target_taken_after_a_disturbance_ends_the_episode_without_clean_success(success: str) -> None:
+    env = SkillEnv(simulation="physics", num_objects=5, success=success)
+    env.reset(seed=0)
+    tamper(env, 0.06)
+    *_, is_over, _, info = env.step(5 * DIRECTIONS)
+    assert not is_over
+    assert info["num_disturbed"] == 1
+    _, reward, is_over, _, info = env.step(5 * DIRECTIONS)
+    assert info["lifted"]
+    assert is_over
+    assert info["is_success"] == (success == "lifted")
+    assert reward == info["is_success"] - SKILL_COST
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_fall_ends_the_episode_if_it_shall(ends: bool) -> None:
+    env = SkillEnv(simulation="physics", num_objects=5, terminate_on_fallen=ends)
+    env.reset(seed=0)
+    tamper(env, -0.5)
+    _, _, is_over, _, info = env.step(5 * DIRECTIONS)
+    assert info["num_fallen"] == 1
+    assert is_over == ends
 
 
 def test_rows_describe_the_scene(kinematic: SkillEnv) -> None:

@@ -14,8 +14,9 @@ from clutter_env.learning.comparison.compare import Comparison, evaluate_all, ma
 from clutter_env.learning.comparison.evaluation import Score, held_out_seeds, play, play_expert
 from clutter_env.learning.comparison.jobs import FLOOR, EvaluationJob, policy_name, scene_set_name
 from clutter_env.learning.comparison.tables import markdown, plot, summarise
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.learning.demonstrations.experts import MAX_SCRIPT_STEPS, make_expert
 from clutter_env.learning.errors import LearningError
+from clutter_env.learning.policies.baselines import Bulldozer
 from clutter_env.learning.task import HELD_OUT, Task
 from clutter_env.parallel.jobs import Crash
 from clutter_env.reporting.json_file import json_text
@@ -101,6 +102,28 @@ def test_scores_survive_a_crash_and_are_not_made_again(tmp_path: Path) -> None:
     results = evaluate_all(jobs, tmp_path / "scores.json", again)
     assert [job.policy for job in again.done] == ["random", "random"]
     assert [(row.policy, row.excess.mean) for row in make_rows(comparison, results)] == [("ngr", 0.0), ("random", 0.0)]
+
+
+def test_the_bulldozer_lifts_without_success_and_is_counted_apart() -> None:
+    env = Task("clutter_env/Retrieve-o15-v0", Bulldozer.env_keywords).make()
+    bulldozer = Bulldozer()
+    bulldozer.reset(env, {})
+    scores = [play(env, bulldozer.act, seed, MAX_SCRIPT_STEPS) for seed in (610_001, 610_002)]
+    assert [score.lifted for score in scores] == [True, False]
+    assert not any(score.is_success for score in scores)
+    assert [score.failure for score in scores] == ["not clean", "time limit"]
+    assert all(score.disturbed for score in scores)
+    assert scores[0].steps < 100, "an episode is over when the target is lifted"
+    row = summarise("o15", "bulldozer", [scores], {}, seed=0)
+    assert (row.success.mean, row.lifted.mean) == (0.0, 0.5)
+    assert bulldozer.done
+    bulldozer.reset(env, {})
+    assert not bulldozer.done
+
+
+def test_the_bulldozer_needs_control_of_the_gripper() -> None:
+    with pytest.raises(LearningError, match="ee"):
+        Bulldozer().reset(Task("clutter_env/Retrieve-o5-v0").make(), {})
 
 
 def test_an_unknown_policy_is_refused() -> None:

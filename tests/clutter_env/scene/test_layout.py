@@ -9,7 +9,8 @@ import pytest
 from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, furniture
-from clutter_env.scene.random_scene import EDGE_MARGIN, MAX_OBJECTS, OBJECT_GAP, SHAPE_SETS, capacity, sample_scene
+from clutter_env.scene.object_sets import MAX_OBJECTS, OBJECT_GAP, OBJECT_SETS, SHAPE_SETS, capacity
+from clutter_env.scene.random_scene import sample_scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
 FRONT_NAMES = {"counter_left", "counter_right", "wall"}
@@ -26,7 +27,9 @@ def test_full_tables_keep_objects_apart_and_on_the_table(name: str, shapes: str)
         radii = np.where(scene.is_box, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
         apart = np.linalg.norm(scene.positions[:, None] - scene.positions, axis=-1) - radii[:, None] - radii
         assert apart[~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
-        assert (np.abs(scene.positions) <= np.array([layout.depth, layout.width]) / 2 - EDGE_MARGIN).all()
+        assert (
+            np.abs(scene.positions) <= np.array([layout.depth, layout.width]) / 2 - OBJECT_SETS["standard"].edge_margin
+        ).all()
         assert 0 <= scene.target < count
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import clutter_env
 from planners import EpisodeReport, TampExpert
+from planners.execution.controlled_env import num_disturbances
 from planners.strategies import UnknownStrategy
 
 assert clutter_env
@@ -44,6 +45,7 @@ def test_an_episode_ends_in_success(mode: str) -> None:
     assert report.planned
     assert report.executed
     assert report.scored
+    assert report.clean
     assert report.failure == ""
     assert report.sim_s > 1.0
     assert report.planning_s > 0.0
@@ -107,6 +109,11 @@ def topple_another(env: gymnasium.Env, expert: TampExpert) -> bool:
     return True
 
 
+def test_an_environment_that_counts_nothing_leaves_the_judgement_open() -> None:
+    assert num_disturbances(object()) is None
+    assert EpisodeReport().clean is None
+
+
 FAULTS = {"push": push_the_target, "knock": knock_out_of_the_hand, "topple": topple_another}
 
 
@@ -114,7 +121,9 @@ FAULTS = {"push": push_the_target, "knock": knock_out_of_the_hand, "topple": top
 def test_a_fault_is_noticed_and_recovered_from(fault: str) -> None:
     report, success, happened = run(seed=11, objects=5, fault=FAULTS[fault])
     assert happened
-    assert success
+    assert report.scored
+    assert success == report.clean
+    assert not report.clean, "the fault moved an object that nobody held"
     assert report.replans >= 1
     assert report.deviations
 
@@ -125,7 +134,7 @@ def test_a_fault_is_noticed_and_recovered_from(fault: str) -> None:
 def test_eight_of_ten_faults_are_recovered_from(fault: str, objects: int) -> None:
     outcomes = [run(seed, objects, fault=FAULTS[fault]) for seed in range(30, 40)]
     assert all(happened for _, _, happened in outcomes)
-    assert sum(success for _, success, _ in outcomes) >= 8
+    assert sum(report.scored for report, _, _ in outcomes) >= 8
 
 
 def test_an_unknown_strategy_is_refused() -> None:

@@ -33,8 +33,8 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 
 
 def some_candidates(scene: Scene) -> list[GraspCandidate]:
-    options = candidates(scene)
-    return [option for name in scene.names[:6] for option in options.options(scene, name)]
+    source = candidates(scene)
+    return [grasp for name in scene.names[:6] for grasp in source.for_object(scene, name)]
 
 
 def test_candidates_put_the_gripper_around_the_object(scene: Scene) -> None:
@@ -57,9 +57,9 @@ def test_blockers_are_what_the_collision_check_says(scene: Scene) -> None:
 
 
 def test_no_candidate_is_dominated_by_another(scene: Scene) -> None:
-    options = candidates(scene)
+    source = candidates(scene)
     for name in scene.names[:6]:
-        masks = {option.blockers for option in options.options(scene, name)}
+        masks = {grasp.blockers for grasp in source.for_object(scene, name)}
         assert not any(one != other and one & ~other == 0 for one in masks for other in masks)
 
 
@@ -112,7 +112,7 @@ def test_an_object_off_the_table_has_no_grasps() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0), cylinder("object_01", -2.0, 0.0))
     fallen = scene.body("object_01").at((-2.0, 0.0, 0.08))
     scene = scene.with_body(fallen)
-    assert candidates(scene).options(scene, "object_01") == ()
+    assert candidates(scene).for_object(scene, "object_01") == ()
     found = next(smallest_commitments(candidates(scene), scene, "object_01"))
     assert isinstance(found, NoCommitment)
     assert found.cause is Cause.UNREACHABLE

@@ -36,7 +36,7 @@ def motion_layer(scene: Scene) -> MotionLayer:
 def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
     """The first pick that the controller can follow, from where the base then stands."""
     layer = motion_layer(ALONE)
-    for grasp in layer.candidates.options(ALONE, "wanted"):
+    for grasp in layer.candidates.for_object(ALONE, "wanted"):
         scene = ALONE.with_state(replace(ALONE.state, base=grasp.base))
         world = CollisionWorld.from_scene(scene)
         motion = plan_pick(world, grasp.base, scene.state.q, grasp.q, "wanted", rng=np.random.default_rng(0))

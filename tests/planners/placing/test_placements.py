@@ -30,7 +30,7 @@ PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations")
 def in_hand() -> Scene:
     """One of two objects of a nearly empty table, grasped."""
     scene = table_scene(cylinder("object_00", -0.2, 0.1), cylinder("object_01", 0.0, -0.3))
-    return grasped(scene, GraspCandidates(map_placer(scene), CHAIN).options(scene, "object_00")[0])
+    return grasped(scene, GraspCandidates(map_placer(scene), CHAIN).for_object(scene, "object_00")[0])
 
 
 def search(scene: Scene) -> PlacementSearch:

@@ -17,12 +17,12 @@ def test_an_object_never_counts_as_in_the_way_of_its_own_grasp() -> None:
     placer = map_placer(scene)
     motion_layer = MotionLayer(GraspCandidates(placer, CHAIN), PlacementSearch(placer, CHAIN), np.random.default_rng(0))
     name, other = "object_00", "object_01"
-    first, second = motion_layer.candidates.options(scene, name)[:2]
+    first, second = motion_layer.candidates.for_object(scene, name)[:2]
 
     motion_layer.obstruct(scene, first, frozenset({name, other}))
-    changed = next(option for option in motion_layer.candidates.options(scene, name) if option.key == first.key)
+    changed = next(option for option in motion_layer.candidates.for_object(scene, name) if option.key == first.key)
     assert changed.blockers == first.blockers | scene.mask([other])
 
     motion_layer.obstruct(scene, second, frozenset({name}))
-    assert second.key not in {option.key for option in motion_layer.candidates.options(scene, name)}
+    assert second.key not in {option.key for option in motion_layer.candidates.for_object(scene, name)}
     assert motion_layer.has_refuted

@@ -1,0 +1,1 @@
+"""Commands that make what is shipped with the packages: tables, suites, pictures."""

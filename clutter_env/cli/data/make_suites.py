@@ -1,0 +1,70 @@
+"""Make the suites of scenes: seeds, targets, exact floors and digests, one JSON file for each suite.
+
+    python scripts/make_suites.py --names side-15-v1 side-25-v1
+
+The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from clutter_env.cli.command import run_command
+from clutter_env.experiments.suites.making import PLANS, SuitePlan, make_suite
+from clutter_env.reporting.json_file import json_text, write_atomically
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Command line."""
+
+    names: tuple[str, ...] = tuple(plan.name for plan in PLANS)
+    """Suites to make."""
+    scenes: int = 100
+    """Scenes in each split."""
+    workers: int = 2
+    """Number of processes."""
+    check: bool = False
+    """Write nothing; fail if a file differs from what is made now."""
+    output: Path = Path("assets/suites")
+    """Directory of the files."""
+
+
+def run(arguments: Arguments) -> None:
+    """Make and write, or compare, suite by suite."""
+    plans = {plan.name: plan for plan in PLANS}
+    for name in arguments.names:
+        if name not in plans:
+            raise ValueError(f"no suite {name!r}; suites: {', '.join(plans)}")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    for name in arguments.names:
+        text = _text(plans[name], arguments)
+        file = arguments.output / f"{name}.json"
+        if not arguments.check:
+            write_atomically(file, text.encode())
+            print(f"written: {file}")
+        elif file.read_text() != text:
+            raise ValueError(f"{file} differs from what is made now")
+        else:
+            print(f"identical: {file}")
+
+
+def _text(plan: SuitePlan, arguments: Arguments) -> str:
+    """One scene a line."""
+    with tqdm(total=2 * arguments.scenes, desc=plan.name, unit="scene") as bar:
+        content = make_suite(plan, arguments.scenes, arguments.workers, bar.update)
+    scenes = {
+        split: "[\n" + ",\n".join(json_text(entry) for entry in entries) + "\n]"
+        for split, entries in content.pop("scenes").items()
+    }
+    head = json_text(content, indent=1).removesuffix("\n}")
+    return head + ',\n "scenes": {' + ",\n".join(f'"{split}": {lines}' for split, lines in scenes.items()) + "}\n}\n"
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command; `words` are its arguments, those of the process if not given."""
+    run_command("make_suites", Arguments, run, __doc__, words)

@@ -1,0 +1,46 @@
+"""Tabulate with the planner which side grasps a robot reaches on each layout without objects.
+
+python scripts/side_approaches.py
+
+Scenes with `obstructed=True` are drawn by means of this table; make it again when a robot, a layout or the planner's
+choice of grasps and base poses changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from clutter_env.cli.command import run_command
+from clutter_env.experiments.suites.approaches import approach_table
+from clutter_env.reporting.json_file import write_json
+from clutter_env.scene.layout import LAYOUTS
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Command line."""
+
+    robot: str = "fetch"
+    """Name of the robot."""
+    layouts: tuple[str, ...] = tuple(LAYOUTS)
+    """Names of the layouts."""
+    output: Path = Path("assets/approaches")
+    """Directory of the file."""
+
+
+def run(arguments: Arguments) -> None:
+    """Tabulate and write."""
+    with tqdm(desc="rows of cells") as bar:
+        table = approach_table(arguments.robot, arguments.layouts, bar.update)
+    file = arguments.output / f"{arguments.robot}.json"
+    write_json(file, table)
+    print(f"written: {file}")
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command; `words` are its arguments, those of the process if not given."""
+    run_command("side_approaches", Arguments, run, __doc__, words)

@@ -1,0 +1,76 @@
+"""Play a suite of scenes with a policy and write one results file.
+
+    clutter-env evaluate --suite side-15-v1 --policy lookahead
+    clutter-env evaluate --suite side-15-v1 --policy my_module:MyPolicy --split validation
+
+A policy has the methods `reset(env, info)` and `act(observation)`. The rules are in docs/suites.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clutter_env.cli.command import run_command
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Evaluate a policy on a suite."""
+
+    suite: str = "side-15-v1"
+    """Name of the suite."""
+    policy: str = "lookahead"
+    """A strategy of the expert ("lookahead", "ngr", "dogar", "srivastava"), "random", "bulldozer", or module:Class."""
+    split: str = "test"
+    """"test" for results to report, "validation" to tune a policy."""
+    scenes: int | None = None
+    """Only the first so many scenes; such results are not results on the suite."""
+    workers: int = 2
+    """Number of processes."""
+    ray: str = ""
+    """Address of Ray ("auto", "local", …): play there instead of in processes of this machine."""
+    seed: int = 0
+    """Random seed of the built-in random policy."""
+    json: Path | None = None
+    """The results file; outputs/evaluate/SUITE_POLICY.json if not given."""
+
+
+def run(arguments: Arguments) -> None:
+    """Play, print, write."""
+    from tqdm import tqdm
+
+    from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate
+    from clutter_env.reporting.json_file import write_json
+    from clutter_env.suites import suite
+
+    evaluation = Evaluation(arguments.suite, arguments.policy, arguments.split, arguments.scenes, arguments.seed)
+    total = arguments.scenes or len(suite(arguments.suite).split(arguments.split))
+    with tqdm(total=total, unit="episode") as bar:
+        content = evaluate(evaluation, arguments.workers, arguments.ray, bar.update)
+    name = f"{arguments.suite}_{arguments.policy.replace(':', '.')}.json"
+    file = arguments.json or Path("outputs/evaluate") / name
+    write_json(file, content)
+    print(_text(content))
+    print(f"\ndigest: {content['digest']}\nwritten: {file}")
+
+
+def _text(content: Mapping[str, Any]) -> str:
+    """The summary as a Markdown table."""
+    summary = content["summary"]
+    rows = {"all": summary, **{f"floor {name}": rates for name, rates in summary["by_floor"].items()}}
+    lines = ["| scenes | episodes | clean success | lifted |", "|---|---|---|---|"]
+    for name, rates in rows.items():
+        clean, lifted = (
+            f"{rates[kind]['mean']:.2f} [{rates[kind]['low']:.2f}, {rates[kind]['high']:.2f}]"
+            for kind in ("clean", "lifted")
+        )
+        lines.append(f"| {name} | {rates['episodes']} | {clean} | {lifted} |")
+    return "\n".join(lines)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command; `words` are its arguments, those of the process if not given."""
+    run_command("evaluate", Arguments, run, __doc__, words)

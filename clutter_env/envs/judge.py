@@ -1,0 +1,211 @@
+"""Success of the retrieval task: has the target been lifted, and was everything else left alone?
+
+What counts, for each object and since reset:
+
+- fallen: it has toppled or left its support without being held.
+- disturbed: the path that it has moved while not in hand is longer than `DISTURBED_PATH`. The path is measured in
+  chords of `CHORD`: a motion counts when it ends `CHORD` away from where the last chord ended. Jitter of an object at
+  rest stays within one chord and never adds up; slow nudging does.
+- cleared: it has been moved in hand by more than `DISTURBED_PATH` and put down, and has not fallen since.
+
+An object is in hand while both fingers touch it, and until they have not for `RELEASE_STEPS` control steps in a row.
+Once it is released, its path goes on from where it was last touched by both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.config import CONTROL_HZ
+from clutter_env.errors import StateError
+from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.simulation.world import Measurements, World
+
+__all__ = ["CHORD", "DISTURBED_PATH", "HOLD_STEPS", "LIFT_HEIGHT", "RELEASE_STEPS", "Judge", "JudgeMemory"]
+
+LIFT_HEIGHT = 0.10
+"""[m] above the table at which the target's lowest point counts as lifted."""
+HOLD_TIME = 0.5
+"""[s] for which it must stay there, held."""
+HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
+
+DISTURBED_PATH = 0.05
+"""[m] An object that has moved farther while not in hand is disturbed."""
+CHORD = 0.005
+"""[m] Length of the chords in which a path is measured; far above the jitter and creep of objects at rest."""
+RELEASE_STEPS = 2
+"""Control steps without contact of both fingers after which an object is released; a single one is contact noise."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JudgeMemory:
+    """What a judge remembers of the past, for saved states.
+
+    Attributes:
+        chord_starts: (n, 3) [m] where the last chord of each object ended.
+        paths: (n,) [m] lengths of the chords of each object.
+        is_fallen: (n,) whether each object has fallen since reset.
+        is_cleared: (n,) whether each object has been carried and put down.
+        in_hand: slot of the object in hand, -1 without one.
+        steps_without_contact: control steps since both fingers touched it.
+        grasped_at: (3,) [m] where it was grasped.
+        steps_held: control steps in a row with the target held and lifted.
+    """
+
+    chord_starts: tuple[tuple[float, ...], ...]
+    paths: tuple[float, ...]
+    is_fallen: tuple[bool, ...]
+    is_cleared: tuple[bool, ...]
+    in_hand: int
+    steps_without_contact: int
+    grasped_at: tuple[float, ...]
+    steps_held: int
+
+    def check(self, num_objects: int) -> None:
+        """Raise StateError unless the memory is one of so many objects."""
+        sizes = {len(self.chord_starts), len(self.paths), len(self.is_fallen), len(self.is_cleared)}
+        is_of_points = all(len(point) == 3 for point in (*self.chord_starts, self.grasped_at))
+        if sizes != {num_objects} or not is_of_points or not -1 <= self.in_hand < num_objects:
+            raise StateError(f"the judge's memory in the state is not one of {num_objects} objects")
+
+
+class Judge:
+    """Follows the objects of one episode, from its first state on; call `update` after every control step.
+
+    Attributes:
+        lift: [m] height of the target's lowest point above the table; 0 without a target.
+        is_target_held: whether both fingers touch the target.
+        is_target_lost: whether the target is below the table top.
+        steps_held: control steps in a row with the target held and lifted.
+        num_fallen: number of objects that have fallen since reset.
+        num_disturbed: number of objects that have been disturbed since reset.
+        newly_disturbed: number of objects that were disturbed or fell in the last control step and never before.
+    """
+
+    def __init__(self, world: World, measurements: Measurements, target: int) -> None:
+        """Begin with the first state of an episode; `target` is the target's slot, -1 without one."""
+        count = len(measurements.poses)
+        self._world, self._target = world, target
+        self._chord_starts: Array = measurements.poses[:, :3].copy()
+        self._paths: Array = np.zeros(count)
+        self._is_fallen = np.zeros(count, dtype=np.bool_)
+        self._is_cleared = np.zeros(count, dtype=np.bool_)
+        self._in_hand, self._steps_without_contact = -1, 0
+        self._grasped_at: Array = np.zeros(3)
+        self.steps_held = 0
+        self._derive()
+        self._follow_target(measurements)
+
+    @property
+    def lifted(self) -> bool:
+        """The target has been held high enough for long enough."""
+        return self.steps_held >= HOLD_STEPS
+
+    @property
+    def is_clean(self) -> bool:
+        """No object has fallen or been disturbed since reset."""
+        return not self._num_spoilt
+
+    @property
+    def num_cleared(self) -> int:
+        """Number of objects cleared since reset, the target not counted."""
+        cleared = self._is_cleared & ~self._is_fallen
+        return int(np.count_nonzero(cleared)) - bool(self._target >= 0 and cleared[self._target])
+
+    def update(self, measurements: Measurements) -> None:
+        """Take into account what was measured after one more control step."""
+        before = self._num_spoilt
+        positions = measurements.poses[:, :3]
+        self._follow_gripper(measurements.held, positions)
+        offsets = positions - self._chord_starts
+        offsets *= offsets
+        squared = offsets[:, 0] + offsets[:, 1] + offsets[:, 2]
+        is_chord = squared > self._chord_squared
+        fallen = measurements.is_fallen > self._is_fallen
+        if self._in_hand >= 0:
+            is_chord[self._in_hand] = fallen[self._in_hand] = False
+        if np.count_nonzero(is_chord) or np.count_nonzero(fallen):
+            self._paths[is_chord] += np.sqrt(squared[is_chord])
+            self._chord_starts[is_chord] = positions[is_chord]
+            self._is_fallen |= fallen
+            self._derive()
+        self.newly_disturbed = self._num_spoilt - before
+        self._follow_target(measurements)
+        self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
+
+    def memory(self) -> JudgeMemory:
+        """What has to be kept of the past."""
+        return JudgeMemory(
+            chord_starts=tuple(map(tuple, self._chord_starts.tolist())),
+            paths=tuple(self._paths.tolist()),
+            is_fallen=tuple(self._is_fallen.tolist()),
+            is_cleared=tuple(self._is_cleared.tolist()),
+            in_hand=self._in_hand,
+            steps_without_contact=self._steps_without_contact,
+            grasped_at=tuple(self._grasped_at.tolist()),
+            steps_held=self.steps_held,
+        )
+
+    @classmethod
+    def recall(cls, memory: JudgeMemory, world: World, measurements: Measurements, target: int) -> Judge:
+        """The judge that had this `memory` in the state of `world`, bit for bit."""
+        judge = cls(world, measurements, target)
+        count = len(measurements.poses)
+        judge._chord_starts = np.array(memory.chord_starts, dtype=np.float64).reshape(count, 3)
+        judge._paths = np.array(memory.paths, dtype=np.float64)
+        judge._is_fallen = np.array(memory.is_fallen, dtype=np.bool_)
+        judge._is_cleared = np.array(memory.is_cleared, dtype=np.bool_)
+        judge._in_hand = memory.in_hand
+        judge._steps_without_contact = memory.steps_without_contact
+        judge._grasped_at = np.array(memory.grasped_at, dtype=np.float64)
+        judge.steps_held = memory.steps_held
+        judge._derive()
+        return judge
+
+    def _follow_gripper(self, held: int, positions: Array) -> None:
+        """Begin or end the time in which an object is in hand; its motion until the last contact is not counted."""
+        if held >= 0:
+            if held != self._in_hand:
+                self._release()
+                self._in_hand, self._grasped_at = held, positions[held].copy()
+            self._steps_without_contact = 0
+            self._chord_starts[held] = positions[held]
+        elif self._in_hand >= 0:
+            self._steps_without_contact += 1
+            if self._steps_without_contact >= RELEASE_STEPS:
+                self._release()
+
+    def _release(self) -> None:
+        """The object in hand, if there is one, is put down; its path continues from where contact was lost."""
+        if self._in_hand < 0:
+            return
+        x, y, z = (float(value) for value in self._chord_starts[self._in_hand] - self._grasped_at)
+        if math.sqrt(x * x + y * y + z * z) > DISTURBED_PATH:
+            self._is_cleared[self._in_hand] = True
+        self._in_hand, self._steps_without_contact = -1, 0
+
+    def _follow_target(self, measurements: Measurements) -> None:
+        """Measure the target."""
+        target = self._target
+        self.is_target_held = target >= 0 and measurements.held == target
+        self.is_target_lost = target >= 0 and bool(measurements.is_off[target])
+        self.lift = self._world.lowest_point(measurements, target) - TABLE_HEIGHT if target >= 0 else 0.0
+
+    def _derive(self) -> None:
+        """What follows from paths and falls: the counts, and the square (n,) [m²] of the motion that ends a chord.
+
+        The last chord of a path ends at `DISTURBED_PATH`; the paths of disturbed objects are not followed.
+        """
+        is_disturbed = self._paths > DISTURBED_PATH
+        chords = np.minimum(CHORD, np.maximum(DISTURBED_PATH - self._paths, 0.0))
+        self._chord_squared: Array = np.where(is_disturbed, np.inf, chords * chords)
+        self.num_disturbed = int(np.count_nonzero(is_disturbed))
+        self.num_fallen = int(np.count_nonzero(self._is_fallen))
+        self._num_spoilt = int(np.count_nonzero(is_disturbed | self._is_fallen))
+        self.newly_disturbed = 0

@@ -1,0 +1,1 @@
+"""The data that is shipped for scenes that need clearing: tables of side approaches, and suites of scenes."""

@@ -1,0 +1,125 @@
+"""Which side grasps a robot reaches on a table without objects, tabulated with the planner for `scene.obstruction`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import clutter_env  # noqa: F401  registers the environments
+from assets.robots import RobotSpec
+from assets.robots import robot as find_robot
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
+from irm.arm.kinematics import ArmChain
+from planners.collision.robot_model import robot_arrays
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.candidates import SamplingConfig
+from planners.grasping.grasp_poses import gripper_opening
+from planners.planner import map_placer
+from planners.scene import Scene
+
+__all__ = ["CELL", "approach_table", "reachable_yaws"]
+
+CELL = 0.025
+"""[m] Side of the cells of the table top."""
+RADIUS = 0.03
+"""[m] of the object for which the gripper opens: the mean of the random cylinders."""
+
+Array = NDArray[np.float64]
+
+
+def approach_table(robot: str, layouts: tuple[str, ...], tick: Callable[[], object] = lambda: None) -> dict[str, Any]:
+    """The content of `assets/approaches/<robot>.json`, JSON values.
+
+    Args:
+        robot: a name known to `assets.robots.robot`.
+        layouts: names of layouts.
+        tick: called after every row of cells.
+
+    Returns:
+        `solids`: gripper and wrist of a level gripper, rows (x0, x1, half width, radius, half height, moves with the
+        fingers) in metres, x along the approach from the TCP; `grasp_height` [m] of the TCP above the table;
+        `layouts`: for each name rows of cells along x, each cell a bit mask of the reachable yaws as six hexadecimal
+        digits; bit k is a yaw of 2πk/24.
+    """
+    spec = find_robot(robot)
+    return {
+        "robot": robot,
+        "grasp_height": spec.grasp_height,
+        "solids": _solids(spec),
+        "layouts": {name: _rows(spec, find_layout(name), tick) for name in layouts},
+    }
+
+
+def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[np.bool_]:
+    """Whether the planner reaches grasps at TCP positions (k, 2) [m] on the empty table, by yaw: (k, 24).
+
+    A grasp counts if one of the base poses that the planner offers has an arm configuration that hits neither furniture
+    nor the robot itself.
+    """
+    env: Any = gym.make("clutter_env/Retrieve-o1-v0", layout=layout, robot=robot, disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    scene = replace(Scene.from_mujoco(env.model, env.data, robot), objects=())
+    sampling = SamplingConfig()
+    chain = ArmChain.from_robot(robot)
+    grid = ConfigurationGrid.over(chain, sampling.torsos, sampling.rolls)
+    world, placer, opening = CollisionWorld.from_scene(scene), map_placer(scene), gripper_opening(robot, RADIUS)
+    yaws = _yaws(sampling.directions)
+    found = np.zeros((len(points), len(yaws)), np.bool_)
+    for index, (x, y) in enumerate(points):
+        poses = np.column_stack((np.tile((x, y, TABLE_HEIGHT + robot.grasp_height), (len(yaws), 1)), yaws))
+        bases, pose_of = placer.bases(poses)
+        for yaw in range(len(yaws)):
+            mine = bases[pose_of == yaw]
+            if len(mine):
+                tried = GripperPoses(mine, np.tile(poses[yaw], (len(mine), 1)))
+                configurations = scan_configurations(world, tried, grid, opening, first_free=True)
+                found[index, yaw] = len(configurations.q) > 0
+    return found
+
+
+def _yaws(count: int) -> Array:
+    """[rad] in (-π, π], as the planner writes them."""
+    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    return np.asarray(np.pi - np.mod(np.pi - angles, 2 * np.pi))
+
+
+def _rows(robot: RobotSpec, layout: Layout, tick: Callable[[], object]) -> list[str]:
+    xs, ys = (_centres(size) for size in (layout.depth, layout.width))
+    rows = []
+    for x in xs:
+        reached = reachable_yaws(robot, layout, np.column_stack((np.full(len(ys), x), ys)))
+        masks = reached @ (1 << np.arange(reached.shape[1]))
+        rows.append("".join(f"{int(mask):06x}" for mask in masks))
+        tick()
+    return rows
+
+
+def _centres(size: float) -> Array:
+    """Centres of the cells along one side of the table."""
+    count = round(size / CELL)
+    return np.asarray((np.arange(count) + 0.5) * (size / count) - size / 2)
+
+
+def _solids(robot: RobotSpec) -> list[list[float]]:
+    """Outlines of what moves with the level gripper: the last link and the one before it, their joint at zero.
+
+    The outer faces of the fingers lie beyond the pads by the half width that is given for them.
+    """
+    arrays = robot_arrays(robot)
+    last = len(arrays.offsets) - 1
+    rows = []
+    for solid in np.flatnonzero(arrays.link >= last - 1):
+        shift = -arrays.tip[0] - (arrays.offsets[last, 0] if arrays.link[solid] == last - 1 else 0.0)
+        half = np.abs(arrays.rotation[solid]) @ arrays.half[solid]
+        x, y = arrays.position[solid, 0] + shift, arrays.position[solid, 1]
+        is_finger = bool(arrays.slides[solid])
+        width = abs(y) + half[1] - arrays.gap / 2 if is_finger else half[1]
+        row = (x - half[0], x + half[0], width, arrays.radius[solid], half[2] + arrays.radius[solid])
+        rows.append([*(round(float(value), 6) for value in row), int(is_finger)])
+    return [row for index, row in enumerate(rows) if row not in rows[:index]]

@@ -1,0 +1,178 @@
+"""Making the files of the suites: scenes drawn seed by seed, their exact floors found by the planner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import metadata
+from itertools import count
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from assets.robots import robot as find_robot
+from clutter_env import OBJECT_COUNTS
+from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.suites import SPLITS, content_digest, scene_digests
+from planners.planner import Planner
+from planners.scene import Scene
+
+__all__ = ["PLANS", "SuitePlan", "make_suite"]
+
+FORMAT = 1
+SEEDS_PER_SPLIT = 5_000
+"""Seeds set aside for a split; scenes that do not qualify use up more seeds than there are scenes."""
+
+
+@dataclass(frozen=True)
+class SuitePlan:
+    """What a suite is to hold.
+
+    Attributes:
+        name: with its version.
+        about: what the scenes have in common.
+        objects: how many.
+        max_steps: control steps in an episode.
+        keywords: of the environment.
+        needs_clearing: only scenes with a proved floor of at least 1 for side grasps.
+    """
+
+    name: str
+    about: str
+    objects: int
+    max_steps: int
+    keywords: dict[str, Any] = field(default_factory=dict)
+    needs_clearing: bool = True
+
+    @property
+    def env_id(self) -> str:
+        """The environment with as many objects, or else the next smaller one."""
+        return f"clutter_env/Retrieve-o{max(n for n in OBJECT_COUNTS if n <= self.objects)}-v0"
+
+    @property
+    def env_keywords(self) -> dict[str, Any]:
+        """`keywords`, and what the environment's id does not say."""
+        number = {} if self.objects in OBJECT_COUNTS else {"num_objects": self.objects}
+        return {**self.keywords, "layout": self.keywords.get("layout", "paper"), **number}
+
+
+PLANS = (
+    SuitePlan("side-15-v1", "15 objects on the paper's table, an obstructed target", 15, 2400, {"obstructed": True}),
+    SuitePlan("side-25-v1", "25 objects on the paper's table, an obstructed target", 25, 3600, {"obstructed": True}),
+    SuitePlan("side-40-v1", "40 objects on the paper's table, an obstructed target", 40, 6000, {"obstructed": True}),
+    SuitePlan("all-25-v1", "25 objects on the paper's table, targets as they come", 25, 3600, {}, False),
+    SuitePlan(
+        "shelf-10-v1",
+        "10 objects in the shelf, an obstructed target",
+        10,
+        2400,
+        {"layout": "shelf", "obstructed": True},
+    ),
+    SuitePlan(
+        "shelf-16-v1",
+        "16 objects in the shelf, an obstructed target",
+        16,
+        3600,
+        {"layout": "shelf", "obstructed": True},
+    ),
+    SuitePlan(
+        "dense-25-v1",
+        "25 objects on the small table, an obstructed target",
+        25,
+        3600,
+        {"layout": "dense", "obstructed": True},
+    ),
+)
+"""All suites. Their seeds follow from their places in this list: append, never insert."""
+FIRST_SEED = 2_000_000
+
+
+class _Job(NamedTuple):
+    """One seed of a suite."""
+
+    env_id: str
+    keywords: tuple[tuple[str, Any], ...]
+    seed: int
+
+
+def make_suite(plan: SuitePlan, scenes: int, workers: int, tick: Callable[[], object] = lambda: None) -> dict[str, Any]:
+    """The content of the suite's file, JSON values.
+
+    Args:
+        plan: what it holds.
+        scenes: in each split.
+        workers: number of processes; the content does not depend on it.
+        tick: called after every scene that qualifies.
+
+    Raises:
+        RuntimeError: a worker failed.
+    """
+    first = FIRST_SEED + PLANS.index(plan) * len(SPLITS) * SEEDS_PER_SPLIT
+    splits = {
+        split: _scenes(plan, first + number * SEEDS_PER_SPLIT, scenes, workers, tick)
+        for number, split in enumerate(SPLITS)
+    }
+    content = {
+        "name": plan.name,
+        "format": FORMAT,
+        "about": plan.about,
+        "env_id": plan.env_id,
+        "keywords": plan.env_keywords,
+        "options": {},
+        "max_steps": plan.max_steps,
+        "made_with": {name: metadata.version(name) for name in ("mujoco", "numpy")},
+        "scenes": splits,
+    }
+    return {**content, "sha256": content_digest(content)}
+
+
+def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callable[[], object]) -> list[dict[str, Any]]:
+    """The first scenes that qualify, in the order of their seeds."""
+    found: dict[int, dict[str, Any]] = {}
+    chosen: list[dict[str, Any]] = []
+    expected = first
+    for job, entry in run_jobs(_entry, _jobs(plan, first), workers):
+        if isinstance(entry, Crash | Killed):
+            raise RuntimeError(f"seed {job.seed} of suite {plan.name}: {entry}")
+        found[job.seed] = entry
+        while expected in found:
+            entry = found.pop(expected)
+            expected += 1
+            if not plan.needs_clearing or (entry["floor_side"]["is_proved"] and entry["floor_side"]["count"]):
+                chosen.append(entry)
+                tick()
+            if len(chosen) == wanted:
+                return chosen
+    raise RuntimeError(f"suite {plan.name}: the workers ended early")
+
+
+def _jobs(plan: SuitePlan, first: int) -> Iterator[_Job]:
+    for seed in count(first):
+        yield _Job(plan.env_id, tuple(plan.env_keywords.items()), seed)
+
+
+def _entry(job: _Job) -> dict[str, Any]:
+    """The entry of one scene in the suite's file."""
+    env = _env(job.env_id, job.keywords)
+    _, info = env.reset(seed=job.seed)
+    inner: Any = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+    floor = _planner().clearance_floor(scene, info["target"])
+    return {
+        "seed": job.seed,
+        "target": info["target"],
+        "floor_side": {"count": floor.count, "is_proved": floor.proved, "cause": str(floor.cause)},
+        "floor_all": None,
+        "digests": scene_digests(env),
+    }
+
+
+@cache
+def _env(env_id: str, keywords: tuple[tuple[str, Any], ...]) -> gym.Env[Any, Any]:
+    return gym.make(env_id, **dict(keywords))
+
+
+@cache
+def _planner() -> Planner:
+    return Planner(find_robot("fetch"))

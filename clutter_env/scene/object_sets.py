@@ -1,0 +1,91 @@
+"""Sets of random objects as data: ranges of their sizes and masses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from clutter_env.scene.layout import Layout
+
+__all__ = ["MAX_OBJECTS", "OBJECT_GAP", "OBJECT_SETS", "SHAPE_SETS", "ObjectSet", "capacity", "slot_shapes"]
+
+Range = tuple[float, float]
+
+SHAPE_SETS = ("cylinder", "box", "mixed")
+OBJECT_GAP = 0.012
+"""[m] between the bounding circles of two objects at least."""
+STANDARD_HEIGHT = 0.20
+"""[m] Height up to which objects fit every layout."""
+HEADROOM_LEFT = 0.05
+"""[m] between a random object's top and what hangs above the table, at least."""
+MAX_OBJECTS = 60
+"""Objects in one scene at most, on any table: the planners' bit masks have no room for more."""
+_PACKING = 0.46
+"""Share of the area that random placement reliably fills; the limit is 0.547 (random sequential adsorption)."""
+
+
+@dataclass(frozen=True)
+class ObjectSet:
+    """Ranges from which sizes and masses are drawn uniformly.
+
+    Attributes:
+        radius: [m] of a cylinder.
+        half_depth, half_width: [m] of a box. The corners of an upright box stay within the footprint of the larger
+            cylinders' clearance.
+        height: [m], for cylinders and boxes.
+        mass: [kg]
+        edge_margin: [m] from an object's axis to the table's edge at least.
+        shapes: which of `SHAPE_SETS` there are.
+        has_side_grasps: whether a level gripper grasps these objects at the robot's usual height above the table, so
+            that obstructed targets can be told.
+    """
+
+    radius: Range = (0.025, 0.035)
+    half_depth: Range = (0.020, 0.028)
+    half_width: Range = (0.020, 0.028)
+    height: Range = (0.12, 0.20)
+    mass: Range = (0.15, 0.25)
+    edge_margin: float = 0.045
+    shapes: tuple[str, ...] = SHAPE_SETS
+    has_side_grasps: bool = True
+
+    def heights_on(self, layout: Layout) -> Range:
+        """The range of heights [m], cut off where less than `HEADROOM_LEFT` would remain above the objects."""
+        low, high = self.height
+        if high <= STANDARD_HEIGHT:
+            return low, high
+        limit = max(layout.headroom - HEADROOM_LEFT, STANDARD_HEIGHT)
+        return min(low, limit), min(high, limit)
+
+
+OBJECT_SETS: Mapping[str, ObjectSet] = MappingProxyType(
+    {
+        "standard": ObjectSet(),
+        "low": ObjectSet(height=(0.04, 0.08), has_side_grasps=False),
+        "lying": ObjectSet(
+            half_depth=(0.05, 0.09), height=(0.04, 0.056), edge_margin=0.095, shapes=("box",), has_side_grasps=False
+        ),
+        "tall": ObjectSet(height=(0.20, 0.30)),
+        "heavy": ObjectSet(mass=(0.5, 2.0)),
+    }
+)
+"""Upright cylinders and boxes but for "lying": boxes on one of their long sides. A lying cylinder would roll."""
+
+
+def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
+    """The shape of every slot of a random scene: a mixed set alternates."""
+    if shapes == "mixed":
+        return tuple("box" if index % 2 else "cylinder" for index in range(count))
+    return (shapes,) * count
+
+
+def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["standard"]) -> int:
+    """How many objects of these shapes random placement reliably puts on the table."""
+    cylinder = sum(objects.radius)
+    box = math.hypot(sum(objects.half_depth), sum(objects.half_width))
+    diameter = {"cylinder": cylinder, "box": box, "mixed": (cylinder + box) / 2}[shapes] + OBJECT_GAP
+    overhang = diameter / 2 - objects.edge_margin
+    area = (layout.depth + 2 * overhang) * (layout.width + 2 * overhang)
+    return min(int(_PACKING * area / (math.pi / 4 * diameter**2)), MAX_OBJECTS)

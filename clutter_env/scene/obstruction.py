@@ -1,0 +1,205 @@
+"""How many objects stand in the way of side grasps: a fast geometric test that needs no planner.
+
+For every object and every direction of approach, the outline of the level gripper and of the wrist behind it is laid
+over the table. The objects whose footprint it touches are in the way. Only directions count that the robot reaches on
+the empty table; they come from a table that was made with the planner (`assets/approaches/<robot>.json`).
+The forearm and the rest of the robot are left out; `docs/suites.md` says how well this agrees with the planner.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import assets
+from clutter_env.scene.layout import LAYOUTS, Layout
+from clutter_env.scene.table_scene import TableScene
+
+__all__ = ["UNREACHABLE", "SideApproaches", "count_blockers", "robots_with_approaches", "side_approaches"]
+
+Array = NDArray[np.float64]
+
+UNREACHABLE = -1
+"""Count of an object that no side grasp reaches, whatever is moved."""
+YAWS = 24
+"""Directions of approach to a cylinder, evenly about the vertical, as many as the planner tries."""
+PADDING = 0.002
+"""[m] that gripper and wrist keep from objects, as in the planner."""
+FINGER_GAP = 0.012
+"""[m] between each finger and the object before the fingers close, as in the planner."""
+PALM_REACH = 0.045
+"""[m] that the object may extend from the TCP towards the palm, as in the planner."""
+PAD_HALF_HEIGHT = 0.0135
+"""[m] of a finger pad, which should not stick out above the object."""
+WIDEST_YAW = math.radians(75.0)
+"""Approaches to a table with front access deviate by no more than this from straight ahead, if there is no table of
+reachable directions for its layout."""
+
+
+class Solids(NamedTuple):
+    """Gripper and wrist of a level gripper, seen from above: s rectangles with rounded corners.
+
+    `start`, `end` (s,) [m] along the approach from the TCP; `half_width`, `radius`, `half_height` (s,) [m];
+    `is_finger` (s,): `half_width` is counted from the pad.
+    """
+
+    start: Array
+    end: Array
+    half_width: Array
+    radius: Array
+    half_height: Array
+    is_finger: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class SideApproaches:
+    """What is known of a robot's side grasps.
+
+    Attributes:
+        solids: outline of gripper and wrist.
+        grasp_height: [m] of the TCP above the table, for objects that are high enough.
+        reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, YAWS): the
+            table top is divided evenly into nx by ny cells.
+    """
+
+    solids: Solids
+    grasp_height: float
+    reachable: dict[str, NDArray[np.bool_]]
+
+    def is_reachable(self, layout: Layout, points: Array, yaws: Array) -> NDArray[np.bool_]:
+        """Whether grasps at TCP positions (..., 2) [m] with these yaws (...) [rad] are reached on the empty table.
+
+        For a layout without a table of directions: all yaws if it is open on all sides, else those within
+        `WIDEST_YAW` of straight ahead.
+        """
+        table = self.reachable.get(layout.name) if LAYOUTS.get(layout.name) == layout else None
+        if table is None:
+            ahead = np.abs(np.mod(yaws + math.pi, 2 * math.pi) - math.pi) <= WIDEST_YAW
+            return ahead | (not layout.is_front_only)
+        count = np.array(table.shape[:2])
+        shares = points / (layout.depth, layout.width) + 0.5
+        cells = np.clip(np.floor(shares * count).astype(np.int64), 0, count - 1)
+        index = np.rint(yaws * (YAWS / (2 * math.pi))).astype(np.int64) % YAWS
+        return np.asarray(table[cells[..., 0], cells[..., 1], index])
+
+
+def robots_with_approaches() -> tuple[str, ...]:
+    """Names of the robots for which there is a table of side approaches."""
+    return tuple(sorted(file.stem for file in assets.path("approaches/fetch.json").parent.glob("*.json")))
+
+
+@cache
+def side_approaches(robot: str) -> SideApproaches:
+    """The side approaches of a robot, read once.
+
+    Raises:
+        FileNotFoundError: there is no table for that robot; see `robots_with_approaches`.
+    """
+    content = json.loads(assets.path(f"approaches/{robot}.json").read_text())
+    start, end, half_width, radius, half_height, is_finger = np.array(content["solids"], np.float64).T
+    return SideApproaches(
+        solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
+        grasp_height=content["grasp_height"],
+        reachable={name: _decoded(rows) for name, rows in content["layouts"].items()},
+    )
+
+
+def _decoded(rows: list[str]) -> NDArray[np.bool_]:
+    """Bits (nx, ny, YAWS) of rows of hexadecimal masks."""
+    digits = YAWS // 4
+    masks = [[int(row[start : start + digits], 16) for start in range(0, len(row), digits)] for row in rows]
+    return (np.array(masks)[..., None] >> np.arange(YAWS) & 1).astype(np.bool_)
+
+
+def count_blockers(
+    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float
+) -> NDArray[np.int64]:
+    """The fewest objects in the way of any reachable side grasp, for every object: (n,), or `UNREACHABLE`.
+
+    Args:
+        approaches: of the robot.
+        layout: the table and its surroundings.
+        scene: what stands where.
+        max_opening: [m] of the gripper.
+    """
+    yaws, opening, is_offered = _grasps(scene, max_opening)
+    approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
+    depth = _half_extent(scene, approach)
+    tcp = scene.positions[:, None] - np.maximum(depth - PALM_REACH, 0.0)[..., None] * approach
+    heights = 2 * scene.half_extents[:, 2]
+    is_high = heights - PAD_HALF_HEIGHT >= approaches.grasp_height
+    is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
+    own, direction = np.nonzero(is_offered)
+    hits = _hits(approaches, scene, tcp[own, direction], approach[own, direction], opening[own, direction])
+    hits[np.arange(len(own)), own] = False
+    fewest = np.full(scene.num_objects, scene.num_objects)
+    np.minimum.at(fewest, own, hits.sum(axis=1))
+    return np.where(is_offered.any(axis=1), fewest, UNREACHABLE)
+
+
+def _grasps(scene: TableScene, max_opening: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Yaws [rad], openings [m] and whether there is such a grasp, each (n, YAWS): a box has four, along its axes."""
+    turns = np.arange(YAWS) * (2 * math.pi / YAWS)
+    quarter = np.arange(YAWS) * (math.pi / 2)
+    yaws = np.where(scene.is_box[:, None], scene.yaws[:, None] + quarter, turns)
+    across = _half_extent(scene, np.stack((-np.sin(yaws), np.cos(yaws)), axis=-1))
+    is_offered = (2 * across < max_opening) & (~scene.is_box[:, None] | (np.arange(YAWS) < 4))
+    return yaws, np.minimum(2 * (across + FINGER_GAP), max_opening), is_offered
+
+
+def _half_extent(scene: TableScene, direction: Array) -> Array:
+    """Half extents (n, k) [m] of the footprints along horizontal directions (n, k, 2)."""
+    half_x, half_y = scene.half_extents[:, :1], scene.half_extents[:, 1:2]
+    c, s = np.cos(scene.yaws)[:, None], np.sin(scene.yaws)[:, None]
+    along = np.abs(direction[..., 0] * c + direction[..., 1] * s)
+    across = np.abs(direction[..., 1] * c - direction[..., 0] * s)
+    return np.where(scene.is_box[:, None], half_x * along + half_y * across, half_x)
+
+
+def _hits(
+    approaches: SideApproaches, scene: TableScene, tcp: Array, approach: Array, opening: Array
+) -> NDArray[np.bool_]:
+    """Which objects gripper or wrist touch at k grasps, (k, n)."""
+    offset = scene.positions - tcp[:, None]
+    across = np.stack((-approach[:, 1], approach[:, 0]), axis=-1)
+    ahead, aside = ((offset * axis[:, None]).sum(axis=-1) for axis in (approach, across))
+    touched = np.zeros(ahead.shape, np.bool_)
+    for start, end, half_width, radius, half_height, is_finger in zip(*approaches.solids, strict=True):
+        half = np.array([(end - start) / 2, half_width])
+        halves = half + np.multiply.outer(opening * is_finger, (0.0, 0.5))
+        centred = ahead - (start + end) / 2
+        distance = _distance_to_cylinders(scene, centred, aside, halves)
+        if scene.is_box.any():
+            to_boxes = _distance_to_boxes(scene, centred, aside, halves, np.arctan2(approach[:, 1], approach[:, 0]))
+            distance = np.where(scene.is_box, to_boxes, distance)
+        is_high = 2 * scene.half_extents[:, 2] > approaches.grasp_height - half_height
+        touched |= (distance < radius + PADDING) & is_high
+    return touched
+
+
+def _distance_to_cylinders(scene: TableScene, ahead: Array, aside: Array, halves: Array) -> Array:
+    """[m] from rectangles to cylinders whose axes are at (k, n) from their centres; `halves` (k, 2)."""
+    gap_x = np.maximum(np.abs(ahead) - halves[:, :1], 0.0)
+    gap_y = np.maximum(np.abs(aside) - halves[:, 1:], 0.0)
+    return np.asarray(np.hypot(gap_x, gap_y) - scene.half_extents[:, 0])
+
+
+def _distance_to_boxes(scene: TableScene, ahead: Array, aside: Array, halves: Array, yaws: Array) -> Array:
+    """[m] Largest gap over the four edge normals: less than the distance where two corners face each other."""
+    turn = scene.yaws - yaws[:, None]
+    c, s = np.cos(turn), np.sin(turn)
+    half_x, half_y = scene.half_extents[:, 0], scene.half_extents[:, 1]
+    width, height = halves[:, :1], halves[:, 1:]
+    gaps = (
+        np.abs(ahead) - width - half_x * np.abs(c) - half_y * np.abs(s),
+        np.abs(aside) - height - half_x * np.abs(s) - half_y * np.abs(c),
+        np.abs(ahead * c + aside * s) - half_x - width * np.abs(c) - height * np.abs(s),
+        np.abs(aside * c - ahead * s) - half_y - width * np.abs(s) - height * np.abs(c),
+    )
+    return np.asarray(np.maximum.reduce(gaps))

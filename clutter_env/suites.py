@@ -1,0 +1,221 @@
+"""Suites: fixed sets of scenes on which policies are compared; see docs/suites.md for the rules.
+
+A scene is an environment id, keyword arguments, and the seed and options of a reset. The suite's file also keeps
+digests of what the reset must give, so that a scene which differs on another machine, or with another version, is an
+error and not a slightly different figure.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import assets
+from clutter_env.errors import SuiteError
+
+__all__ = ["SPLITS", "Floor", "Suite", "SuiteScene", "content_digest", "scene_digests", "suite", "suite_names"]
+
+SPLITS = ("test", "validation")
+_DIGITS = 12
+"""Hexadecimal digits of the digest of one part of a scene."""
+_ARRAYS = ("half_extents", "positions", "yaws", "masses", "base")
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The minimum number of clearances before the target can be held; see `planners.clearance_floor`.
+
+    Attributes:
+        count: how many; None if no plan exists.
+        is_proved: `count` is exact; otherwise it is an upper bound.
+        cause: "" or why there is no plan.
+    """
+
+    count: int | None
+    is_proved: bool
+    cause: str = ""
+
+
+@dataclass(frozen=True)
+class SuiteScene:
+    """One scene of a suite.
+
+    Attributes:
+        suite: name of the suite.
+        split: "test" or "validation".
+        index: of the scene in its split.
+        env_id: of the environment.
+        keywords: keyword arguments of `gymnasium.make`.
+        max_steps: control steps after which an episode is over.
+        seed, options: of the reset.
+        target: name of the target.
+        floor_side: for side grasps.
+        floor_all: for grasps of all kinds, None if it has not been computed.
+        digests: of each part of the first state, see `scene_digests`.
+    """
+
+    suite: str
+    split: str
+    index: int
+    env_id: str
+    keywords: Mapping[str, Any]
+    max_steps: int
+    seed: int
+    options: Mapping[str, Any]
+    target: str
+    floor_side: Floor
+    floor_all: Floor | None
+    digests: Mapping[str, str]
+
+    def make(self, **keywords: Any) -> gym.Env[Any, Any]:
+        """The environment of this scene, with more keyword arguments that do not change the scene.
+
+        Raises:
+            SuiteError: a keyword argument of the suite is given another value.
+        """
+        for name in keywords:
+            if name in self.keywords and keywords[name] != self.keywords[name]:
+                raise SuiteError(
+                    f"{name}={keywords[name]!r}: suite {self.suite!r} is made with {self.keywords[name]!r}"
+                )
+        return gym.make(self.env_id, max_episode_steps=self.max_steps, **{**self.keywords, **keywords})
+
+    def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
+        """Start the episode of this scene in an environment that `make` returned; observation and info.
+
+        Raises:
+            SuiteError: the first state is not the one that the suite was made with; the message says what differs.
+        """
+        observation, info = env.reset(seed=self.seed, options=dict(self.options))
+        self.check(env)
+        return observation, info
+
+    def check(self, env: gym.Env[Any, Any]) -> None:
+        """Compare the present state, that of a reset, with the one that the suite was made with.
+
+        Raises:
+            SuiteError: they differ; the message says in what.
+        """
+        found = scene_digests(env)
+        wrong = [name for name, digest in self.digests.items() if found.get(name) != digest]
+        if wrong:
+            raise SuiteError(
+                f"scene {self.index} of suite {self.suite!r} ({self.split}, seed {self.seed}) is not the one that the "
+                f"suite was made with; what differs: {', '.join(wrong)}"
+            )
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A fixed set of scenes; iterating over it yields those of the test split.
+
+    Attributes:
+        name: with its version, as in "side-15-v1".
+        about: what the scenes have in common.
+        digest: SHA-256 of the content of its file.
+        made_with: versions of the packages that it was made with.
+        test: scenes on which results are reported.
+        validation: scenes on which a policy may be tuned.
+    """
+
+    name: str
+    about: str
+    digest: str
+    made_with: Mapping[str, str]
+    test: tuple[SuiteScene, ...]
+    validation: tuple[SuiteScene, ...]
+
+    def __iter__(self) -> Iterator[SuiteScene]:
+        return iter(self.test)
+
+    def __len__(self) -> int:
+        return len(self.test)
+
+    def split(self, name: str) -> tuple[SuiteScene, ...]:
+        """The scenes of a split.
+
+        Raises:
+            SuiteError: no such split; the message lists them.
+        """
+        if name not in SPLITS:
+            raise SuiteError(f"no split {name!r}; splits: {', '.join(SPLITS)}")
+        return self.test if name == "test" else self.validation
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of the suites."""
+    return tuple(sorted(file.stem for file in assets.path("suites/side-15-v1.json").parent.glob("*.json")))
+
+
+@cache
+def suite(name: str) -> Suite:
+    """The suite of that name.
+
+    Example:
+        >>> import clutter_env
+        >>> scene = clutter_env.suite("side-15-v1").test[0]
+        >>> env = scene.make()
+        >>> observation, info = scene.reset(env)
+        >>> info["target"] == scene.target
+        True
+
+    Raises:
+        SuiteError: no suite of that name, the message lists them; or its file has been changed.
+    """
+    if name not in suite_names():
+        raise SuiteError(f"no suite {name!r}; suites: {', '.join(suite_names())}")
+    content = json.loads(assets.path(f"suites/{name}.json").read_text())
+    digest = content.pop("sha256")
+    if digest != content_digest(content):
+        raise SuiteError(f"the file of suite {name!r} has been changed: its content does not have the digest {digest}")
+    splits = {
+        split: tuple(_scene(content, split, index, entry) for index, entry in enumerate(content["scenes"][split]))
+        for split in SPLITS
+    }
+    return Suite(content["name"], content["about"], digest, MappingProxyType(content["made_with"]), **splits)
+
+
+def content_digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of JSON values, whatever the layout of the file."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def scene_digests(env: gym.Env[Any, Any]) -> dict[str, str]:
+    """Digests of the scene's numbers and of the positions of all joints in the present state of an environment.
+
+    The numbers are digested as they are, 64 bits each, so that a difference in the last bit shows.
+    """
+    inner: Any = env.unwrapped
+    scene = inner.world.scene
+    parts = {name: getattr(scene, name) for name in _ARRAYS}
+    parts |= {"shapes": scene.is_box, "target": scene.target, "joint_positions": inner.data.qpos}
+    return {name: _digest(np.asarray(value, "<f8")) for name, value in parts.items()}
+
+
+def _digest(numbers: np.ndarray[Any, Any]) -> str:
+    return hashlib.sha256(f"{numbers.shape}".encode() + numbers.tobytes()).hexdigest()[:_DIGITS]
+
+
+def _scene(content: Mapping[str, Any], split: str, index: int, entry: Mapping[str, Any]) -> SuiteScene:
+    return SuiteScene(
+        suite=content["name"],
+        split=split,
+        index=index,
+        env_id=content["env_id"],
+        keywords=MappingProxyType(content["keywords"]),
+        max_steps=content["max_steps"],
+        seed=entry["seed"],
+        options=MappingProxyType(content["options"]),
+        target=entry["target"],
+        floor_side=Floor(**entry["floor_side"]),
+        floor_all=None if entry["floor_all"] is None else Floor(**entry["floor_all"]),
+        digests=MappingProxyType(entry["digests"]),
+    )

@@ -1,0 +1,166 @@
+"""Both kinds of success in the environments, their infos, and saved states in the middle of an episode."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401 - registers the environments
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ConfigError
+from clutter_env.scene.layout import TABLE_HEIGHT
+from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
+
+ENVIRONMENTS = ["Retrieve-o5-v0", "Skill-o5-v0", "Reach-v0", "Pick-v0"]
+KEYS = {
+    "is_success": bool,
+    "lifted": bool,
+    "target": str,
+    "held": str,
+    "num_fallen": int,
+    "num_disturbed": int,
+    "num_cleared": int,
+}
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_all_environments_have_the_same_info(name: str) -> None:
+    env = gym.make(f"clutter_env/{name}")
+    _, info = env.reset(seed=0)
+    _, _, _, _, after = env.step(env.action_space.sample())
+    for entry in (info, after):
+        assert {key: type(entry[key]) for key in KEYS} == KEYS
+    assert not info["is_success"]
+    assert (info["num_fallen"], info["num_disturbed"], info["num_cleared"]) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", ["Reach-v0", "Pick-v0"])
+@pytest.mark.parametrize("keyword", [{"success": "lifted"}, {"terminate_on_fallen": True}])
+def test_goal_environments_refuse_the_kinds_of_success(name: str, keyword: dict) -> None:
+    with pytest.raises(ConfigError, match=next(iter(keyword))):
+        gym.make(f"clutter_env/{name}", **keyword)
+
+
+@pytest.mark.parametrize("value", ["clear", True, None])
+def test_an_unknown_kind_of_success_is_refused(value: object) -> None:
+    with pytest.raises(ConfigError, match="'clean', 'lifted'"):
+        RetrieveEnv(success=value)
+
+
+def move(env: RetrieveEnv, slot: int, offset: tuple[float, float, float]) -> None:
+    """Displace an object, as if it had been pushed within one step."""
+    _poses(env)[slot, :3] += offset
+
+
+def topple(env: RetrieveEnv, slot: int) -> None:
+    """Lay an object on its side, at the height of its radius."""
+    height = TABLE_HEIGHT + env.world.scene.half_extents[slot, 0]
+    _poses(env)[slot, 2:] = height, math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0
+
+
+def _poses(env: RetrieveEnv) -> np.ndarray:
+    """The poses (n, 7) of the objects in the simulation, writable."""
+    return env.data.qpos[env.world.index.object_qpos].reshape(-1, 7)
+
+
+def grasping_env(**keywords) -> tuple[RetrieveEnv, int]:
+    """An environment whose target is free, and another object's slot."""
+    env = RetrieveEnv(num_objects=5, control_mode="ee", **keywords)
+    for seed in range(50):
+        env.reset(seed=seed)
+        free = free_targets(env)
+        if free:
+            env.reset(seed=seed, options={"target": free[0]})
+            return env, (env.target_slot + 1) % 5
+    raise AssertionError("no scene has a free target")
+
+
+def lift_target(env: RetrieveEnv) -> tuple[dict, bool]:
+    """Run the scripted grasp until the episode ends or the target is lifted; the info, and whether it ended."""
+    ended: list[tuple[dict, bool]] = []
+    step = env.step
+
+    def watched(action):
+        result = step(action)
+        if result[2] or result[4]["lifted"]:
+            ended.append((result[4], result[2]))
+        return result
+
+    env.step = watched  # type: ignore[method-assign]  # the test watches the steps of the script
+    SideGrasp(env).run()
+    return ended[0]
+
+
+def test_a_clean_lift_is_a_success() -> None:
+    env, _ = grasping_env()
+    info, is_over = lift_target(env)
+    assert info["is_success"]
+    assert info["lifted"]
+    assert is_over
+    assert (info["num_fallen"], info["num_disturbed"], info["num_cleared"]) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("spoil", ["push", "topple"])
+@pytest.mark.parametrize("success", ["clean", "lifted"])
+def test_a_spoilt_lift_is_a_success_of_the_plain_kind_only(spoil: str, success: str) -> None:
+    env, other = grasping_env(success=success)
+    back = (0.06, 0.0, 0.0) if env.world.scene.positions[other, 0] < 0 else (-0.06, 0.0, 0.0)
+    if spoil == "push":
+        move(env, other, back)
+    else:
+        topple(env, other)
+    info, is_over = lift_target(env)
+    assert info["lifted"]
+    assert info["is_success"] == is_over == (success == "lifted")
+    assert info["num_disturbed"] + info["num_fallen"] >= 1
+    assert info["num_fallen"] == (spoil == "topple")
+
+
+def test_an_episode_goes_on_after_a_fall_unless_told_to_end() -> None:
+    for ends in (False, True):
+        env = RetrieveEnv(num_objects=5, terminate_on_fallen=ends)
+        env.reset(seed=1)
+        topple(env, (env.target_slot + 1) % 5)
+        _, reward, terminated, _, info = env.step(np.zeros(12))
+        assert terminated == ends
+        assert info["num_fallen"] == 1
+        assert reward == 0.0
+
+
+def test_objects_at_rest_are_never_disturbed() -> None:
+    env = RetrieveEnv(num_objects=30)
+    env.reset(seed=3)
+    env.model.opt.enableflags &= 0  # no body sleeps, so that every contact keeps working
+    for _ in range(400):
+        *_, info = env.step(np.zeros(12))
+    assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)
+
+
+def test_a_saved_state_keeps_what_the_judge_remembers() -> None:
+    env, other = grasping_env()
+    move(env, other, (0.03, 0.0, 0.0))
+    script, states, infos = SideGrasp(env), [], []
+    step = env.step
+
+    def watched(action):
+        states.append((env.save_state(), action))
+        infos.append(step(action)[4])
+        return infos[-1]
+
+    env.step = watched  # type: ignore[method-assign]  # the test watches the steps of the script
+    script.run()
+    fresh = RetrieveEnv(num_objects=5, control_mode="ee")
+    held = next(index for index, info in enumerate(infos) if info["held"])
+    for index in (5, held, held + 1, held + 15):
+        fresh.reset(seed=0, options={"state": states[index][0]})
+        assert fresh.save_state() == states[index][0]
+        for (state, action), info in zip(states[index:], infos[index:], strict=True):
+            assert fresh.save_state() == state
+            assert fresh.step(action)[4] == info
+    fresh.restore_state(states[5][0])
+    move(fresh, other, (0.03, 0.0, 0.0))
+    *_, info = fresh.step(states[5][1])
+    assert info["num_disturbed"] == 1, "three centimetres before it was saved, three after"

@@ -1,0 +1,149 @@
+"""Policies on suites: the protocol, the episodes, the results file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clutter_env.cli.main import main
+from clutter_env.errors import SuiteError
+from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy
+from clutter_env.learning.comparison.suite_runs import Evaluation, SuiteEpisode, evaluate, play_scene, results
+from clutter_env.learning.errors import LearningError
+from clutter_env.suites import suite
+
+POLICY = """
+import numpy as np
+
+class Patient:
+    env_keywords = {"control_mode": "ee"}
+
+    def reset(self, env, info):
+        self.left, self.size = 7, env.action_space.shape
+
+    @property
+    def done(self):
+        return not self.left
+
+    def act(self, observation):
+        self.left -= 1
+        return np.zeros(self.size, np.float32)
+
+class Broken(Patient):
+    def act(self, observation):
+        raise ZeroDivisionError("by design")
+
+class Mute:
+    def reset(self, env, info):
+        pass
+
+class Greedy(Patient):
+    env_keywords = {"obstructed": False}
+"""
+
+
+class Idle:
+    """Never moves."""
+
+    def reset(self, env: Any, _: Any) -> None:
+        self.size = env.action_space.shape
+
+    def act(self, _: Any) -> Any:
+        return np.zeros(self.size, np.float32)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "my_policies.py").write_text(POLICY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def episode(index: int, floor: int | None, clean: bool, lifted: bool) -> SuiteEpisode:
+    return SuiteEpisode(index, index, floor, clean, lifted, 10, 0.5, 0, 0, 0, "" if clean else "time limit")
+
+
+def test_the_command_writes_one_results_file_the_same_twice(folder: Path) -> None:
+    words = ["evaluate", "--policy", "my_policies:Patient", "--scenes", "2", "--workers", "1"]
+    main([*words, "--json", "one.json"])
+    main([*words, "--json", "other.json"])
+    one, other = (json.loads((folder / name).read_text()) for name in ("one.json", "other.json"))
+    times = one.pop("wall_s"), other.pop("wall_s")
+    assert all(len(entry) == 2 and min(entry) > 0 for entry in times)
+    assert one == other
+    assert one["suite_sha256"] == suite("side-15-v1").digest
+    assert [entry["steps"] for entry in one["episodes"]] == [7, 7]
+    assert {entry["failure"] for entry in one["episodes"]} == {"gave up"}
+    assert one["summary"]["clean"]["successes"] == one["summary"]["lifted"]["successes"] == 0
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_policy_that_raises_loses_the_episode() -> None:
+    found = evaluate(Evaluation("side-15-v1", "my_policies:Broken", scenes=1))
+    assert found["episodes"][0]["failure"] == "ZeroDivisionError: by design"
+
+
+def test_an_episode_ends_with_its_time() -> None:
+    scene = replace(suite("side-15-v1").test[0], max_steps=5)
+    played = play_scene(scene, scene.make(), Idle())
+    assert (played.steps, played.failure, played.clean, played.lifted) == (5, "time limit", False, False)
+    assert played.sim_s == pytest.approx(0.25)
+
+
+def test_random_actions_are_a_function_of_seed_and_scene() -> None:
+    scene = replace(suite("side-15-v1").test[0], max_steps=40)
+    one, other = (play_scene(scene, scene.make(), load_policy("random", seed=3)) for _ in range(2))
+    assert one == other
+
+
+def test_results_count_both_kinds_of_success_by_floor() -> None:
+    episodes = [
+        episode(0, 1, True, True),
+        episode(1, 1, False, True),
+        episode(2, 7, True, True),
+        episode(3, None, False, False),
+    ]
+    found = results(Evaluation("side-15-v1", "random"), episodes)
+    assert found["summary"]["clean"]["successes"] == 2
+    assert found["summary"]["lifted"]["successes"] == 3
+    assert {name: rates["episodes"] for name, rates in found["summary"]["by_floor"].items()} == {
+        "1": 2,
+        "3 or more": 1,
+        "none": 1,
+    }
+    changed = results(Evaluation("side-15-v1", "random"), [*episodes[:3], episode(3, None, False, True)])
+    assert changed["digest"] != found["digest"]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("flying", "give module:Class, or one of lookahead"),
+        ("no_such_module:Policy", "cannot be imported"),
+        ("my_policies:Absent", "cannot be imported"),
+        ("my_policies:Mute", "has no method 'act'"),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_a_policy_that_cannot_play_is_refused(name: str, message: str) -> None:
+    with pytest.raises(LearningError, match=message):
+        load_policy(name, 0)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_policy_may_not_change_the_scenes() -> None:
+    with pytest.raises(LearningError, match="may not choose 'obstructed'; it may choose control_mode"):
+        env_keywords(load_policy("my_policies:Greedy", 0))
+
+
+def test_scenes_and_splits_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(LearningError, match="from 1 to 100"):
+        evaluate(Evaluation("side-15-v1", "random", scenes=101))
+    with pytest.raises(SuiteError, match="splits: test, validation"):
+        evaluate(Evaluation("side-15-v1", "random", split="train"))

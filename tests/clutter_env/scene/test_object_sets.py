@@ -1,0 +1,80 @@
+"""Sets of random objects: sizes, room, rest; and the scenes of old seeds, which stay what they were."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from clutter_env.config import EnvConfig
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ConfigError
+from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
+from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, capacity
+from clutter_env.scene.random_scene import sample_scene
+
+CASES = [(name, shapes) for name, entry in OBJECT_SETS.items() for shapes in entry.shapes]
+NAMED = ("paper", "wide", "dense", "shelf", "island")
+
+
+@pytest.mark.parametrize("layout", NAMED)
+@pytest.mark.parametrize(("name", "shapes"), CASES)
+def test_full_tables_keep_sizes_gaps_and_edges(name: str, shapes: str, layout: str) -> None:
+    table, objects = LAYOUTS[layout], OBJECT_SETS[name]
+    count = capacity(table, shapes, objects)
+    for seed in range(3):
+        scene = sample_scene(np.random.default_rng(seed), table, count, shapes, objects)
+        half = scene.half_extents
+        radii = np.where(scene.is_box, np.hypot(half[:, 0], half[:, 1]), half[:, 0])
+        apart = np.linalg.norm(scene.positions[:, None] - scene.positions, axis=-1) - radii[:, None] - radii
+        assert apart[~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
+        assert (np.abs(scene.positions) + radii[:, None] <= np.array([table.depth, table.width]) / 2 + 0.006).all()
+        low, high = objects.heights_on(table)
+        assert ((2 * half[:, 2] >= low) & (2 * half[:, 2] <= high)).all()
+        assert (2 * half[:, 2]).max() < table.headroom
+        assert ((scene.masses >= objects.mass[0]) & (scene.masses <= objects.mass[1])).all()
+
+
+@pytest.mark.parametrize(("name", "shapes"), CASES)
+def test_objects_are_at_rest(name: str, shapes: str) -> None:
+    """Awake, for 1 s: nothing moves by more than 1 mm."""
+    env = RetrieveEnv(num_objects=12, shapes=shapes, object_set=name)
+    for seed in range(3):
+        env.reset(seed=seed)
+        before = env.measurements.poses[:, :3].copy()
+        env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        idle = env.joint_action(env.data.qpos[env.world.index.drive_qpos], env.robot.max_opening)
+        for _ in range(20):
+            env.step(idle)
+        assert np.abs(env.measurements.poses[:, :3] - before).max() < 1e-3
+        env.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    assert (env.measurements.poses[:, 2] > TABLE_HEIGHT).all()
+
+
+def test_lying_boxes_are_longer_than_high() -> None:
+    half = sample_scene(np.random.default_rng(0), LAYOUTS["paper"], 10, "box", OBJECT_SETS["lying"]).half_extents
+    assert (half[:, 0] > 1.5 * half[:, 2]).all()
+
+
+def test_invalid_sets_are_refused_with_the_valid_ones() -> None:
+    with pytest.raises(ConfigError, match="'standard', 'low', 'lying', 'tall', 'heavy'"):
+        EnvConfig(object_set="small")
+    with pytest.raises(ConfigError, match="valid values: 'box'"):
+        EnvConfig(object_set="lying")
+    with pytest.raises(ConfigError, match="object_set='lying': at most"):
+        EnvConfig(object_set="lying", shapes="box", num_objects=40)
+
+
+def test_scenes_of_old_seeds_stay_what_they_were() -> None:
+    digest = hashlib.sha256()
+    for name in NAMED:
+        for shapes in ("cylinder", "box", "mixed"):
+            for seed in range(20):
+                scene: Any = sample_scene(np.random.default_rng(seed), LAYOUTS[name], 15, shapes)
+                for part in ("half_extents", "is_box", "positions", "yaws", "masses", "base"):
+                    digest.update(getattr(scene, part).tobytes())
+                digest.update(bytes([scene.target]))
+    assert digest.hexdigest() == "3aff94d3fb59511ae31856b59ea1bde73995f07cc2f32a9350b2b415b3c2f72e"

@@ -1,0 +1,196 @@
+"""Obstructed targets: the geometric test, the scenes that are drawn with it, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401  registers the environments
+from assets.robots import FETCH
+from clutter_env.errors import ConfigError, OptionError
+from clutter_env.experiments.suites.agreement import SceneSet, agreement
+from clutter_env.experiments.suites.approaches import reachable_yaws
+from clutter_env.scene.layout import LAYOUTS, Layout
+from clutter_env.scene.obstruction import (
+    UNREACHABLE,
+    YAWS,
+    count_blockers,
+    robots_with_approaches,
+    side_approaches,
+)
+from clutter_env.scene.table_scene import TableScene
+
+FETCH_APPROACHES = side_approaches("fetch")
+
+
+def make(**keywords: Any) -> Any:
+    return gym.make("clutter_env/Retrieve-o15-v0", disable_env_checker=True, **keywords).unwrapped
+
+
+def cylinders(positions: list[tuple[float, float]], radius: float = 0.03, height: float = 0.16) -> TableScene:
+    count = len(positions)
+    return TableScene(
+        half_extents=np.tile((radius, radius, height / 2), (count, 1)),
+        is_box=np.zeros(count, dtype=np.bool_),
+        positions=np.array(positions, dtype=np.float64),
+        yaws=np.zeros(count),
+        masses=np.full(count, 0.2),
+        base=np.array([-1.2, 0.0, 0.0]),
+        target=0,
+    )
+
+
+def ring(count: int, radius: float) -> list[tuple[float, float]]:
+    angles = np.arange(count) * 2 * math.pi / count
+    return [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
+
+
+def blockers(scene: TableScene, layout: Layout = LAYOUTS["paper"]) -> np.ndarray:
+    return count_blockers(FETCH_APPROACHES, layout, scene, FETCH.max_opening)
+
+
+def test_an_object_alone_has_nothing_in_the_way() -> None:
+    assert blockers(cylinders([(0.0, 0.0)])).tolist() == [0]
+
+
+def test_an_object_within_a_ring_is_obstructed_more_than_most_of_the_ring() -> None:
+    found = blockers(cylinders([(0.0, 0.0), *ring(8, 0.11)]))
+    assert found[0] == 2
+    assert (found[1:] == 1).sum() == 7
+
+
+def test_a_row_in_front_obstructs_the_row_behind() -> None:
+    row = [(x, y) for x in (0.2, 0.1) for y in np.arange(-3, 4) * 0.1]
+    found = blockers(cylinders(row))
+    assert found[3] >= 1
+    assert found[7:].max() == 0
+
+
+def test_what_is_lower_than_the_fingers_is_not_in_their_way() -> None:
+    scene = cylinders([(0.0, 0.0), (-0.02, 0.075)])
+    low = scene.half_extents.copy()
+    low[1, 2] = 0.005
+    low_scene = TableScene(low, scene.is_box, scene.positions, scene.yaws, scene.masses, scene.base, 0)
+    assert blockers(low_scene)[0] <= blockers(scene)[0]
+    assert blockers(low_scene)[1] == UNREACHABLE
+
+
+def test_boxes_are_in_the_way_as_far_as_they_reach() -> None:
+    """A box neighbour, turned in steps: hits agree with points sampled on its outline, but for the padding."""
+    edge = np.linspace(-1, 1, 15)
+    outline = np.concatenate([[(t, 1), (t, -1), (1, t), (-1, t)] for t in edge]) * (0.04, 0.015)
+    differing = 0
+    rng = np.random.default_rng(0)
+    for _ in range(25):
+        yaw, place = rng.uniform(-math.pi, math.pi), rng.uniform((-0.25, -0.2), (0.1, 0.2))
+        if np.hypot(*place) < 0.08:
+            continue
+        rotation = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        points = place + outline @ rotation.T
+        box = TableScene(
+            half_extents=np.array([[0.03, 0.03, 0.08], [0.04, 0.015, 0.08]]),
+            is_box=np.array([False, True]),
+            positions=np.array([(0.0, 0.0), place]),
+            yaws=np.array([0.0, yaw]),
+            masses=np.full(2, 0.2),
+            base=np.array([-1.2, 0.0, 0.0]),
+            target=0,
+        )
+        dots = cylinders([(0.0, 0.0), *map(tuple, points)])
+        half = dots.half_extents.copy()
+        half[1:, :2] = 1e-4
+        thin = TableScene(half, dots.is_box, dots.positions, dots.yaws, dots.masses, dots.base, 0)
+        differing += (blockers(box)[0] > 0) != (blockers(thin)[0] > 0)
+    assert differing <= 1
+
+
+def test_without_a_table_of_directions_the_front_is_open() -> None:
+    own = Layout("own", depth=0.6, width=0.9)
+    points, yaws = np.zeros((YAWS, 2)), np.arange(YAWS) * 2 * math.pi / YAWS
+    reached = FETCH_APPROACHES.is_reachable(own, points, yaws)
+    assert reached[0]
+    assert not reached[YAWS // 2]
+    island = Layout("own island", depth=0.6, width=0.9, is_front_only=False)
+    assert FETCH_APPROACHES.is_reachable(island, points, yaws).all()
+
+
+@pytest.mark.parametrize("name", ["paper", "wide", "dense", "shelf", "island"])
+def test_the_table_of_directions_is_what_the_planner_reaches(name: str) -> None:
+    layout, table = LAYOUTS[name], FETCH_APPROACHES.reachable[name]
+    cells = np.random.default_rng(0).integers(0, table.shape[:2], (6, 2))
+    points = ((cells + 0.5) / table.shape[:2] - 0.5) * (layout.depth, layout.width)
+    assert (reachable_yaws(FETCH, layout, points) == table[cells[:, 0], cells[:, 1]]).all()
+
+
+def test_the_test_agrees_with_the_planner() -> None:
+    """The figure over 2,200 scenes stands in docs/suites.md."""
+    found = agreement(610_000, 1, (SceneSet("paper", 25, 24),))
+    assert all(entry.agreement >= 0.95 for entry in found.values()), found
+    assert all(entry.both for entry in found.values())
+
+
+@pytest.mark.parametrize("least", [True, 2, 3])
+def test_targets_are_obstructed(least: bool | int) -> None:
+    env = gym.make("clutter_env/Retrieve-o25-v0", obstructed=least, disable_env_checker=True).unwrapped
+    for seed in range(10):
+        env.reset(seed=seed)
+        assert blockers(env.world.scene)[env.target_slot] >= int(least)
+
+
+def test_keyword_and_option_draw_the_same_scene() -> None:
+    by_keyword, by_option = make(obstructed=True), make()
+    for seed in range(3):
+        one, _ = by_keyword.reset(seed=seed)
+        other, _ = by_option.reset(seed=seed, options={"obstructed": True})
+        assert all((one[name] == other[name]).all() for name in one)
+    off, _ = by_keyword.reset(seed=0, options={"obstructed": False})
+    plain, _ = make().reset(seed=0)
+    assert all((off[name] == plain[name]).all() for name in off)
+
+
+def test_a_given_target_is_kept_or_refused() -> None:
+    env = make()
+    env.reset(seed=0)
+    found = blockers(env.world.scene)
+    for slot, name in enumerate(env.object_names):
+        options = {"target": name, "obstructed": True}
+        if found[slot] >= 1:
+            assert env.reset(seed=0, options=options)[1]["target"] == name
+        else:
+            with pytest.raises(OptionError, match=f"{name} is not obstructed"):
+                env.reset(seed=0, options=options)
+
+
+def test_described_objects_are_asked_too() -> None:
+    env = make()
+    entry = {"shape": "cylinder", "radius": 0.03, "height": 0.16}
+    around = [{**entry, "position": place} for place in [(0.0, 0.0), *ring(8, 0.11)]]
+    _, info = env.reset(seed=0, options={"objects": around, "obstructed": True})
+    assert info["target"] == "object_00"
+    with pytest.raises(OptionError, match="does not have a target with 1 or more"):
+        env.reset(seed=0, options={"objects": around[:1], "obstructed": True})
+
+
+@pytest.mark.parametrize("value", [1, 4, "yes", 1.0])
+def test_other_values_are_refused_with_the_valid_ones(value: Any) -> None:
+    with pytest.raises(ConfigError, match="valid values: False, True, 2, 3"):
+        make(obstructed=value)
+    with pytest.raises(OptionError, match="valid values: False, True, 2, 3"):
+        make().reset(seed=0, options={"obstructed": value})
+
+
+def test_too_few_or_too_low_objects_are_refused() -> None:
+    with pytest.raises(ConfigError, match="at least 4"):
+        make(num_objects=3, obstructed=3)
+    with pytest.raises(ConfigError, match="too low for side grasps"):
+        make(object_set="low", obstructed=True)
+    with pytest.raises(OptionError, match="at least 2"):
+        gym.make("clutter_env/Pick-v0").reset(seed=0, options={"obstructed": True})
+
+
+def test_the_robots_are_those_with_a_table() -> None:
+    assert "fetch" in robots_with_approaches()

@@ -1,0 +1,123 @@
+"""Suites: their files, their scenes, and what happens when a scene is another one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import assets
+import clutter_env
+from clutter_env.errors import SuiteError
+from clutter_env.suites import SPLITS, content_digest, scene_digests
+
+NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v1", "shelf-16-v1", "side-15-v1", "side-25-v1", "side-40-v1")
+
+
+def test_the_suites_are_there() -> None:
+    assert clutter_env.suite_names() == NAMES
+    with pytest.raises(SuiteError, match=r"no suite 'side-1'; suites: all-25-v1, .*side-40-v1"):
+        clutter_env.suite("side-1")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_suite_has_its_scenes(name: str) -> None:
+    suite = clutter_env.suite(name)
+    assert [len(suite.split(split)) for split in SPLITS] == [100, 100]
+    seeds = [scene.seed for split in SPLITS for scene in suite.split(split)]
+    assert len(set(seeds)) == len(seeds)
+    assert list(suite) == list(suite.test)
+    for scene in (*suite.test, *suite.validation):
+        assert scene.floor_side.cause or scene.floor_side.is_proved
+        if name != "all-25-v1":
+            assert scene.floor_side.is_proved
+            assert (scene.floor_side.count or 0) >= 1
+    with pytest.raises(SuiteError, match="splits: test, validation"):
+        suite.split("train")
+
+
+def test_no_two_suites_share_a_seed() -> None:
+    seeds = [scene.seed for name in NAMES for split in SPLITS for scene in clutter_env.suite(name).split(split)]
+    assert len(set(seeds)) == len(seeds)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_resets_give_the_scenes_of_the_suite(name: str) -> None:
+    suite = clutter_env.suite(name)
+    env = suite.test[0].make()
+    for scene in (*suite.test[:10], *suite.validation[:10]):
+        _, info = scene.reset(env)
+        assert info["target"] == scene.target
+        assert scene_digests(env) == dict(scene.digests)
+
+
+def test_another_scene_is_an_error_that_says_which_and_what() -> None:
+    scene = clutter_env.suite("side-15-v1").test[3]
+    env = scene.make()
+    other = replace(scene, seed=scene.seed + 1)
+    with pytest.raises(
+        SuiteError, match=r"scene 3 of suite 'side-15-v1' \(test, seed \d+\).*differs: half_extents, posi"
+    ):
+        other.reset(env)
+    lighter = replace(scene, digests={**scene.digests, "masses": "0" * 12})
+    with pytest.raises(SuiteError, match=r"what differs: masses$"):
+        lighter.reset(env)
+
+
+def test_a_joint_in_another_place_is_noticed() -> None:
+    scene = clutter_env.suite("side-15-v1").test[0]
+    env = scene.make()
+    scene.reset(env)
+    env.unwrapped.data.qpos[0] += 1e-15  # type: ignore[attr-defined]  # every environment here has MuJoCo data
+    with pytest.raises(SuiteError, match=r"what differs: joint_positions$"):
+        scene.check(env)
+
+
+def test_the_keywords_of_the_suite_stay() -> None:
+    scene = clutter_env.suite("dense-25-v1").test[0]
+    assert scene.make(control_mode="ee").unwrapped.control_mode == "ee"
+    with pytest.raises(SuiteError, match="made with 'dense'"):
+        scene.make(layout="paper")
+
+
+def test_a_changed_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path(assets.path("suites/side-15-v1.json")).parent
+    shutil.copytree(folder, tmp_path / "suites")
+    changed = tmp_path / "suites" / "side-15-v1.json"
+    content = json.loads(changed.read_text())
+    content["scenes"]["test"][0]["target"] = "object_14"
+    changed.write_text(json.dumps(content))
+    monkeypatch.setattr("assets.path", lambda relative: tmp_path / relative)
+    clutter_env.suite.cache_clear()
+    with pytest.raises(SuiteError, match="has been changed"):
+        clutter_env.suite("side-15-v1")
+    content["sha256"] = content_digest({key: value for key, value in content.items() if key != "sha256"})
+    changed.write_text(json.dumps(content))
+    assert clutter_env.suite("side-15-v1").test[0].target == "object_14"
+    clutter_env.suite.cache_clear()
+
+
+def test_suites_need_neither_planner_nor_numba() -> None:
+    code = (
+        "import sys, clutter_env; scene = clutter_env.suite('side-15-v1').test[0]; scene.reset(scene.make());"
+        "print(sorted({'planners', 'irm', 'numba', 'torch'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.strip() == "[]", result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_making_a_suite_again_gives_the_same_scenes(name: str) -> None:
+    from clutter_env.experiments.suites.making import PLANS, make_suite
+
+    plan = next(plan for plan in PLANS if plan.name == name)
+    made = make_suite(plan, 3, 1)
+    shipped = json.loads(assets.path(f"suites/{name}.json").read_text())
+    for split in SPLITS:
+        assert made["scenes"][split] == shipped["scenes"][split][:3]
