@@ -1,6 +1,6 @@
 """Registers the environments with Gymnasium, and knows the suites of scenes."""
 
-from gymnasium.envs.registration import register
+from gymnasium.envs.registration import WrapperSpec, register
 
 from clutter_env.suites import suite, suite_names
 
@@ -24,8 +24,13 @@ for _count in OBJECT_COUNTS:
         max_episode_steps=400 + 220 * _count,
     )
 
-register(id="clutter_env/Reach-v0", entry_point="clutter_env.envs.goal:ReachEnv", max_episode_steps=100)
-register(id="clutter_env/Pick-v0", entry_point="clutter_env.envs.goal:PickEnv", max_episode_steps=100)
+for _name in ("Reach", "Pick"):
+    register(
+        id=f"clutter_env/{_name}-v0",
+        entry_point=f"clutter_env.envs.goal:{_name}Env",
+        max_episode_steps=100,
+        additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal_interface:GoalInterface", {}),),
+    )
 
 for _count in SKILL_OBJECT_COUNTS:
     register(

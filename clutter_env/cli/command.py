@@ -30,14 +30,15 @@ def run_command(
     Args:
         name: of the command, for messages.
         arguments: dataclass of its arguments.
-        function: called with them. A ValueError of it becomes the message with which the process ends.
+        function: called with them. A ValueError or an OSError of it (such as a full disk) becomes the message
+            with which the process ends.
         text: description of the command, shown by `--help`.
         words: the command line without the command, that of the process if not given.
     """
     logging.basicConfig(format="%(message)s")
     try:
         function(tyro.cli(arguments, prog=f"clutter-env {name}", description=text, args=words))
-    except ValueError as problem:
+    except (ValueError, OSError) as problem:
         sys.exit(f"clutter-env {name}: {problem}")
     except KeyboardInterrupt:
         sys.exit(f"clutter-env {name}: interrupted; run the same command again to go on")

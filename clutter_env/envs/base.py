@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
-from clutter_env.envs.identity import layout_identity, robot_identity
+from clutter_env.envs.generator import generator_kept_on_error
+from clutter_env.envs.identity import environment_kind
 from clutter_env.envs.judge import Judge, JudgeMemory
 from clutter_env.envs.observation import EntryLayout, Observer
+from clutter_env.envs.pickling import kept_attributes, make_again
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.task import Task
 from clutter_env.rendering.cameras import EnvRenderer
@@ -24,14 +26,13 @@ from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.simulation.ee_control import TcpFollower
-from clutter_env.simulation.saved_state import SavedState, capture_physics, pack, unpack
+from clutter_env.simulation.physics_state import capture_physics
+from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
+from clutter_env.simulation.state_fields import read_dataclass
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = ["BaseEnv"]
-
-_PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
-"""Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
 
 
 class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
@@ -78,18 +79,21 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Start an episode; what it starts from is a function of seed and options alone.
 
+        A refused reset changes nothing, the random generator included.
+
         Raises:
             OptionError: an unknown or invalid option.
             StateError: the option `state` is not a saved state of this environment.
         """
         checked = ResetOptions.of(options)
-        super().reset(seed=seed)
-        if checked.state is not None:
-            self.restore_state(checked.state)
-        else:
-            self._simulator.start(self._draw_scene(checked), self._start_configuration())
-            self._judge = Judge(self.world, self.measurements, self.target_slot)
-            self._begin()
+        with generator_kept_on_error(self):
+            super().reset(seed=seed)
+            if checked.state is not None:
+                self.restore_state(checked.state)
+            else:
+                self._simulator.start(self._draw_scene(checked), self._start_configuration())
+                self._judge = Judge(self.world, self.measurements, self.target_slot)
+                self._begin()
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info()
@@ -111,8 +115,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         """An image (height, width, 3) uint8, a depth image (height, width) float32 [m], or None (shown in a window).
 
         Raises:
+            ActionError: `reset` has not been called.
             RenderingUnavailable: no OpenGL, or no display for a window.
         """
+        self._simulator.check_started("render()")
         return self._rendering.render(self.world)
 
     def close(self) -> None:
@@ -227,35 +233,30 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         """Continue from a saved state, bit for bit, also in another process.
 
         Raises:
-            StateError: not a saved state of an environment like this one.
+            StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
         saved = unpack(state, self._kind)
-        memory = JudgeMemory(**saved.memory["judge"])
-        memory.check(saved.scene.num_objects)
-        self._simulator.restore(saved)
+        checked = self._simulator.check(saved)
+        check_generator(self.np_random, saved.memory["rng"])
+        judged = read_dataclass(JudgeMemory, saved.memory["judge"], "judge")
+        judged.check(saved.scene.num_objects)
+        bookkeeping = self._read_memory(saved.memory["task"])
+        self._simulator.restore(checked)
+        self._judge = Judge.recall(judged, self.world, self.measurements, self.target_slot)
+        self._recall(bookkeeping)
         self.np_random.bit_generator.state = saved.memory["rng"]
-        self._judge = Judge.recall(memory, self.world, self.measurements, self.target_slot)
-        self._recall(saved.memory["task"])
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._simulator.has_started else None
-        rest = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
-        return _unpickle, (type(self), self.config.keywords(), rest, saved)
+        return make_again, (type(self), self.config.keywords(), kept_attributes(self), saved)
 
     # Inside.
 
     @property
     def _kind(self) -> dict[str, Any]:
         """What a saved state and the environment that restores it must have in common."""
-        return {
-            "task": type(self).__name__,
-            "mujoco": mujoco.__version__,
-            "num_objects": self.config.num_objects,
-            "layout": layout_identity(self.layout),
-            "robot": robot_identity(self.robot),
-            "control_mode": self.control_mode,
-        }
+        return environment_kind(type(self).__name__, self.config, self.layout, self.robot)
 
     def _info(self) -> dict[str, Any]:
         """The info dictionary, the same keys in all environments."""
@@ -284,13 +285,3 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         if self.config.obs_mode == "rgbd":
             parts |= self._rendering.observation_spaces()
         return spaces.Dict(parts)
-
-
-def _unpickle(
-    make: Callable[..., BaseEnv], keywords: dict[str, Any], rest: dict[str, Any], saved: bytes | None
-) -> BaseEnv:
-    env = make(**keywords)
-    env.__dict__.update(rest)
-    if saved is not None:
-        env.restore_state(saved)
-    return env

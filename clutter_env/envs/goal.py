@@ -17,6 +17,7 @@ from clutter_env.envs.observation import Observer
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.scene.table_scene import TableScene
+from clutter_env.simulation.state_fields import Fields
 
 __all__ = ["GOAL_TOLERANCE", "GoalEnv", "PickEnv", "ReachEnv"]
 
@@ -118,8 +119,11 @@ class GoalEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {"goal": self._goal.tolist()}
 
-    def _recall(self, memory: dict[str, Any]) -> None:
-        self._goal = np.array(memory["goal"])
+    def _read_memory(self, memory: Any) -> NDArray[np.float64]:
+        return Fields(memory, "memory task", ("goal",)).numbers("goal", (3,), -GOAL_BOUND, GOAL_BOUND)
+
+    def _recall(self, bookkeeping: NDArray[np.float64]) -> None:
+        self._goal = bookkeeping
 
 
 class ReachEnv(GoalEnv):

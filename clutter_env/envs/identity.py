@@ -7,11 +7,26 @@ import json
 from dataclasses import asdict
 from typing import Any
 
+import mujoco
+
 from assets.robots import RobotSpec, UnknownRobot
 from assets.robots import robot as find_robot
+from clutter_env.config import EnvConfig
 from clutter_env.scene.layout import LAYOUTS, Layout
 
-__all__ = ["layout_identity", "robot_identity"]
+__all__ = ["environment_kind", "layout_identity", "robot_identity"]
+
+
+def environment_kind(task: str, config: EnvConfig, layout: Layout, robot: RobotSpec) -> dict[str, Any]:
+    """What a saved state and the environment that restores it must have in common; JSON values."""
+    return {
+        "task": task,
+        "mujoco": mujoco.__version__,
+        "num_objects": int(config.num_objects),
+        "layout": layout_identity(layout),
+        "robot": robot_identity(robot),
+        "control_mode": config.control_mode,
+    }
 
 
 def layout_identity(layout: Layout) -> Any:

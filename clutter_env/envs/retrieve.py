@@ -11,6 +11,7 @@ from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.scene.table_scene import TableScene
+from clutter_env.simulation.state_fields import Fields
 
 __all__ = ["RetrieveEnv"]
 
@@ -78,7 +79,10 @@ class RetrieveEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {}
 
-    def _recall(self, memory: dict[str, Any]) -> None:  # noqa: ARG002
+    def _read_memory(self, memory: Any) -> None:
+        Fields(memory, "memory task", ())
+
+    def _recall(self, bookkeeping: None) -> None:  # noqa: ARG002  the task remembers nothing
         self._potential = self._measure_potential()
 
     def _measure_potential(self) -> float:

@@ -14,7 +14,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env import skill_budget
-from clutter_env.config import RENDER_MODES, check_choice, check_integer
+from clutter_env.config import check_choice, check_integer
+from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
 from clutter_env.scene.layout import TABLE_HEIGHT
@@ -56,7 +57,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     says), and those of `RetrieveEnv` but for `control_mode`.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012  as in gym.Env
+    metadata: dict[str, Any] = RetrieveEnv.metadata
 
     def __init__(
         self,
@@ -72,13 +73,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._count = self._physics_env.config.num_objects
         self.budget = skill_budget(self._count) if budget is None else budget
         check_integer("budget", self.budget, 1)
-        self.render_mode = self._physics_env.render_mode
+        self.render_mode, self.metadata = self._physics_env.render_mode, self._physics_env.metadata
         self._size = self._count * DIRECTIONS + 1
         self.action_space = spaces.Discrete(self._size)
         row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
         bound = np.array(row * self._count + [1.0, 1.0], np.float32)
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self._geometry: SkillGeometry | None = None
+        self._has_started = False
 
     # The Gymnasium surface.
 
@@ -90,8 +92,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Raises:
             OptionError: an unknown or invalid option.
         """
-        super().reset(seed=seed)
-        _, info = self._physics_env.reset(seed=seed, options=options)
+        with generator_kept_on_error(self):
+            super().reset(seed=seed)
+            _, info = self._physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()
@@ -99,13 +102,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._left = self.budget
         self._moved: list[str] = []
         self._is_taken = self._is_physics_over = False
+        self._has_started = True
         return self._observe(), self._info("")
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Try one skill.
 
         Raises:
-            ActionError: not an action of the action space.
+            ActionError: not an action of the action space, or `reset` has not been called; nothing has changed.
         """
         index = _checked(action, self._size)
         skill = self.skill(index)
@@ -133,6 +137,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def skill(self, action: int) -> Skill:
         """The skill of an action."""
+        self._check_started("skill()")
         if action == self._count * DIRECTIONS:
             return Skill(self._target)
         return Skill(self._scene.names[action // DIRECTIONS], action % DIRECTIONS)
@@ -143,6 +148,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Args:
             geometric: also leave out skills without a free grasp; by default as the environment was made.
         """
+        self._check_started("action_masks()")
         mask = ~self._failed
         for i, body in enumerate(self._bodies()):
             clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
@@ -158,11 +164,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     @property
     def scene(self) -> Scene:
         """The scene that the planner works on now."""
+        self._check_started("scene")
         return self._scene
 
     @property
     def target(self) -> str:
         """Name of the target."""
+        self._check_started("target")
         return self._target
 
     @property
@@ -171,6 +179,11 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._physics_env
 
     # Private.
+
+    def _check_started(self, call: str) -> None:
+        """Raise ActionError unless an episode has begun; `call` is what needs one."""
+        if not self._has_started:
+            raise ActionError(f"call reset() before {call}")
 
     def _read_scene(self) -> None:
         """Read the scene from the physics."""
@@ -271,6 +284,6 @@ def _stands(body: Body) -> bool:
 
 def _checked(action: Any, count: int) -> int:
     value = np.asarray(action)
-    if value.shape != () or not np.issubdtype(value.dtype, np.integer) or not 0 <= int(value) < count:
+    if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < count:
         raise ActionError(f"the action must be an integer from 0 to {count - 1}, not {action!r}")
     return int(value)

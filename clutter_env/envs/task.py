@@ -39,5 +39,9 @@ class Task(ABC):
         """The task's bookkeeping as JSON values."""
 
     @abstractmethod
-    def _recall(self, memory: dict[str, Any]) -> None:
-        """Restore the bookkeeping that `_memory` returned."""
+    def _read_memory(self, memory: Any) -> Any:
+        """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
+
+    @abstractmethod
+    def _recall(self, bookkeeping: Any) -> None:
+        """Restore the bookkeeping that `_read_memory` returned."""

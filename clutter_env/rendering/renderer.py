@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import RenderingUnavailable
+from clutter_env.rendering.ownership import ContextOwner, check_no_fork, note_opened
 
 __all__ = ["Renderer", "has_display", "make_context", "open_window"]
 
@@ -43,8 +44,10 @@ def make_context(width: int, height: int) -> GLContext:
     """An off-screen context: the one that MUJOCO_GL names, else the first that works.
 
     Raises:
-        RenderingUnavailable: none works; the message names the missing packages.
+        RenderingUnavailable: none works; the message names the missing packages. Or this process was forked from
+            one that had rendered.
     """
+    check_no_fork()
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
         raise RenderingUnavailable(f"rendering is switched off by MUJOCO_GL={wanted}; unset it to render images")
@@ -60,6 +63,7 @@ def make_context(width: int, height: int) -> GLContext:
 
 def _open(backend: str, width: int, height: int) -> GLContext:
     """A context of one backend. PyOpenGL's choice of platform is undone when the backend does not work."""
+    note_opened()
     before = os.environ.get("PYOPENGL_PLATFORM")
     try:
         context: GLContext = importlib.import_module(backend).GLContext(width, height)
@@ -75,12 +79,14 @@ class Renderer:
     """Renders one model through any of its cameras, colour or depth; without shadows and multisampling.
 
     Raises:
-        RenderingUnavailable: this machine has no working OpenGL.
+        RenderingUnavailable: this machine has no working OpenGL. Its methods raise it in another thread or process
+            than the one in which the renderer was made.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         self._model = model
         self._size = width, height
+        self._owner = ContextOwner()
         self._context: GLContext | None = make_context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
@@ -127,6 +133,7 @@ class Renderer:
         depth: NDArray[np.float32] | None,
     ) -> None:
         assert self._context is not None
+        self._owner.check()
         self._context.make_current()
         view = self._fixed(camera) if isinstance(camera, str) else camera
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -143,12 +150,13 @@ class Renderer:
         return view
 
     def close(self) -> None:
-        """Free the OpenGL resources; may be called twice."""
-        if self._context is not None:
+        """Free the OpenGL resources; may be called twice. A forked process has none to free."""
+        if self._context is not None and self._owner.is_this_process:
+            self._owner.check()
             self._context.make_current()
             self._device.free()
             self._context.free()
-            self._context = None
+        self._context = None
 
 
 def open_window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:

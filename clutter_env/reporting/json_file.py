@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-__all__ = ["json_text", "json_values", "write_atomically", "write_json"]
+__all__ = ["json_text", "json_values", "write_atomically", "write_json", "written_atomically"]
 
 
 def json_values(value: Any) -> Any:
@@ -64,14 +65,26 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a file that gets its name once all of it is on the disk; an old file of that name stays until then.
 
     Raises:
-        OSError: the disk is full or cannot be written.
+        OSError: the disk is full or cannot be written; the error names the file.
+    """
+    with written_atomically(path) as part, part.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def written_atomically(path: Path) -> Iterator[Path]:
+    """Another path beside `path`, whose file gets the name `path` at the end of the block, and is removed on errors.
+
+    Raises:
+        OSError: the disk is full or cannot be written; the error names the file `path`.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        yield part
         os.replace(part, path)
+    except OSError as problem:
+        raise OSError(problem.errno, f"{problem.strerror or problem}, cannot write", str(path)) from problem
     finally:
         part.unlink(missing_ok=True)

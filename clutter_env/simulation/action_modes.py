@@ -6,14 +6,14 @@ opening of the gripper.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.errors import ActionError
-from clutter_env.simulation.control import ControlState, JointController
+from clutter_env.simulation.control import ControlState, JointController, real_array
 from clutter_env.simulation.ee_control import EndEffectorController
 
 __all__ = ["ActionMode", "EndEffectorActions", "JointActions", "action_mode"]
@@ -107,9 +107,9 @@ class EndEffectorActions:
         Raises:
             ActionError: not finite, or the wrong shape.
         """
-        base, pose = np.asarray(base_target, float), np.asarray(T_world_tcp, float)
-        if base.shape != (3,) or pose.shape != (4, 4) or not (np.isfinite(base).all() and np.isfinite(pose).all()):
-            raise ActionError("ee_action takes base_target (3,) and T_world_tcp (4, 4), all finite")
+        base, pose = real_array(base_target), real_array(T_world_tcp)
+        if not (_is_finite(base, (3,)) and _is_finite(pose, (4, 4))):
+            raise ActionError("ee_action takes base_target (3,) and T_world_tcp (4, 4), all finite numbers")
         goal = np.concatenate((base, controller.state.target[_BASE:]))
         velocity = controller.velocity_towards(goal, is_loaded)[:_BASE]
         drive = np.clip(velocity / self._max_base_velocity, -1.0, 1.0)
@@ -120,6 +120,11 @@ class EndEffectorActions:
 def action_mode(name: str, robot: RobotSpec) -> ActionMode:
     """The mode of this name, "joint" or "ee"."""
     return EndEffectorActions(robot) if name == "ee" else JointActions(robot)
+
+
+def _is_finite(array: Vector | None, shape: tuple[int, ...]) -> TypeGuard[Vector]:
+    """Whether it is an array of this shape without NaN and infinity."""
+    return array is not None and array.shape == shape and bool(np.isfinite(array).all())
 
 
 def _planar_pose(base: Vector) -> Vector:

@@ -18,7 +18,7 @@ from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
 from clutter_env.errors import ActionError
 from clutter_env.simulation.model import ModelIndex
 
-__all__ = ["CONTROL_STEP", "ControlState", "JointController", "checked_action"]
+__all__ = ["CONTROL_STEP", "ControlState", "JointController", "checked_action", "real_array"]
 
 CONTROL_STEP = 1 / CONTROL_HZ
 """[s]"""
@@ -28,6 +28,9 @@ BASE_RANGE = 4.0
 """[m] The base target stays within this distance of the table's centre along x and y."""
 
 _SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
+
+_REAL_KINDS = "fiub"
+"""NumPy's kinds of real numbers: floating, signed, unsigned, bool."""
 
 _BASE_LEAD = 0.10
 _TORSO_LEAD = 0.03
@@ -49,16 +52,27 @@ class ControlState:
     finger: float
 
 
+def real_array(value: object) -> Vector | None:
+    """The value as a float64 array if it is an array, or nested sequences, of real numbers; None if not.
+
+    NumPy itself also turns text, dates and complex numbers into floats.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    return array.astype(np.float64) if array.dtype.kind in _REAL_KINDS else None
+
+
 def checked_action(action: ArrayLike, size: int) -> Vector:
     """The action as a float64 vector clipped to [-1, 1].
 
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    try:
-        vector = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ActionError(f"the action must be {size} finite numbers in [-1, 1], not {action!r}") from None
+    vector = real_array(action)
+    if vector is None:
+        raise ActionError(f"the action must be {size} finite numbers in [-1, 1], not {action!r}")
     if vector.shape != (size,):
         raise ActionError(f"the action must have shape ({size},), not {vector.shape}")
     if not np.isfinite(vector).all():
@@ -225,10 +239,7 @@ def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:
 
 
 def _checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ActionError(f"{name} must be {size} finite numbers, not {value!r}") from None
-    if vector.shape != (size,) or not np.isfinite(vector).all():
+    vector = real_array(value)
+    if vector is None or vector.shape != (size,) or not np.isfinite(vector).all():
         raise ActionError(f"{name} must be {size} finite numbers, not {value!r}")
     return vector

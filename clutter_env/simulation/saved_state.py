@@ -1,7 +1,8 @@
 """Saved states: everything that the next step depends on, as bytes that another process can restore.
 
-MuJoCo's integration state does not include which bodies sleep, so the lists of awake bodies are saved as well. Geoms
-are not saved: a state saved without meshes can be restored with them, and the other way round.
+The bytes carry a checksum against damage, which anyone can compute. Therefore everything that is read from them is
+checked before anything changes: names, types, shapes, ranges, and what has to agree (see `physics_state` for the
+physics).
 """
 
 from __future__ import annotations
@@ -9,33 +10,42 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import asdict, dataclass, fields
+from typing import Any, NoReturn
 
-import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.world import World
+from clutter_env.simulation.state_fields import Fields
 
-__all__ = ["SavedState", "capture_physics", "pack", "restore_physics", "unpack"]
+__all__ = ["MEMORY", "SavedState", "check_generator", "pack", "unpack"]
 
 _MAGIC = b"clutter-env state 1\n"
-_INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION
-_AWAKE_LISTS = ("tree_asleep", "tree_awake", "body_awake", "body_awake_ind", "parent_awake_ind", "dof_awake_ind")
-_AWAKE_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
+_MOST_BYTES = 2**24
+"""A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
+_PARTS = ("kind", "scene", "physics", "memory")
+MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
+"""What the task, the judge, the controller and the environment remember besides the physics."""
+
+_LARGEST_HALF_EXTENT = 1.0
+"""[m]"""
+_MASS_RANGE = (1e-3, 100.0)
+"""[kg]"""
+_PLACE_RANGE = 10.0
+"""[m] of start positions from the table's centre, [rad] of start angles."""
 
 
 @dataclass(frozen=True)
 class SavedState:
     """A saved state, decoded: what kind of environment it belongs to and everything in it."""
 
-    kind: dict[str, Any]
+    kind: Mapping[str, Any]
     scene: TableScene
-    physics: dict[str, Any]
-    memory: dict[str, Any]
+    physics: Mapping[str, Any]
+    memory: Mapping[str, Any]
 
 
 def pack(saved: SavedState) -> bytes:
@@ -49,62 +59,79 @@ def pack(saved: SavedState) -> bytes:
 
 
 def unpack(state: object, kind: dict[str, Any]) -> SavedState:
-    """The state in these bytes.
+    """The state in these bytes: its kind and its scene are checked, its physics and its memory have their entries.
+
+    Args:
+        state: bytes from `pack`.
+        kind: what the environment that restores the state must have in common with the one that saved it.
 
     Raises:
-        StateError: not bytes, damaged, or of an environment or a MuJoCo version of another kind.
+        StateError: not bytes, damaged, of an environment or a MuJoCo version of another kind, or not valid.
     """
+    content = Fields(_decode(state), "the top level", _PARTS)
+    there = Fields(content["kind"], "kind", list(kind))
+    for name, value in kind.items():
+        if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
+            raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
+    Fields(content["memory"], "memory", MEMORY)
+    scene = _read_scene(content["scene"], kind["num_objects"])
+    return SavedState(kind, scene, content["physics"], content["memory"])
+
+
+def check_generator(generator: np.random.Generator, state: Any) -> None:
+    """Make sure that a random generator of this kind can take this state; `generator` does not change.
+
+    Raises:
+        StateError: it cannot.
+    """
+    scratch = deepcopy(generator.bit_generator)
+    try:
+        scratch.state = state
+    except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as problem:
+        raise StateError(f"memory: rng of the state is no state of {type(scratch).__name__}: {problem}") from None
+    if json.dumps(scratch.state, sort_keys=True) != json.dumps(state, sort_keys=True):
+        raise StateError(f"memory: rng of the state is no state of {type(scratch).__name__}")
+
+
+def _decode(state: object) -> Any:
+    """The JSON values in the bytes of a state."""
     if not isinstance(state, bytes):
         raise StateError(f"a saved state is bytes from save_state(), not {type(state).__name__}")
     head, digest, body = state[: len(_MAGIC)], state[len(_MAGIC) : len(_MAGIC) + 32], state[len(_MAGIC) + 32 :]
     if head != _MAGIC or hashlib.sha256(body).digest() != digest:
         raise StateError("these bytes are no saved state of this version, or they are damaged")
-    content = json.loads(zlib.decompress(body))
-    for name, value in kind.items():
-        if content["kind"].get(name) != value:
-            raise StateError(f"the state was saved with {name}={content['kind'].get(name)!r}; this one has {value!r}")
-    scene: dict[str, Any] = {
-        name: np.array(value) if isinstance(value, list) else value for name, value in content["scene"].items()
-    }
-    count = len(scene["yaws"])
-    scene["half_extents"], scene["positions"] = (
-        scene["half_extents"].reshape(count, 3),
-        scene["positions"].reshape(count, 2),
+    try:
+        stream = zlib.decompressobj()
+        text = stream.decompress(body, _MOST_BYTES)
+        if not stream.eof or stream.unused_data:
+            raise StateError(f"the state is incomplete, or has more than {_MOST_BYTES} bytes")
+        return json.loads(text, parse_constant=_refuse_constant)
+    except (zlib.error, ValueError, RecursionError) as problem:
+        raise StateError(f"the state cannot be decoded: {problem}") from None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise StateError(f"the state holds {name}, which is no number")
+
+
+def _read_scene(value: object, most_objects: int) -> TableScene:
+    """The scene in a state of an environment with at most so many objects."""
+    read = Fields(value, "scene", [entry.name for entry in fields(TableScene)])
+    count = len(read.items("yaws"))
+    if not min(most_objects, 1) <= count <= most_objects:
+        raise StateError(
+            f"the state has {count} objects; this environment has {min(most_objects, 1)} to {most_objects}"
+        )
+    scene = TableScene(
+        half_extents=read.numbers("half_extents", (count, 3), 1e-3, _LARGEST_HALF_EXTENT),
+        is_box=read.flags("is_box", count),
+        positions=read.numbers("positions", (count, 2), -_PLACE_RANGE, _PLACE_RANGE),
+        yaws=read.numbers("yaws", (count,), -_PLACE_RANGE, _PLACE_RANGE),
+        masses=read.numbers("masses", (count,), *_MASS_RANGE),
+        base=read.numbers("base", (3,), -_PLACE_RANGE, _PLACE_RANGE),
+        target=read.integer("target", 0, count - 1) if count else read.integer("target", -1, -1),
     )
-    return SavedState(content["kind"], TableScene(**scene), content["physics"], content["memory"])
-
-
-def capture_physics(world: World) -> dict[str, Any]:
-    """The physics state, sleeping bodies included, as JSON values."""
-    model, data = world.model, world.data
-    integration = np.empty(mujoco.mj_stateSize(model, _INTEGRATION))
-    mujoco.mj_getState(model, data, integration, _INTEGRATION)
-    return {
-        "integration": integration.tolist(),
-        "lists": {name: getattr(data, name).tolist() for name in _AWAKE_LISTS},
-        "counts": {name: int(getattr(data, name)) for name in _AWAKE_COUNTS},
-    }
-
-
-def restore_physics(world: World, saved: SavedState) -> None:
-    """Put a captured state back.
-
-    Setting a state wakes every body. Therefore the quantities that sleeping bodies keep from their last step awake are
-    computed, and then the bodies are put to sleep again.
-
-    Raises:
-        StateError: the state is of a model of another size.
-    """
-    integration: NDArray[np.float64] = np.array(saved.physics["integration"])
-    if len(integration) != mujoco.mj_stateSize(world.model, _INTEGRATION):
-        raise StateError("the state was saved with another robot or another number of objects")
-    world.apply_scene(saved.scene)
-    model, data = world.model, world.data
-    mujoco.mj_resetData(model, data)
-    mujoco.mj_setState(model, data, integration, _INTEGRATION)
-    mujoco.mj_forward(model, data)
-    mujoco.mj_setState(model, data, integration, _INTEGRATION)
-    for name in _AWAKE_LISTS:
-        getattr(data, name)[:] = saved.physics["lists"][name]
-    for name in _AWAKE_COUNTS:
-        setattr(data, name, saved.physics["counts"][name])
+    is_oval = ~scene.is_box & (scene.half_extents[:, 0] != scene.half_extents[:, 1])
+    if is_oval.any():
+        raise StateError("scene: half_extents of the state must have equal entries along x and y for a cylinder")
+    return scene

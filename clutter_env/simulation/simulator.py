@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.errors import ActionError
+from clutter_env.errors import ActionError, StateError
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.action_modes import EndEffectorActions, action_mode
 from clutter_env.simulation.control import ControlState, checked_action
+from clutter_env.simulation.physics_state import PhysicsState, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import SavedState, restore_physics
+from clutter_env.simulation.saved_state import MEMORY, SavedState
+from clutter_env.simulation.state_fields import Fields
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["Simulator"]
+__all__ = ["CheckedState", "Simulator"]
+
+_QUATERNION_TOLERANCE = 1e-6
+"""Of the norm of a saved quaternion."""
+
+
+@dataclass(frozen=True)
+class CheckedState:
+    """A saved state that a simulator can restore: its world, and everything that is put into it."""
+
+    world: World
+    scene: TableScene
+    physics: PhysicsState
+    control: ControlState
+    wanted_tcp: list[float] | None
+    held: int
+    is_touching: bool
 
 
 class Simulator:
@@ -49,7 +68,7 @@ class Simulator:
 
     def start(self, scene: TableScene, configuration: tuple[float, ...]) -> None:
         """Begin an episode with the robot at rest in a configuration (1 + n,) of torso and arm."""
-        self._choose_world(scene)
+        self.world = self._world_for(scene)
         self.world.reset(scene, configuration)
         self.action_mode.reset(self.world.controller.state)
         self.measurements = self.world.measure()
@@ -101,19 +120,38 @@ class Simulator:
             "wanted_tcp": self.action_mode.wanted_tcp,
         }
 
-    def restore(self, saved: SavedState) -> None:
+    def check(self, saved: SavedState) -> CheckedState:
+        """Check everything in a saved state against the model of its scene; nothing changes.
+
+        Raises:
+            StateError: an entry is missing, of the wrong type or size, out of range, or does not agree with another.
+        """
+        world = self._world_for(saved.scene)
+        memory = Fields(saved.memory, "memory", MEMORY)
+        size = len(world.controller.state.target)
+        return CheckedState(
+            world=world,
+            scene=saved.scene,
+            physics=read_physics(world, saved.physics),
+            control=ControlState(
+                memory.numbers("target", (size,)), memory.numbers("velocity", (size,)), memory.number("finger")
+            ),
+            wanted_tcp=self._checked_tcp(memory),
+            held=memory.integer("held", -1, saved.scene.num_objects - 1),
+            is_touching=memory.flag("is_touching"),
+        )
+
+    def restore(self, state: CheckedState) -> None:
         """Continue from a saved state, bit for bit.
 
         Raises:
-            StateError: the state is of a model of another size.
+            StateError: bodies of the state sleep and overlap; nothing has changed.
         """
-        self._choose_world(saved.scene)
-        restore_physics(self.world, saved)
-        memory = saved.memory
-        target, velocity = np.array(memory["target"]), np.array(memory["velocity"])
-        self.world.controller.state = ControlState(target, velocity, memory["finger"])
-        self.action_mode.wanted_tcp = memory["wanted_tcp"]
-        self.measurements = self.world.measure_objects(memory["held"], memory["is_touching"])
+        restore_physics(state.world, state.scene, state.physics)
+        self.world = state.world
+        self.world.controller.state = state.control
+        self.action_mode.wanted_tcp = state.wanted_tcp
+        self.measurements = self.world.measure_objects(state.held, state.is_touching)
         self.has_started = True
 
     def check_started(self, call: str) -> None:
@@ -128,9 +166,20 @@ class Simulator:
     def _make_world(self, shapes: tuple[str, ...]) -> World:
         return World(self._robot, self._layout, shapes, self._image_size, self._show_meshes)
 
-    def _choose_world(self, scene: TableScene) -> None:
-        """Explicit scenes may have fewer objects or other shapes than the environment's own."""
-        if scene.shapes == self.world.shapes:
-            return
-        is_home = scene.shapes == self._home_world.shapes
-        self.world = self._home_world if is_home else self._make_world(scene.shapes)
+    def _world_for(self, scene: TableScene) -> World:
+        """A world for a scene: explicit scenes may have fewer objects or other shapes than the environment's own."""
+        for world in (self.world, self._home_world):
+            if scene.shapes == world.shapes:
+                return world
+        return self._make_world(scene.shapes)
+
+    def _checked_tcp(self, memory: Fields) -> list[float] | None:
+        """What the action mode remembers."""
+        if self.action_mode.wanted_tcp is None:
+            if memory["wanted_tcp"] is not None:
+                raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
+            return None
+        pose = memory.numbers("wanted_tcp", (7,))
+        if abs(np.linalg.norm(pose[:4]) - 1) > _QUATERNION_TOLERANCE:
+            raise StateError("memory: the quaternion in wanted_tcp of the state has not the length 1")
+        return pose.tolist()

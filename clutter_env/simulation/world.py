@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -64,6 +65,11 @@ class World:
         self._slot_of_geom[self.index.object_geoms] = np.arange(len(shapes))
         self._slot_of_geom[list(self.index.finger_geoms)] = _RIGHT_PAD, _LEFT_PAD
         self.scene: TableScene | None = None
+
+    @cached_property
+    def spare_data(self) -> mujoco.MjData:
+        """Further data of the model, in which a state can be kept while another one is tried."""
+        return mujoco.MjData(self.model)
 
     def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses and colours of `scene`; the data are left undefined."""

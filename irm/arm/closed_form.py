@@ -14,8 +14,9 @@ from __future__ import annotations
 from math import acos, asin, atan2, cos, floor, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from irm.compilation import njit
 
 __all__ = ["MAX_SOLUTIONS", "ik_arm", "ik_pan", "wrap"]
 

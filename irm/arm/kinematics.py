@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from math import cos, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import ChainLink, RobotSpec
 from irm.arm.closed_form import MAX_SOLUTIONS, ik_arm
 from irm.arm.manipulability import manipulability
+from irm.compilation import njit
 from irm.errors import ChainError
 
 __all__ = [

@@ -9,8 +9,9 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from irm.compilation import njit
 
 __all__ = ["condition", "manipulability"]
 

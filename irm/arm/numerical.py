@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import acos, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from irm.arm.kinematics import ArmChain, arm_jacobian, fk_frames, has_free_roll
+from irm.compilation import njit
 from irm.errors import ChainError
 
 __all__ = ["approach_pose", "solve"]

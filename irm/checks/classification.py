@@ -12,9 +12,9 @@ from math import floor, pi
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from irm.compilation import njit
 from irm.errors import QueryError
 from irm.maps.orientation_index import nearest_orientation, yaw_pitch_roll
 from irm.maps.reachability import ReachabilityMap

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from irm.arm.kinematics import PRISMATIC, ArmChain, inverse
 from irm.arm.numerical import random_seeds, solve
+from irm.compilation import njit
 from irm.errors import QueryError
 from irm.maps.orientation_index import rotation
 from irm.queries.arguments import as_positions

@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from irm.compilation import njit
 
 __all__ = ["distance_to_seeds"]
 

@@ -6,8 +6,9 @@ from math import hypot, inf
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from irm.compilation import njit
 
 __all__ = [
     "BLOCKED",

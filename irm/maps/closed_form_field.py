@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from math import cos, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import ik_pan
 from irm.arm.kinematics import ArmChain, arm_jacobian, fk_frames
 from irm.arm.manipulability import condition
+from irm.compilation import njit
 from irm.maps.grid import MapGrid
 
 __all__ = ["PAN_SAMPLES", "closed_form_layers"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import io
 import json
 import os
 import tempfile
@@ -42,13 +43,29 @@ def map_key(chain: ArmChain, parameters: MapParameters) -> str:
 
 
 def save_arrays(path: Path, robot: str, key: str, parameters: MapParameters, arrays: dict[str, NDArray[Any]]) -> None:
-    """Write a map; the new file replaces an old one only when it is complete."""
+    """Write a map; the new file replaces an old one only when it is complete.
+
+    Raises:
+        OSError: the disk is full or cannot be written; the error names the file, and nothing is left behind.
+    """
     about = {"format": FORMAT, "robot": robot, "key": key, "parameters": dataclasses.asdict(parameters)}
-    path.parent.mkdir(parents=True, exist_ok=True)
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write(path, content.getbuffer())
+    except OSError as problem:
+        reason = f"{problem.strerror or problem}, the map cannot be saved"
+        raise OSError(problem.errno, reason, str(path)) from problem
+
+
+def _write(path: Path, content: memoryview) -> None:
     descriptor, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
     try:
         with os.fdopen(descriptor, "wb") as file:
-            np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(draft, path)
     except BaseException:
         os.unlink(draft)

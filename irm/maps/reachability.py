@@ -85,7 +85,11 @@ class ReachabilityMap:
         return ReachabilityMap(robot.name, map_key(chain, wanted), wanted, grid, *_columns(cells, best, torso, flags))
 
     def save(self, path: str | Path) -> None:
-        """Write the map to one `.npz` file."""
+        """Write the map to one `.npz` file.
+
+        Raises:
+            OSError: the disk is full or cannot be written; an old file of that name stays.
+        """
         arrays: dict[str, NDArray[Any]] = {"cells": self.cells, "manipulability": self.manipulability}
         arrays |= {"torso_index": self.torso_index, "flags": self.flags}
         save_arrays(Path(path), self.robot, self.key, self.parameters, arrays)

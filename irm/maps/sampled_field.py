@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain, fk_frames
 from irm.arm.manipulability import condition
 from irm.arm.numerical import approach_pose, random_seeds
+from irm.compilation import njit
 from irm.maps.grid import MapGrid, MapParameters
 from irm.maps.orientation_index import nearest_orientation, orientation_neighbours, rotation
 

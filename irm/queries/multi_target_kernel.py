@@ -11,10 +11,10 @@ from math import cos, floor, pi, sin
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import wrap
+from irm.compilation import njit
 from irm.floor.raster import Raster, floor_distance, point_is_free
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.placement_kernel import is_apart

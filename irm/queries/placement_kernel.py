@@ -6,10 +6,10 @@ from math import cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import wrap
+from irm.compilation import njit
 from irm.floor.raster import FREE, MIXED, Raster, floor_distance, floor_gap, floor_kind, is_outside
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
 from irm.queries.keys import Turns

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from irm.compilation import njit
 from planners.scene.masks import Mask, bit_count
 
 __all__ = ["EXHAUSTED", "FOUND", "PAUSED", "SearchStack", "closure", "disjoint_landmarks", "search"]

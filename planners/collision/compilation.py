@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
+from irm.compilation import njit
 
 __all__ = ["inlined_kernel", "leaf_kernel"]
 

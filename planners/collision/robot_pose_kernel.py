@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import fk_frames
+from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.geometry import Solids
 from planners.collision.robot_model import BASE, RobotArrays

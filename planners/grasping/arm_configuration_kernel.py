@@ -6,12 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import MAX_SOLUTIONS
 from irm.arm.kinematics import arm_jacobian, fk_frames, ik_arm
 from irm.arm.manipulability import condition
+from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.robot_model import RobotArrays

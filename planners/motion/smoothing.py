@@ -6,9 +6,9 @@ Shortcuts: Geraerts & Overmars, "Creating high-quality paths for motion planning
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from irm.compilation import njit
 from planners.collision.configuration_kernel import CollisionQuery
 from planners.collision.path_kernel import edge_hits
 from planners.collision.robot_pose_kernel import make_scratch

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import arm_jacobian, fk_frames
+from irm.compilation import njit
 from planners.collision.robot_model import RobotArrays
 
 __all__ = ["solve_near", "track_line"]

@@ -10,8 +10,9 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from irm.compilation import njit
 
 __all__ = ["cells_of_marks", "free_discs", "mark_boxes", "mark_discs", "mark_spheres"]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
+
+from irm.compilation import njit
 
 __all__ = ["MAX_OBJECTS", "SELF_BIT", "STATIC_BIT", "Mask", "bit_count"]
 

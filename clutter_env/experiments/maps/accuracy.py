@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -14,6 +13,7 @@ from assets.robots import RobotSpec
 from irm.arm.closed_form import ik_pan
 from irm.arm.kinematics import ArmChain
 from irm.checks.classification import classify, predict
+from irm.compilation import njit
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.maps.orientation_index import rotation

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import json
+import operator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from clutter_env.learning.task import Task
 __all__ = ["read_episode", "write_episode"]
 
 _COMPRESSION: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+_NUMBERS = "fiub"
+"""NumPy's kinds of numbers: floating, signed, unsigned, bool."""
 _TEXT = h5py.string_dtype(encoding="utf-8")
 
 
@@ -41,13 +44,38 @@ def read_episode(path: Path) -> Episode:
     """The episode in that file.
 
     Raises:
-        DatasetError: there is no such file, or it holds no episode.
+        DatasetError: there is no such file, it is damaged, or it holds no episode.
     """
     try:
         with h5py.File(path, "r") as file:
-            return _read(file)
-    except (OSError, KeyError) as problem:
-        raise DatasetError(f"{path} holds no episode of this package: {problem}") from problem
+            episode = _read(file)
+    except (OSError, RuntimeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as problem:
+        raise DatasetError(f"{path} holds no episode of this package, or it is damaged: {problem}") from problem
+    wrong = _wrong_entry(episode)
+    if wrong:
+        raise DatasetError(f"{path} holds no episode of this package, or it is damaged: {wrong}")
+    return episode
+
+
+def _wrong_entry(episode: Episode) -> str:
+    """What does not fit in an episode of T actions, in words; "" if all does."""
+    steps = len(episode)
+    expected: list[tuple[str, NDArray[Any], int, int, str]] = [
+        ("actions", episode.actions, steps, 2, "f"),
+        ("rewards", episode.rewards, steps, 1, "f"),
+        ("infos/is_success", episode.is_success, steps + 1, 1, "b"),
+        ("infos/num_fallen", episode.num_fallen, steps + 1, 1, "iu"),
+        ("infos/state", episode.states, steps + 1, 2, "f"),
+    ]
+    for name, array, length, dimensions, kinds in expected:
+        if array.ndim != dimensions or len(array) != length or array.dtype.kind not in kinds:
+            return f"{name} has shape {array.shape} and type {array.dtype}, with {steps} actions"
+    for name, array in episode.observations.items():
+        if array.ndim < 2 or len(array) != steps + 1 or array.dtype.kind not in _NUMBERS:
+            return f"observations/{name} has shape {array.shape} and type {array.dtype}, with {steps} actions"
+    if len(episode.skills) != steps:
+        return f"infos/skill names {len(episode.skills)} skills for {steps} actions"
+    return ""
 
 
 def _write(file: h5py.File, episode: Episode) -> None:
@@ -82,18 +110,49 @@ def _read(file: h5py.File) -> Episode:
     names = [name.decode() for name in file["expert/skills"][()]]
     return Episode(
         task=Task.from_json(file.attrs["task"]),
-        seed=int(file.attrs["seed"]),
-        options=json.loads(file.attrs["options"]),
-        observations={name: values[()] for name, values in file["observations"].items()},
-        actions=file["actions"][()],
-        rewards=file["rewards"][()],
-        terminated=bool(file["terminations"][-1]),
-        truncated=bool(file["truncations"][-1]),
-        is_success=file["infos/is_success"][()],
-        num_fallen=file["infos/num_fallen"][()],
-        states=file["infos/state"][()],
-        skills=tuple(names[index] for index in file["infos/skill"][()]),
+        seed=operator.index(file.attrs["seed"]),
+        options=_mapping(file.attrs["options"], may_be_none=True),
+        observations={name: _array(values) for name, values in file["observations"].items()},
+        actions=_array(file["actions"]),
+        rewards=_array(file["rewards"]),
+        terminated=_last_flag(file["terminations"]),
+        truncated=_last_flag(file["truncations"]),
+        is_success=_array(file["infos/is_success"]),
+        num_fallen=_array(file["infos/num_fallen"]),
+        states=_array(file["infos/state"]),
+        skills=tuple(_name(names, index) for index in _array(file["infos/skill"])),
         plan=file["expert/plan"][()].decode(),
-        report=json.loads(file["expert/report"][()]),
-        versions=json.loads(file.attrs["versions"]),
+        report=_mapping(file["expert/report"][()]),
+        versions=_mapping(file.attrs["versions"]),
     )
+
+
+def _array(values: h5py.Dataset) -> NDArray[Any]:
+    """The numbers of a dataset, one row per step at least."""
+    array = np.asarray(values[()])
+    if array.ndim == 0:
+        raise TypeError(f"{values.name} holds one value in place of an array")
+    return array
+
+
+def _last_flag(values: h5py.Dataset) -> bool:
+    """The last of the flags."""
+    flags = _array(values)
+    if flags.dtype != np.bool_ or flags.ndim != 1:
+        raise TypeError(f"{values.name} has shape {flags.shape} and type {flags.dtype} in place of flags")
+    return bool(flags[-1])
+
+
+def _mapping(text: str | bytes, may_be_none: bool = False) -> Any:
+    """The object in JSON text."""
+    value = json.loads(text)
+    if not isinstance(value, dict) and not (may_be_none and value is None):
+        raise TypeError(f"the text {text!r} is no JSON object")
+    return value
+
+
+def _name(names: list[str], index: int) -> str:
+    """The skill of an index; negative ones do not count from the end."""
+    if not 0 <= index < len(names):
+        raise IndexError(f"infos/skill has index {index} among {len(names)} names")
+    return names[index]

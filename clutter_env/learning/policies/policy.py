@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from torch import nn
 
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.policies.features import feature_vector
+from clutter_env.reporting.json_file import write_atomically
 
 __all__ = ["Policy"]
 
@@ -42,10 +44,14 @@ class Policy(nn.Module):
         return np.asarray(action.numpy(), np.float32)
 
     def save(self, path: Path) -> None:
-        """Write shape and weights; the file is complete, or the old one stays."""
-        part = path.with_name(f".{path.name}.part")
-        torch.save({"shape": self.shape, "weights": self.state_dict()}, part)
-        part.replace(path)
+        """Write shape and weights; the file is complete, or the old one stays.
+
+        Raises:
+            OSError: the disk is full or cannot be written.
+        """
+        content = BytesIO()  # torch itself would raise a RuntimeError when the disk is full
+        torch.save({"shape": self.shape, "weights": self.state_dict()}, content)
+        write_atomically(path, content.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> Policy:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -30,7 +30,7 @@ from clutter_env.learning.policies.features import (
 )
 from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.json_file import write_atomically, write_json, written_atomically
 
 __all__ = [
     "ALGORITHMS",
@@ -135,15 +135,18 @@ def make_model(
 
 
 def save_model(model: BaseAlgorithm, directory: Path) -> None:
-    """Write model and replay buffer; each file is complete, or the old one stays."""
+    """Write model and replay buffer; each file is complete, or the old one stays.
+
+    Raises:
+        OSError: the disk is full or cannot be written.
+    """
     directory.mkdir(parents=True, exist_ok=True)
-    part = directory / f".part.{os.getpid()}.zip"
-    model.save(part)
+    content = BytesIO()
+    model.save(content)
     if isinstance(model, OffPolicyAlgorithm):
-        buffer = directory / f".part.{os.getpid()}.pkl"
-        model.save_replay_buffer(buffer)
-        buffer.replace(directory / _BUFFER)
-    part.replace(directory / _MODEL)
+        with written_atomically(directory / _BUFFER) as part, part.open("wb") as file:
+            model.save_replay_buffer(file)
+    write_atomically(directory / _MODEL, content.getvalue())
 
 
 def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = False) -> BaseAlgorithm:

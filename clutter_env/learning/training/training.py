@@ -59,13 +59,20 @@ def train(run: Run, resume: bool = False) -> Trained:
         resume: go on from the last checkpoint, if there is one, until `run.steps` in all.
 
     Raises:
-        LearningError: see `Run.check`; nothing is written then.
+        LearningError: see `Run.check`; nothing is written then. Or the disk is full or cannot be written; the last
+            complete checkpoint stays.
     """
     started, started_cpu = time.perf_counter(), time.process_time()
     run.check(resume)
     torch.set_num_threads(1)
-    run.write_record()
-    history = _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
+    try:
+        run.write_record()
+        history = _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
+    except OSError as problem:
+        raise LearningError(
+            f"training had to stop: {problem}; the last complete checkpoint in {run.directory} stays, and --resume "
+            "goes on from there"
+        ) from problem
     return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
 
 

@@ -70,8 +70,8 @@ BOX = {"shape": "box", "depth": 0.05, "width": 0.05, "height": 0.15, "position":
 WRONG_OPTIONS = [
     ("seed", "dictionary"),
     (5, "dictionary"),
-    ({"goal": 1}, "target, objects, state"),
-    ({3: 1}, "target, objects, state"),
+    ({"goal": 1}, "target, objects, obstructed, state"),
+    ({3: 1}, "target, objects, obstructed, state"),
     ({"target": "object_99"}, "object_04"),
     ({"target": 3}, "object_00"),
     ({"target": "red"}, "object_00"),
@@ -136,6 +136,13 @@ WRONG_ACTIONS = [
     ["a"] * 12,
     {"x": 1},
     [[1, 2], [3]],
+    ["0.5"] * 12,
+    [b"1"] * 12,
+    np.full(12, 0.5j),
+    [0.5j] * 12,
+    np.full(12, "2020-01-01", dtype="datetime64[D]"),
+    np.zeros(12, "timedelta64[s]"),
+    np.array([None] * 12),
 ]
 
 
@@ -167,6 +174,7 @@ def test_calls_before_the_first_reset_are_refused() -> None:
         lambda: env.joint_action(np.zeros(11), 0.1),
         lambda: ee.ee_action(np.zeros(3), np.eye(4), 0.1),
         env.save_state,
+        env.render,
     ):
         with pytest.raises(ClutterEnvError, match="reset"):
             call()
@@ -177,14 +185,16 @@ def test_action_helpers_check_their_input() -> None:
     ee = gym.make("clutter_env/Retrieve-o1-v0", control_mode="ee").unwrapped
     joint.reset(seed=0)
     ee.reset(seed=0)
-    for wrong in (np.zeros(10), np.full(11, np.nan), "home", None):
+    for wrong in (np.zeros(10), np.full(11, np.nan), "home", None, ["0.1"] * 11, np.zeros(11, complex)):
         with pytest.raises(ClutterEnvError, match="11"):
             joint.joint_action(wrong, 0.1)
-    with pytest.raises(ClutterEnvError, match="gripper_width"):
-        joint.joint_action(np.zeros(11), float("nan"))
+    for width in (float("nan"), "0.1", 1j):
+        with pytest.raises(ClutterEnvError, match="gripper_width"):
+            joint.joint_action(np.zeros(11), width)
     with pytest.raises(ClutterEnvError, match="ee_action"):
         ee.joint_action(np.zeros(11), 0.1)
     with pytest.raises(ClutterEnvError, match="joint_action"):
         joint.ee_action(np.zeros(3), np.eye(4), 0.1)
-    with pytest.raises(ClutterEnvError, match=r"\(4, 4\)"):
-        ee.ee_action(np.zeros(3), np.eye(3), 0.1)
+    for base, pose in ((np.zeros(3), np.eye(3)), ("home", np.eye(4)), (["0"] * 3, np.eye(4)), (np.zeros(3), [[1], 2])):
+        with pytest.raises(ClutterEnvError, match=r"\(4, 4\)"):
+            ee.ee_action(base, pose, 0.1)

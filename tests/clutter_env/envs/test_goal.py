@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.envs.goal import GOAL_TOLERANCE
+from clutter_env.envs.goal_interface import GoalInterface
 
 IDS = ["clutter_env/Reach-v0", "clutter_env/Pick-v0"]
 
@@ -73,3 +76,26 @@ def test_goal_environments_take_options() -> None:
     reach = gym.make("clutter_env/Reach-v0")
     with pytest.raises(ValueError, match="no object"):
         reach.reset(options={"target": "object_00"})
+
+
+@pytest.mark.parametrize("env_id", ["clutter_env/Reach-v0", "clutter_env/Pick-v0"])
+def test_wrapped_environments_pass_the_checker_of_stable_baselines3(env_id: str) -> None:
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.env_checker import check_env
+
+    limited = GoalInterface(gym.wrappers.TimeLimit(gym.make(env_id).unwrapped, 50))
+    for env in (gym.make(env_id), gym.make(env_id, max_episode_steps=30, reward_mode="dense"), limited):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_env(env)
+
+
+def test_the_made_environment_can_be_made_again_from_its_description() -> None:
+    env = gym.make("clutter_env/Pick-v0", reward_mode="dense")
+    assert env.spec is not None
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert str(again) == str(env)
+    observation, _ = again.reset(seed=0)
+    goal, achieved = observation["desired_goal"], observation["achieved_goal"]
+    assert again.compute_reward(achieved, goal, {}) == again.unwrapped.compute_reward(achieved, goal, {})
+    assert again.spec == env.spec

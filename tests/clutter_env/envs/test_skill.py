@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 import clutter_env
-from clutter_env.envs.skill import BODY_FIELDS, SKILL_COST, SkillEnv
+from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv
 from clutter_env.errors import ActionError, ConfigError
 from planners.skills.geometry import DIRECTIONS
 
@@ -155,3 +158,32 @@ def test_invalid_keywords_are_refused() -> None:
         gym.make("clutter_env/Skill-o5-v0", simulation="dream")
     with pytest.raises(ConfigError, match="budget"):
         SkillEnv(budget=0)
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_gymnasium_checker_is_silent_without_a_display(simulation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The checker renders in every mode that the environment lists; "human" needs a display."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    env = gym.make("clutter_env/Skill-o5-v0", simulation=simulation)
+    assert "human" not in env.metadata["render_modes"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+@pytest.mark.usefixtures("needs_gl")
+def test_gymnasium_checker_renders_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    check_env(gym.make("clutter_env/Skill-o5-v0", simulation="kinematic").unwrapped)
+
+
+def test_calls_before_the_first_reset_are_refused() -> None:
+    env = SkillEnv(simulation="kinematic", num_objects=5)
+    for call in (lambda: env.step(0), lambda: env.skill(0), env.action_masks, env.render):
+        with pytest.raises(ActionError, match="reset"):
+            call()
+    for name in ("scene", "target"):
+        with pytest.raises(ActionError, match="reset"):
+            getattr(env, name)

@@ -1,0 +1,25 @@
+"""The random generator of an environment stays as it was when a call is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import deepcopy
+
+import gymnasium as gym
+
+__all__ = ["generator_kept_on_error"]
+
+
+@contextmanager
+def generator_kept_on_error(env: gym.Env) -> Iterator[None]:
+    """If the block raises, put back the environment's generator, its state and its seed; they may be None."""
+    generator, seed = env._np_random, env._np_random_seed
+    before = deepcopy(generator)
+    try:
+        yield
+    except BaseException:
+        env._np_random, env._np_random_seed = generator, seed
+        if generator is not None and before is not None:
+            generator.bit_generator.state = before.bit_generator.state
+        raise

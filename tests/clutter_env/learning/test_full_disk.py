@@ -1,0 +1,91 @@
+"""A disk that becomes full: a clear message that names the file, and nothing half written is left.
+
+A limit of the size of files stands in for the full disk: writing beyond it ends in an OSError as well.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+pytest.importorskip("resource")
+
+ROOT = Path(__file__).resolve().parents[3]
+TRAIN = """
+from pathlib import Path
+from clutter_env.learning.task import Task
+from clutter_env.learning.training.run import Run
+from clutter_env.learning.training.training import train
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+task = Task("clutter_env/Reach-v0")
+try:
+    train(Run(task, "sac", 30, Path(sys.argv[1]), checkpoint_every=30, evaluation_episodes=1, evaluation_steps=5))
+except ValueError as problem:
+    print(type(problem).__name__, problem)
+"""
+POLICY = """
+from pathlib import Path
+from clutter_env.learning.policies.policy import Policy
+import resource, sys
+path = Path(sys.argv[1]) / "policy.pt"
+small, large = Policy(4, 2, 4), Policy(30, 12)
+small.save(path)
+before = path.read_bytes()
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+try:
+    large.save(path)
+except OSError as problem:
+    print(problem)
+print(path.read_bytes() == before)
+"""
+MAP = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+from clutter_env.cli.map import main
+main(["build", "--voxel", "0.2", "--orientations", "6", "--no-check", "--output", sys.argv[1] + "/map.npz"])
+"""
+
+
+def run_with_limit(code: str, size: int, directory: Path) -> subprocess.CompletedProcess[str]:
+    """Run code that cannot write files larger than `size` bytes."""
+    command = [sys.executable, "-W", "ignore", "-c", code.format(size=size), str(directory)]
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "0"}
+    return subprocess.run(command, capture_output=True, text=True, env=variables)
+
+
+def left_in(directory: Path) -> set[str]:
+    """The files that a run left, but for TensorBoard's."""
+    return {entry.name for entry in directory.iterdir() if entry.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("size", "named", "left"), [(100, "run.json", set()), (20_000, "replay_buffer.pkl", {"run.json"})]
+)
+def test_training_stops_with_a_message(size: int, named: str, left: set[str], tmp_path: Path) -> None:
+    result = run_with_limit(TRAIN, size, tmp_path)
+    assert "LearningError training had to stop" in result.stdout, result.stdout + result.stderr
+    assert named in result.stdout
+    assert left_in(tmp_path) == left
+
+
+def test_a_policy_is_complete_or_the_old_one_stays(tmp_path: Path) -> None:
+    result = run_with_limit(POLICY, 5000, tmp_path)
+    assert "policy.pt" in result.stdout, result.stderr
+    assert "True" in result.stdout
+    assert left_in(tmp_path) == {"policy.pt"}
+
+
+def test_a_map_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    result = run_with_limit(MAP, 3000, tmp_path)
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr, result.stderr
+    assert "clutter-env map: " in result.stderr
+    assert "map.npz" in result.stderr
+    assert left_in(tmp_path) == set()

@@ -1,0 +1,112 @@
+"""Kernels compile where nothing can be written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numba
+import pytest
+
+from irm.compilation import njit
+
+ROOT = Path(__file__).resolve().parents[2]
+WITHOUT_PRIVILEGE = ("setpriv", "--bounding-set=-dac_override", "--inh-caps=-all")
+"""Root may write everything; without this capability, permissions hold for root too."""
+
+
+@pytest.fixture(scope="module")
+def read_only_install() -> Iterator[Path]:
+    """The packages in a folder that the user of `run_there` cannot write."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    for package in ("assets", "irm", "planners", "clutter_env"):
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "home").mkdir()
+    for place in (folder, *folder.rglob("*")):
+        place.chmod(0o555 if place.is_dir() else 0o444)
+    yield folder
+    for place in (folder, *(entry for entry in folder.rglob("*") if entry.is_dir())):
+        place.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+def run_there(folder: Path, code: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run code as a user who can write neither the packages nor the home directory."""
+    drop = () if os.geteuid() else WITHOUT_PRIVILEGE
+    if drop and shutil.which(drop[0]) is None:
+        pytest.skip("root without setpriv: permissions do not hold")
+    kept = {name: value for name, value in os.environ.items() if name in ("PATH", "LANG", "LC_ALL")}
+    settings = {"HOME": str(folder / "home"), "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.run(
+        [*drop, sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd="/",
+        env={**kept, **settings, **variables},
+    )
+
+
+PLAIN_NUMBA = """
+import numba, assets.robots
+exec(compile("def f(x):\\n    return x", assets.robots.__file__, "exec"))
+numba.njit(cache=True)(f)
+"""
+USE = """
+import irm, planners, clutter_env.envs.skill
+from irm.floor.distance_transform import distance_to_seeds
+import numpy as np
+print(distance_to_seeds(np.eye(4) > 0, 1.0).max())
+"""
+
+
+def test_numba_itself_refuses_there(read_only_install: Path) -> None:
+    """Otherwise the next test shows nothing."""
+    result = run_there(read_only_install, PLAIN_NUMBA)
+    assert "cannot cache function" in result.stderr, result.stderr
+
+
+def test_packages_import_and_compile_with_one_warning(read_only_install: Path) -> None:
+    result = run_there(read_only_install, USE)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.count("NUMBA_CACHE_DIR") == 1, result.stderr
+
+
+def test_the_directory_that_the_warning_asks_for_is_used(read_only_install: Path) -> None:
+    with tempfile.TemporaryDirectory() as cache:
+        result = run_there(read_only_install, USE, NUMBA_CACHE_DIR=cache)
+        assert result.returncode == 0, result.stderr
+        assert "NUMBA_CACHE_DIR" not in result.stderr
+        assert list(Path(cache).rglob("*.nbi"))
+
+
+FULL_DISK = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+"""
+
+
+def test_a_full_disk_is_no_error(tmp_path: Path) -> None:
+    """A limit of the size of files stands in for the full disk."""
+    pytest.importorskip("resource")
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", FULL_DISK + USE]
+    result = subprocess.run(command, capture_output=True, text=True, env=variables)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.count("NUMBA_CACHE_DIR") == 1, result.stderr
+
+
+def test_other_errors_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(**_: object) -> None:
+        raise RuntimeError("another reason")
+
+    with pytest.raises(numba.core.errors.NumbaError):
+        njit(cache=True)(lambda x: undefined_name + x)(1)  # noqa: F821  the error of this test
+    monkeypatch.setattr(numba, "njit", refuse)
+    with pytest.raises(RuntimeError, match="another reason"):
+        njit(cache=True)(lambda x: x)
