@@ -69,7 +69,7 @@ class BaseFrame(NamedTuple):
 
 def base_frame(world: World) -> BaseFrame:
     """Where the base is now."""
-    x, y, yaw = (float(value) for value in world.data.qpos[world.index.drive_qpos[:3]])
+    x, y, yaw = world.data.qpos[world.index.drive_qpos[:3]].tolist()
     return BaseFrame(x, y, math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2))
 
 
@@ -193,7 +193,6 @@ def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
     c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
     turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
     relative: Vector = poses @ turn
-    relative[:, 0] -= c * frame.x + s * frame.y
-    relative[:, 1] -= c * frame.y - s * frame.x
+    relative -= (c * frame.x + s * frame.y, c * frame.y - s * frame.x, 0.0, 0.0, 0.0, 0.0, 0.0)
     relative[:, 3:] *= np.copysign(1.0, relative[:, 3:4])
     return relative
