@@ -102,7 +102,7 @@ class DirectIK:
         task = self._task_jacobian(linear, angular)
         damping = _FRAME_DAMPING * _FRAME_GAIN**2 * float(error @ error)
         hessian = task.T @ task
-        hessian.flat[:: len(q) + 1] += self._diagonal + damping
+        hessian.ravel()[:: len(q) + 1] += self._diagonal + damping
         gradient = self._pull * (q - self._home) - _FRAME_GAIN * (error @ task)
         lowest, highest = self._limit.bounds(q, qd)
         step, _, flag, _ = daqp.solve(
@@ -203,6 +203,8 @@ class _MotionLimit:
         self._half = self._change / 2
         self._half_squared = self._half**2
         self._twice = 2 * self._max_acceleration
+        self._signs = np.array(((-1.0,), (1.0,)))
+        self._edges = np.stack((self._upper, -self._lower))
 
     def inside(self, q: Vector) -> Vector:
         """The configuration (1 + n,), clipped to the joint limits less a margin."""
@@ -211,12 +213,14 @@ class _MotionLimit:
 
     def bounds(self, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
         """Lowest and highest velocities (1 + n,) for the next control step."""
-        highest = np.minimum(qd + self._change, self._fastest(self._upper - q))
-        lowest = np.maximum(qd - self._change, -self._fastest(q - self._lower))
+        distance = self._signs * q + self._edges
+        upwards, downwards = self._fastest(distance)
+        highest = np.minimum(qd + self._change, upwards)
+        lowest = np.maximum(qd - self._change, -downwards)
         return lowest, np.maximum(highest, lowest)
 
     def _fastest(self, distance: Vector) -> Vector:
-        """The velocity from which the joint can still stop within this distance."""
+        """The velocities from which the joints can still stop within these distances, both (2, 1 + n)."""
         braking = np.sqrt(self._half_squared + self._twice * np.maximum(distance, 0.0)) - self._half
         fastest: Vector = np.minimum(braking, self._max_velocity)
         return fastest

@@ -23,8 +23,8 @@ TOPPLED_TILT = (1 - math.cos(math.radians(45.0))) / 2
 FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
 
-_RIGHT_PAD, _LEFT_PAD, _OTHER = -1, -2, -3
-"""What a geom is, beside the object slots 0, 1, …: a finger, or neither finger nor object."""
+_NO_OBJECT = -1
+"""The slot of a geom that is no object."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class World:
         self.index = ModelIndex.of(self.model, robot, len(shapes))
         self.controller = JointController(self.model, self.index, robot)
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
-        self._slot_of_geom = np.full(self.model.ngeom, _OTHER)
-        self._slot_of_geom[self.index.object_geoms] = np.arange(len(shapes))
-        self._slot_of_geom[list(self.index.finger_geoms)] = _RIGHT_PAD, _LEFT_PAD
+        self._slot_of_geom = [_NO_OBJECT] * self.model.ngeom
+        for slot, geom in enumerate(self.index.object_geoms):
+            self._slot_of_geom[geom] = slot
         self.scene: TableScene | None = None
 
     def apply_scene(self, scene: TableScene) -> None:
@@ -136,12 +136,12 @@ class World:
         """The object that both fingers touch, -1 without one; and whether a finger touches anything."""
         if not self.data.ncon:
             return -1, False
-        right, left = set(), set()
-        for one, other in self._slot_of_geom[self.data.contact.geom].tolist():
-            touched = max(one, other)
-            if _RIGHT_PAD in (one, other):
-                right.add(touched)
-            if _LEFT_PAD in (one, other):
-                left.add(touched)
+        right_pad, left_pad = self.index.finger_geoms
+        slot_of, right, left = self._slot_of_geom, set(), set()
+        for one, other in self.data.contact.geom.tolist():
+            if right_pad in (one, other):
+                right.add(max(slot_of[one], slot_of[other]))
+            if left_pad in (one, other):
+                left.add(max(slot_of[one], slot_of[other]))
         both = [slot for slot in right & left if slot >= 0]
         return min(both, default=-1), bool(right or left)
