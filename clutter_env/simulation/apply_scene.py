@@ -42,7 +42,6 @@ def _set_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Derive the model's constants with every body awake: `mj_setConst` leaves those of sleeping bodies alone."""
     sleep = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     model.opt.enableflags &= ~sleep
-    mujoco.mj_resetData(model, data)
     mujoco.mj_setConst(model, data)
     model.opt.enableflags |= sleep
 
