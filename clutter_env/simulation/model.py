@@ -25,7 +25,12 @@ ENVIRONMENT_BITS = (1, 3)
 _OBJECT_FRICTION = (0.8, 0.005, 0.0005)
 _OBJECT_SOLREF = (0.01, 1.0)
 _OBJECT_ROLLING_DAMPING = 2e-4
-"""[N m s] on the objects' rotation: one that rolls away comes to rest, and sleeps, within seconds."""
+"""[N m s] on the objects' rotation."""
+_OBJECT_ROLLING_FRICTION = 3e-3
+"""[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second, and stays
+at rest on slopes of up to 3°. Tipping is about the other axes and not affected."""
+_SLEEP_TOLERANCE = 2e-3
+"""[m/s] Objects slower than this fall asleep; one that tips from rest is faster unless within 0.6° of balance."""
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
@@ -128,8 +133,9 @@ def compile_model(
     if show_meshes and has_visuals(robot):
         add_meshes(spec, robot)
     model = spec.compile()
-    turning = model.dof_damping[model.nv - 6 * len(shapes) :].reshape(-1, 6)[:, 3:]
-    turning[:] = _OBJECT_ROLLING_DAMPING
+    first = model.nv - 6 * len(shapes)
+    model.dof_damping[first:].reshape(-1, 6)[:, 3:] = _OBJECT_ROLLING_DAMPING
+    model.dof_frictionloss[first:].reshape(-1, 6)[:, 5] = _OBJECT_ROLLING_FRICTION
     return model
 
 
@@ -169,6 +175,7 @@ def _set_physics(spec: mujoco.MjSpec) -> None:
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 10
+    option.sleep_tolerance = _SLEEP_TOLERANCE
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 
