@@ -120,7 +120,7 @@ class DirectIK:
         return velocity
 
     def _task_jacobian(self, linear: Vector3, angular: Vector3) -> Vector:
-        """How the pose difference shrinks with the joints, (6, 1 + n): the inverse left Jacobian times the TCP's own."""
+        """How the pose difference shrinks with the joints, (6, 1 + n): inverse left Jacobian times TCP Jacobian."""
         jacobian = self._jacobian
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._site)

@@ -27,8 +27,8 @@ _OBJECT_SOLREF = (0.01, 1.0)
 _OBJECT_ROLLING_DAMPING = 2e-4
 """[N m s] on the objects' rotation."""
 _OBJECT_ROLLING_FRICTION = 3e-3
-"""[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second, and stays
-at rest on slopes of up to 3°. Tipping is about the other axes and not affected."""
+"""[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second and stays
+on slopes of up to 3°. Tipping is about the other axes and not affected."""
 _SLEEP_TOLERANCE = 2e-3
 """[m/s] Objects slower than this fall asleep; one that tips from rest is faster unless within 0.6° of balance."""
 _FURNITURE_COLOURS = {
