@@ -190,6 +190,6 @@ def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
     c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
     turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
     relative: Vector = poses @ turn
-    relative -= (c * frame.x + s * frame.y, c * frame.y - s * frame.x, 0.0, 0.0, 0.0, 0.0, 0.0)
+    relative[:, :2] -= (c * frame.x + s * frame.y, c * frame.y - s * frame.x)
     relative[:, 3:] *= np.copysign(1.0, relative[:, 3:4])
     return relative

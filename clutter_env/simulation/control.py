@@ -80,6 +80,8 @@ class JointController:
         self._max_velocity = np.array(robot.max_velocity)
         self._loaded_velocity = self._max_velocity.copy()
         self._loaded_velocity[2] = min(self._max_velocity[2], robot.max_loaded_yaw_rate)
+        self._range = -self._max_velocity, self._max_velocity
+        self._loaded_range = -self._loaded_velocity, self._loaded_velocity
         self._max_change = np.array(robot.max_acceleration) * CONTROL_STEP
         chain = robot.chain
         self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *(link.lower for link in chain)])
@@ -124,8 +126,10 @@ class JointController:
         self._advance_target(data, velocity, is_loaded)
         self._advance_finger(grip)
         after = self._position_command()
+        commands = before + _SHARES * (after - before)
+        commands += self._reference(self.state.velocity)
         ctrl = data.ctrl
-        for command in before + _SHARES * (after - before) + self._reference(self.state.velocity):
+        for command in commands:
             ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
 
@@ -170,8 +174,8 @@ class JointController:
         state = self.state
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
         present = _turned(state.velocity, cosine, -sine)
-        limit = self._loaded_velocity if is_loaded else self._max_velocity
-        allowed = _clipped(velocity, -limit, limit)
+        lowest, highest = self._loaded_range if is_loaded else self._range
+        allowed = _clipped(velocity, lowest, highest)
         allowed = _clipped(allowed, present - self._max_change, present + self._max_change)
         allowed = _turned(allowed, cosine, sine)
         actual = data.qpos[self._index.drive_qpos]

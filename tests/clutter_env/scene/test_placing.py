@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from clutter_env.scene.layout import LAYOUTS, Layout
-from clutter_env.scene.random_scene import EDGE_MARGIN, OBJECT_GAP, sample_scene
+from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS
+from clutter_env.scene.random_scene import sample_scene
 
 
 def place_plainly(rng: np.random.Generator, layout: Layout, radii: np.ndarray) -> np.ndarray:
     """One attempt: batches of candidates, all tested against all objects placed so far."""
-    high = np.array([layout.depth, layout.width]) / 2 - EDGE_MARGIN
+    high = np.array([layout.depth, layout.width]) / 2 - OBJECT_SETS["standard"].edge_margin
     positions = np.empty((len(radii), 2))
     for index, radius in enumerate(radii):
         while True:
