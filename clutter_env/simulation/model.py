@@ -29,8 +29,8 @@ _OBJECT_ROLLING_DAMPING = 2e-4
 _OBJECT_ROLLING_FRICTION = 3e-3
 """[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second and stays
 on slopes of up to 3°. Tipping is about the other axes and not affected."""
-_SLEEP_TOLERANCE = 2e-3
-"""[m/s] Objects slower than this fall asleep; one that tips from rest is faster unless within 0.6° of balance."""
+_SLEEP_TOLERANCE = 5e-3
+"""[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
