@@ -55,6 +55,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
             self.layout,
             slot_shapes(config.shapes, config.num_objects),
             config.control_mode,
+            ik=config.ik,
             image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
@@ -214,7 +215,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
-        return TcpFollower(self.robot)
+        return TcpFollower(self.robot, self.config.ik)
 
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""

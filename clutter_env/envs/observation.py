@@ -69,7 +69,7 @@ class BaseFrame(NamedTuple):
 
 def base_frame(world: World) -> BaseFrame:
     """Where the base is now."""
-    x, y, yaw = (float(value) for value in world.data.qpos[world.index.drive_qpos[:3]])
+    x, y, yaw = world.data.qpos[world.index.drive_qpos[:3]].tolist()
     return BaseFrame(x, y, math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2))
 
 
@@ -83,6 +83,8 @@ class Observer:
         self._slices = entry_slices(self.layout, names, num_slots)
         rows = {name: num_slots if name == "objects" else 1 for name in names}
         self._bounds = np.concatenate([np.tile(self.layout[name].bounds, rows[name]) for name in names])
+        self._lowest = -self._bounds
+        self._own = slice(0, self._slices["gripper"].stop)
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
         self._constant = np.zeros_like(self._bounds)
         self._constant_scene: TableScene | None = None
@@ -117,10 +119,9 @@ class Observer:
         """
         frame = base_frame(world)
         poses = _poses_in_base(frame, np.concatenate((_tcp_pose(world), measurements.poses)))
+        tcp = poses[0].tolist()
         flat = self._constant_part(world, target).copy()
-        _fill_robot(flat[self._slices["robot"]], world, frame)
-        flat[self._slices["tcp"]] = poses[0]
-        _fill_gripper(flat[self._slices["gripper"]], world)
+        flat[self._own] = [*_robot_entry(world, frame), *tcp, *_gripper_entry(world)]
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
             rows[: len(measurements.poses), _POSE] = poses[1:]
@@ -131,7 +132,7 @@ class Observer:
             goal[_GOAL["tcp_to_target"]] = poses[1 + target, :3] - poses[0, :3]
             goal[_GOAL["lift_left"]] = lift_left
             goal[_GOAL["hold_progress"]] = hold_progress
-        np.minimum(np.maximum(flat, -self._bounds, out=flat), self._bounds, out=flat)
+        np.minimum(np.maximum(flat, self._lowest, out=flat), self._bounds, out=flat)
         small = flat.astype(np.float32)
         return {name: small[place] for name, place in self._slices.items()}
 
@@ -147,24 +148,20 @@ class Observer:
         return self._constant
 
 
-def _fill_robot(out: Vector, world: World, frame: BaseFrame) -> None:
+def _robot_entry(world: World, frame: BaseFrame) -> list[float]:
     """x, y, sin yaw, cos yaw, torso and arm positions, velocities (base part in the base's frame)."""
-    q = world.data.qpos[world.index.drive_qpos]
-    qd = world.data.qvel[world.index.drive_dof]
-    forward, sideways = float(qd[0]), float(qd[1])
-    out[:4] = frame.x, frame.y, frame.sine, frame.cosine
-    velocities = out[1 + len(q) :]
-    out[4 : 1 + len(q)] = q[3:]
-    velocities[:] = qd
-    velocities[0] = frame.cosine * forward + frame.sine * sideways
-    velocities[1] = frame.cosine * sideways - frame.sine * forward
+    x, y, _, *joints = world.data.qpos[world.index.drive_qpos].tolist()
+    forward, sideways, *rates = world.data.qvel[world.index.drive_dof].tolist()
+    ahead = frame.cosine * forward + frame.sine * sideways
+    left = frame.cosine * sideways - frame.sine * forward
+    return [x, y, frame.sine, frame.cosine, *joints, ahead, left, *rates]
 
 
-def _fill_gripper(out: Vector, world: World) -> None:
+def _gripper_entry(world: World) -> tuple[float, float]:
     """[m] between the pads: as it is, and as commanded."""
     gap = world.robot.finger_gap_closed
-    fingers = world.data.qpos[world.index.finger_qpos]
-    out[:] = float(fingers[0] + fingers[1]) + gap, 2 * world.controller.state.finger + gap
+    right, left = world.data.qpos[world.index.finger_qpos].tolist()
+    return right + left + gap, 2 * world.controller.state.finger + gap
 
 
 def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None:
@@ -179,9 +176,9 @@ def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None
 
 def _tcp_pose(world: World) -> Vector:
     """Position [m] and quaternion of the TCP in the world, (1, 7)."""
-    pose = np.empty((1, 7))
-    pose[0, :3] = world.data.site_xpos[world.index.tcp_site]
-    mujoco.mju_mat2Quat(pose[0, 3:], world.data.site_xmat[world.index.tcp_site])
+    pose, site = np.empty((1, 7)), world.index.tcp_site
+    pose[0, :3] = world.data.site_xpos[site]
+    mujoco.mju_mat2Quat(pose[0, 3:], world.data.site_xmat[site])
     return pose
 
 
@@ -193,7 +190,6 @@ def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
     c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
     turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
     relative: Vector = poses @ turn
-    relative[:, 0] -= c * frame.x + s * frame.y
-    relative[:, 1] -= c * frame.y - s * frame.x
+    relative[:, :2] -= (c * frame.x + s * frame.y, c * frame.y - s * frame.x)
     relative[:, 3:] *= np.copysign(1.0, relative[:, 3:4])
     return relative

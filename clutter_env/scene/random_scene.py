@@ -14,7 +14,8 @@ from clutter_env.scene.table_scene import TableScene
 
 __all__ = ["sample_base", "sample_scene"]
 
-_BATCH = 128
+_BATCH, _FIRST = 128, 3
+"""Candidates drawn at once for an object, and how many of them are looked at first."""
 _MAX_BATCHES = 200
 _MAX_RESTARTS = 50
 
@@ -71,18 +72,47 @@ def _place_once(
     rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float
 ) -> NDArray[np.float64] | None:
     """One attempt, object by object; None when the next object found no room."""
-    high = np.array([layout.depth, layout.width]) / 2 - margin
-    positions = np.empty((len(radii), 2))
-    for index, radius in enumerate(radii):
-        placed, reach = positions[:index], radii[:index] + (radius + OBJECT_GAP)
+    half_size = layout.depth / 2 - margin, layout.width / 2 - margin
+    circles: list[tuple[float, float, float]] = []
+    for index, radius in enumerate(radii.tolist()):
         for _ in range(_MAX_BATCHES):
-            candidates = rng.uniform(-high, high, (_BATCH if index > 10 else 8, 2))
-            offset = candidates[:, None, :] - placed
-            is_free = (offset[..., 0] ** 2 + offset[..., 1] ** 2 > reach**2).all(axis=1)
-            first = int(is_free.argmax())
-            if is_free[first]:
-                positions[index] = candidates[first]
+            centre = _first_free(rng.random((_BATCH if index > 10 else 8, 2)), half_size, circles, radius + OBJECT_GAP)
+            if centre is not None:
+                circles.append((*centre, radius))
                 break
         else:
             return None
-    return positions
+    return np.array(circles).reshape(-1, 3)[:, :2].copy()
+
+
+def _first_free(
+    draws: NDArray[np.float64], half_size: tuple[float, float], circles: list[tuple[float, float, float]], gap: float
+) -> tuple[float, float] | None:
+    """The first of the candidates that is farther from every circle than its radius and `gap`, None without one.
+
+    Mostly one of the first is free: arrays are made only when none of them is.
+
+    Args:
+        draws: (m, 2) in [0, 1), the candidates as shares of the region.
+        half_size: of the region around the origin [m].
+        circles: x, y, radius [m] of what is placed already.
+        gap: [m]
+    """
+    half_x, half_y = half_size
+    width_x, width_y = half_x - -half_x, half_y - -half_y
+    for share_x, share_y in draws[:_FIRST].tolist():
+        x, y = width_x * share_x - half_x, width_y * share_y - half_y
+        for other_x, other_y, radius in circles:
+            dx, dy, reach = x - other_x, y - other_y, radius + gap
+            if dx * dx + dy * dy <= reach * reach:
+                break
+        else:
+            return x, y
+    candidates = np.array((width_x, width_y)) * draws[_FIRST:] - half_size
+    placed = np.array(circles)
+    offset_x, offset_y = candidates[:, :1] - placed[:, 0], candidates[:, 1:] - placed[:, 1]
+    is_free = (offset_x**2 + offset_y**2 > (placed[:, 2] + gap) ** 2).all(axis=1).tolist()
+    if True not in is_free:
+        return None
+    x, y = candidates[is_free.index(True)].tolist()
+    return x, y

@@ -62,19 +62,20 @@ class EndEffectorActions:
 
     size = _BASE + _TWIST + 1
 
-    def __init__(self, robot: RobotSpec) -> None:
+    def __init__(self, robot: RobotSpec, ik: str) -> None:
         self._max_base_velocity = np.array(robot.max_velocity[:_BASE])
-        self._controller = EndEffectorController(robot)
+        self._controller = EndEffectorController(robot, ik)
 
     @property
     def wanted_tcp(self) -> list[float] | None:
         """The wanted TCP pose in the base frame, (7,) wxyz and xyz."""
-        return self._controller.wanted.tolist()
+        return self._controller.wanted
 
     @wanted_tcp.setter
     def wanted_tcp(self, pose: list[float] | None) -> None:
         """Set the wanted TCP pose, for example that of a saved state."""
-        self._controller.wanted = np.array(pose)
+        assert pose is not None
+        self._controller.wanted = pose
 
     def reset(self, state: ControlState) -> None:
         """Take the TCP pose of the joint targets as the wanted pose."""
@@ -117,9 +118,9 @@ class EndEffectorActions:
         return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
 
 
-def action_mode(name: str, robot: RobotSpec) -> ActionMode:
-    """The mode of this name, "joint" or "ee"."""
-    return EndEffectorActions(robot) if name == "ee" else JointActions(robot)
+def action_mode(name: str, robot: RobotSpec, ik: str = "direct") -> ActionMode:
+    """The mode of this name, "joint" or "ee"; `ik` is the route of the inverse kinematics, "direct" or "mink"."""
+    return EndEffectorActions(robot, ik) if name == "ee" else JointActions(robot)
 
 
 def _is_finite(array: Vector | None, shape: tuple[int, ...]) -> TypeGuard[Vector]:

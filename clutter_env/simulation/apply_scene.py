@@ -7,6 +7,7 @@ so that the episode depends on this scene alone and not on earlier ones.
 from __future__ import annotations
 
 import colorsys
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -41,7 +42,6 @@ def _set_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Derive the model's constants with every body awake: `mj_setConst` leaves those of sleeping bodies alone."""
     sleep = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     model.opt.enableflags &= ~sleep
-    mujoco.mj_resetData(model, data)
     mujoco.mj_setConst(model, data)
     model.opt.enableflags |= sleep
 
@@ -90,6 +90,7 @@ def _colours(scene: TableScene) -> NDArray[np.float64]:
     return colours
 
 
+@cache
 def _slot_colour(slot: int) -> tuple[float, float, float, float]:
     """Hues step by the golden ratio, so that neighbours in number differ most; lightness has a period of three."""
     hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)

@@ -92,6 +92,10 @@ class JointController:
         self._robot = robot
         arm = len(robot.chain) - 1
         self._max_velocity = np.array(robot.max_velocity)
+        self._loaded_velocity = self._max_velocity.copy()
+        self._loaded_velocity[2] = min(self._max_velocity[2], robot.max_loaded_yaw_rate)
+        self._range = -self._max_velocity, self._max_velocity
+        self._loaded_range = -self._loaded_velocity, self._loaded_velocity
         self._max_change = np.array(robot.max_acceleration) * CONTROL_STEP
         chain = robot.chain
         self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *(link.lower for link in chain)])
@@ -118,10 +122,7 @@ class JointController:
 
     def velocity_limit(self, is_loaded: bool) -> Vector:
         """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
-        limit = self._max_velocity.copy()
-        if is_loaded:
-            limit[2] = min(limit[2], self._robot.max_loaded_yaw_rate)
-        return limit
+        return (self._loaded_velocity if is_loaded else self._max_velocity).copy()
 
     def follow(
         self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grip: float, is_loaded: bool
@@ -139,8 +140,11 @@ class JointController:
         self._advance_target(data, velocity, is_loaded)
         self._advance_finger(grip)
         after = self._position_command()
-        for command in before + _SHARES * (after - before) + self._reference(self.state.velocity):
-            data.ctrl[:] = command
+        commands = before + _SHARES * (after - before)
+        commands += self._reference(self.state.velocity)
+        ctrl = data.ctrl
+        for command in commands:
+            ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
 
     def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
@@ -184,15 +188,15 @@ class JointController:
         state = self.state
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
         present = _turned(state.velocity, cosine, -sine)
-        limit = self.velocity_limit(is_loaded)
-        allowed = _clipped(velocity, -limit, limit)
+        lowest, highest = self._loaded_range if is_loaded else self._range
+        allowed = _clipped(velocity, lowest, highest)
         allowed = _clipped(allowed, present - self._max_change, present + self._max_change)
         allowed = _turned(allowed, cosine, sine)
         actual = data.qpos[self._index.drive_qpos]
         target = state.target + allowed * CONTROL_STEP
         bounded = _clipped(target, actual - self._lead, actual + self._lead)
         bounded = _clipped(bounded, self._lower, self._upper)
-        if not np.array_equal(bounded, target):
+        if bounded.tolist() != target.tolist():
             moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
             allowed = np.where(bounded == target, allowed, moved)
         self.state = ControlState(target=bounded, velocity=allowed, finger=state.finger)
@@ -211,7 +215,7 @@ class JointController:
 
     def _reference(self, velocity: Vector) -> Vector:
         """Feedforward (nu,) that is added to the motor commands while the targets move."""
-        command = np.zeros_like(self._head_command)
+        command = np.zeros(len(self._head_command))
         command[self._index.drive_actuators] = self._feedforward * velocity
         return command
 
@@ -228,8 +232,8 @@ def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
 def _turned(drive: Vector, cosine: float, sine: float) -> Vector:
     """A whole-body configuration whose base part is turned by the angle of this cosine and sine."""
     turned = drive.copy()
-    x, y = float(drive[0]), float(drive[1])
-    turned[0], turned[1] = cosine * x - sine * y, sine * x + cosine * y
+    x, y = drive[:2].tolist()
+    turned[:2] = cosine * x - sine * y, sine * x + cosine * y
     return turned
 
 

@@ -25,7 +25,12 @@ ENVIRONMENT_BITS = (1, 3)
 _OBJECT_FRICTION = (0.8, 0.005, 0.0005)
 _OBJECT_SOLREF = (0.01, 1.0)
 _OBJECT_ROLLING_DAMPING = 2e-4
-"""[N m s] on the objects' rotation: one that rolls away comes to rest, and sleeps, within seconds."""
+"""[N m s] on the objects' rotation."""
+_OBJECT_ROLLING_FRICTION = 3e-3
+"""[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second and stays
+on slopes of up to 3°. Tipping is about the other axes and not affected."""
+_SLEEP_TOLERANCE = 5e-3
+"""[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
@@ -40,6 +45,10 @@ _SCENE_EYE, _SCENE_POINT = (-2.55, 1.85, 2.35), (-0.45, 0.02, 0.70)
 """[m] where the camera "scene" stands and looks: from behind the robot's left shoulder."""
 _TOP_X = -0.45
 """[m] of the camera "top": between the table and where the robot starts."""
+_FLOOR_SIZE = 15.0
+"""[m] How far the floor is drawn; contacts know no such end. An unbounded floor doubles the time of an image."""
+_SLICES, _STACKS = 24, 6
+"""Facets of drawn cylinders and capsules around and along their axes: software renderers are bound by their number."""
 _EXTENT = 2.0
 """[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
 
@@ -128,8 +137,9 @@ def compile_model(
     if show_meshes and has_visuals(robot):
         add_meshes(spec, robot)
     model = spec.compile()
-    turning = model.dof_damping[model.nv - 6 * len(shapes) :].reshape(-1, 6)[:, 3:]
-    turning[:] = _OBJECT_ROLLING_DAMPING
+    first = model.nv - 6 * len(shapes)
+    model.dof_damping[first:].reshape(-1, 6)[:, 3:] = _OBJECT_ROLLING_DAMPING
+    model.dof_frictionloss[first:].reshape(-1, 6)[:, 5] = _OBJECT_ROLLING_FRICTION
     return model
 
 
@@ -169,6 +179,7 @@ def _set_physics(spec: mujoco.MjSpec) -> None:
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 10
+    option.sleep_tolerance = _SLEEP_TOLERANCE
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 
@@ -184,7 +195,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     world.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.5],
+        size=[_FLOOR_SIZE, _FLOOR_SIZE, 0.5],
         rgba=[0.93, 0.94, 0.95, 1],
         contype=1,
         conaffinity=1,
@@ -209,6 +220,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
 def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
     """Soft light, a pale sky, the cameras "scene" (from the robot's left, behind it) and "top"."""
     spec.visual.quality.offsamples = 0
+    spec.visual.quality.numslices, spec.visual.quality.numstacks = _SLICES, _STACKS
     spec.stat.extent, spec.stat.center = _EXTENT, [0.0, 0.0, TABLE_HEIGHT]
     spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
     spec.visual.headlight.diffuse = [0.32, 0.32, 0.32]

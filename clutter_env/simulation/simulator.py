@@ -55,6 +55,7 @@ class Simulator:
         layout: Layout,
         shapes: tuple[str, ...],
         control_mode: str,
+        ik: str,
         image_size: tuple[int, int],
         show_meshes: bool,
     ) -> None:
@@ -63,7 +64,7 @@ class Simulator:
         self._image_size, self._show_meshes = image_size, show_meshes
         self._home_world = self._make_world(shapes)
         self.world = self._home_world
-        self.action_mode = action_mode(control_mode, robot)
+        self.action_mode = action_mode(control_mode, robot, ik)
         self.has_started = False
 
     def start(self, scene: TableScene, configuration: tuple[float, ...]) -> None:

@@ -24,8 +24,8 @@ TOPPLED_TILT = (1 - math.cos(math.radians(45.0))) / 2
 FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
 
-_RIGHT_PAD, _LEFT_PAD, _OTHER = -1, -2, -3
-"""What a geom is, beside the object slots 0, 1, …: a finger, or neither finger nor object."""
+_NO_OBJECT = -1
+"""The slot of a geom that is no object."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class World:
         self.index = ModelIndex.of(self.model, robot, len(shapes))
         self.controller = JointController(self.model, self.index, robot)
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
-        self._slot_of_geom = np.full(self.model.ngeom, _OTHER)
-        self._slot_of_geom[self.index.object_geoms] = np.arange(len(shapes))
-        self._slot_of_geom[list(self.index.finger_geoms)] = _RIGHT_PAD, _LEFT_PAD
+        self._slot_of_geom = [_NO_OBJECT] * self.model.ngeom
+        for slot, geom in enumerate(self.index.object_geoms):
+            self._slot_of_geom[geom] = slot
         self.scene: TableScene | None = None
 
     @cached_property
@@ -120,7 +120,8 @@ class World:
         """The present state of the objects, where it is known what the fingers hold and touch."""
         poses = self.data.qpos[self.index.object_qpos].reshape(-1, 7).copy()
         is_off = poses[:, 2] < FALLEN_BELOW
-        is_fallen = is_off | (poses[:, 4] ** 2 + poses[:, 5] ** 2 > TOPPLED_TILT)
+        tilt = poses[:, 4:6] ** 2
+        is_fallen = is_off | (tilt[:, 0] + tilt[:, 1] > TOPPLED_TILT)
         if held >= 0:
             is_fallen[held] = False
         return Measurements(poses, is_fallen, is_off, held, is_touching)
@@ -128,9 +129,9 @@ class World:
     def lowest_point(self, measurements: Measurements, slot: int) -> float:
         """Height [m] of an object's lowest point above the floor."""
         assert self.scene is not None
-        height, w, x, y, z = (float(value) for value in measurements.poses[slot, 2:])
+        height, w, x, y, z = measurements.poses[slot, 2:].tolist()
         down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-        half_x, half_y, half_z = (float(value) for value in self.scene.half_extents[slot])
+        half_x, half_y, half_z = self.scene.half_extents[slot].tolist()
         if self.scene.is_box[slot]:
             side = half_x * abs(down_x) + half_y * abs(down_y)
         else:
@@ -139,12 +140,14 @@ class World:
 
     def _grip(self) -> tuple[int, bool]:
         """The object that both fingers touch, -1 without one; and whether a finger touches anything."""
-        contacts = self.data.contact
-        if not len(contacts):
+        if not self.data.ncon:
             return -1, False
-        slots = self._slot_of_geom[contacts.geom]
-        others = slots.max(axis=1)
-        on_right = others[(slots == _RIGHT_PAD).any(axis=1)]
-        on_left = others[(slots == _LEFT_PAD).any(axis=1)]
-        both = on_right[(on_right >= 0) & np.isin(on_right, on_left)]
-        return int(both.min()) if both.size else -1, bool(on_right.size or on_left.size)
+        right_pad, left_pad = self.index.finger_geoms
+        slot_of, right, left = self._slot_of_geom, set(), set()
+        for one, other in self.data.contact.geom.tolist():
+            if right_pad in (one, other):
+                right.add(max(slot_of[one], slot_of[other]))
+            if left_pad in (one, other):
+                left.add(max(slot_of[one], slot_of[other]))
+        both = [slot for slot in right & left if slot >= 0]
+        return min(both, default=-1), bool(right or left)
