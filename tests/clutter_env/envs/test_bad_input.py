@@ -70,8 +70,8 @@ BOX = {"shape": "box", "depth": 0.05, "width": 0.05, "height": 0.15, "position":
 WRONG_OPTIONS = [
     ("seed", "dictionary"),
     (5, "dictionary"),
-    ({"goal": 1}, "target, objects, obstructed, state"),
-    ({3: 1}, "target, objects, obstructed, state"),
+    ({"goal": 1}, "target, objects, state, obstructed"),
+    ({3: 1}, "target, objects, state, obstructed"),
     ({"target": "object_99"}, "object_04"),
     ({"target": 3}, "object_00"),
     ({"target": "red"}, "object_00"),
