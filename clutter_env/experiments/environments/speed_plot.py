@@ -26,7 +26,7 @@ def plot_speed(rows: list[SpeedMeasurement], file: Path) -> None:
         values = [getattr(row, name) for row in rows]
         axis.plot([row.objects for row in rows], [np.nan if value is None else value for value in values], "o-")
         axis.set(title=title, xlabel="objects")
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0, 1.08 * max(axis.get_ylim()[1], 1e-9))
         axis.grid(alpha=0.3)
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=120)
