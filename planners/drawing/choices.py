@@ -194,9 +194,11 @@ def _work_mask(
     everything = world.scene.mask(world.scene.names)
     reached = np.zeros(len(centres), dtype=np.bool_)
     for index, centre in enumerate(centres):
-        gripper_poses = np.column_stack((np.tile(centre, (_WORK_YAWS, 1)), np.full(_WORK_YAWS, height), yaws))
+        level = np.column_stack(
+            (np.tile(centre, (_WORK_YAWS, 1)), np.full(_WORK_YAWS, height), yaws, np.zeros(_WORK_YAWS))
+        )
         found = scan_configurations(
-            world, GripperPoses(bases, gripper_poses), configurations, 0.0, ignore=everything, first_free=True
+            world, GripperPoses(bases, level), configurations, 0.0, ignore=everything, first_free=True
         )
         reached[index] = len(found.q) > 0
     coarse = reached.reshape(cells.shape)

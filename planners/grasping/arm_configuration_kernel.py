@@ -75,14 +75,14 @@ class _Memory(NamedTuple):
 
 @njit(cache=True)
 def many_gripper_hits(query: CollisionQuery, gripper_poses: Array) -> NDArray[np.uint64]:
-    """The loop of `gripper_hits`; the robot of `query` is the gripper alone, its one joint the height."""
+    """The loop of `gripper_hits`; the robot of `query` is the gripper alone, its two joints height and pitch."""
     scratch = make_scratch(query.robot, query.attached)
     hits = np.empty(gripper_poses.shape[0], np.uint64)
-    base, height = np.empty(3), np.empty(1)
+    base, joints = np.empty(3), np.empty(2)
     for k in range(gripper_poses.shape[0]):
         base[0], base[1], base[2] = gripper_poses[k, 0], gripper_poses[k, 1], gripper_poses[k, 3]
-        height[0] = gripper_poses[k, 2]
-        hits[k] = configuration_hits(query, query.active, scratch, base, height)
+        joints[0], joints[1] = gripper_poses[k, 2], gripper_poses[k, 4]
+        hits[k] = configuration_hits(query, query.active, scratch, base, joints)
     return hits
 
 
@@ -207,11 +207,13 @@ def _travel(q: Array, home: Array) -> float:
 
 @leaf_kernel
 def _pose_in_base(gripper_pose: Array, base: Array, R: Array, p: Array) -> None:
-    """Write the orientation (3, 3) and position (3,) of a level gripper pose in the frame of a base pose."""
+    """Write orientation Rz(yaw) Ry(pitch) (3, 3) and position (3,) of a gripper pose in the frame of a base pose."""
+    cy, sy = math.cos(gripper_pose[3] - base[2]), math.sin(gripper_pose[3] - base[2])
+    cp, sp = math.cos(gripper_pose[4]), math.sin(gripper_pose[4])
+    R[0, 0], R[0, 1], R[0, 2] = cy * cp, -sy, cy * sp
+    R[1, 0], R[1, 1], R[1, 2] = sy * cp, cy, sy * sp
+    R[2, 0], R[2, 1], R[2, 2] = -sp, 0.0, cp
     c, s, x, y = math.cos(base[2]), math.sin(base[2]), gripper_pose[0] - base[0], gripper_pose[1] - base[1]
-    R[0, 0] = R[1, 1] = math.cos(gripper_pose[3] - base[2])
-    R[1, 0] = math.sin(gripper_pose[3] - base[2])
-    R[0, 1] = -R[1, 0]
     p[0], p[1], p[2] = c * x + s * y, c * y - s * x, gripper_pose[2]
 
 
@@ -276,8 +278,7 @@ def scan(
         np.zeros(1, np.int64),
     )
     memory = _Memory(make_scratch(query.robot, query.attached), kept, np.empty((MAX_SOLUTIONS, n)))
-    R, p = np.zeros((3, 3)), np.empty(3)
-    R[2, 2] = 1.0
+    R, p = np.empty((3, 3)), np.empty(3)
     for pair in np.arange(bases.shape[0]) if first_free else _order_by_hits(known):
         by_gripper, base = known[pair], bases[pair]
         if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):

@@ -1,4 +1,4 @@
-"""Arm configurations for level gripper poses, and what each of them hits: the scan behind grasps and placements."""
+"""Arm configurations for gripper poses, and what each of them hits: the scan behind grasps and placements."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ __all__ = ["ArmConfigurations", "ConfigurationGrid", "GripperPoses", "gripper_hi
 
 Array = NDArray[np.float64]
 
-_VERTICAL_SLIDE = 5
-"""Axis number of a joint that slides along z, as in `irm.arm.kinematics.ArmChain`."""
+_HEIGHT_AND_PITCH = (5, 1)
+"""Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.arm.kinematics.ArmChain`."""
 
 
 class GripperPoses(NamedTuple):
-    """k pairs of a base pose and a level gripper pose.
+    """k pairs of a base pose and a gripper pose.
 
     Attributes:
         bases: (k, 3) x [m], y [m], yaw [rad].
-        gripper_poses: (k, 4) TCP x, y, z [m] and yaw [rad].
+        gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad]: the orientation is Rz(yaw) Ry(pitch), so that a
+            positive pitch points down and the fingers always close along a level line.
     """
 
     bases: Array
@@ -117,7 +118,7 @@ def gripper_hits(
 
     Args:
         world: the scene, compiled.
-        gripper_poses: (k, 4) level TCP poses x, y, z [m], yaw [rad].
+        gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
         opening: of the gripper [m].
         held: the held object.
         ignore: mask of bits that do not count.
@@ -137,10 +138,10 @@ def _rows(values: Array) -> Array:
 
 @cache
 def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
-    """The level gripper as a robot of its own: its base pose is x, y and yaw of the TCP, its only joint the height."""
+    """The gripper as a robot of its own: its base pose is x, y and yaw of the TCP, its joints are height and pitch."""
     arrays = robot_arrays(robot)
     last = arrays.link == len(robot.chain) - 1
-    offsets, axes, tip = np.zeros((1, 3)), np.array([_VERTICAL_SLIDE], dtype=np.int64), np.zeros(3)
+    offsets, axes, tip = np.zeros((2, 3)), np.array(_HEIGHT_AND_PITCH, dtype=np.int64), np.zeros(3)
     for array in (offsets, axes, tip):
         array.setflags(write=False)
     return arrays._replace(
@@ -151,7 +152,7 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
         half=arrays.half[last],
         radius=arrays.radius[last],
         bound=arrays.bound[last],
-        link=np.zeros(int(last.sum()), dtype=np.int64),
+        link=np.ones(int(last.sum()), dtype=np.int64),
         position=arrays.position[last] - arrays.tip,
         rotation=arrays.rotation[last],
         slide=arrays.slide[last],

@@ -69,11 +69,22 @@ class MapPlacer:
 
     def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
         """As `BasePlacer.bases`."""
+        bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
+        for pitch in np.unique(gripper_poses[:, 4]):
+            rows = np.flatnonzero(gripper_poses[:, 4] == pitch)
+            found = self._bases_at_pitch(gripper_poses[rows], float(pitch))
+            bases.append(found[0])
+            index.append(rows[found[1]])
+        order = np.argsort(np.concatenate(index), kind="stable")
+        return np.ascontiguousarray(np.concatenate(bases)[order]), np.concatenate(index)[order]
+
+    def _bases_at_pitch(self, gripper_poses: Array, pitch: float) -> tuple[Array, NDArray[np.int64]]:
+        """As `bases`, for gripper poses of one pitch [rad]: the map's ring nearest to it answers."""
         yaws = gripper_poses[:, 3]
         ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
         found = self.map.query_batch(
-            gripper_poses[:, :3], yaw_ranges=ranges, free_space=self.floor, k=self.per_gripper_pose
+            gripper_poses[:, :3], yaw_ranges=ranges, pitch=pitch, free_space=self.floor, k=self.per_gripper_pose
         )
+        rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)
-        rank = np.concatenate([np.arange(count) for count in found.count]) if len(gripper_poses) else index
-        return np.ascontiguousarray(found.poses[index, rank.astype(np.int64)]), index
+        return found.poses[index, rank], index

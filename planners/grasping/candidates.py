@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
 from planners.collision.compiled_scenes import CompiledScenes
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.grasp_poses import GraspConfig, GraspPose, generate_grasps
 from planners.scene import Body, Scene
 
-__all__ = ["BasePlacer", "GraspCandidate", "GraspCandidates", "SamplingConfig", "level_gripper_poses"]
+__all__ = ["BasePlacer", "GraspCandidate", "GraspCandidates", "SamplingConfig", "as_candidates", "gripper_poses"]
 
 Array = NDArray[np.float64]
 
@@ -43,10 +43,10 @@ class BasePlacer(Protocol):
     """Says where the base may stand."""
 
     def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Base poses from which level gripper poses can be reached.
+        """Base poses from which gripper poses can be reached.
 
         Args:
-            gripper_poses: (k, 4) TCP x, y, z [m], yaw [rad].
+            gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
 
         Returns:
             base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
@@ -62,7 +62,7 @@ class GraspCandidate:
         object: its name.
         base: (3,) x [m], y [m], yaw [rad].
         q: (8,) torso [m] and arm [rad] at the grasp.
-        yaw: [rad] of the approach in the world.
+        yaw, pitch: [rad] of the gripper in the world; pitch 0 is level, π/2 points down.
         opening: of the gripper [m] before the fingers close.
         blockers: mask of the objects hit at the grasp, or known to be in the way to or from it.
         quality: larger is better.
@@ -72,6 +72,7 @@ class GraspCandidate:
     base: Array
     q: Array
     yaw: float
+    pitch: float
     opening: float
     blockers: int
     quality: float
@@ -82,9 +83,16 @@ class GraspCandidate:
         return self.object, self.base.tobytes(), self.q.tobytes()
 
 
-def level_gripper_poses(grasps: Sequence[GraspPose]) -> Array:
-    """The gripper poses (k, 4) of side grasps: x, y, z [m] of the TCP, yaw [rad]."""
-    return np.array([(*grasp.T_world_tcp[:3, 3], grasp.yaw) for grasp in grasps]).reshape(-1, 4)
+def gripper_poses(grasps: Sequence[GraspPose]) -> Array:
+    """The gripper poses (k, 5) of grasps: x, y, z [m] of the TCP, yaw and pitch [rad]."""
+    return np.array([(*grasp.T_world_tcp[:3, 3], grasp.yaw, grasp.pitch) for grasp in grasps]).reshape(-1, 5)
+
+
+def as_candidates(name: str, poses: GripperPoses, opening: float, found: ArmConfigurations) -> Iterator[GraspCandidate]:
+    """The grasps of an object that a scan found for these gripper poses, with the gripper open by `opening` [m]."""
+    for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True):
+        yaw, pitch = map(float, poses.gripper_poses[pair, 3:])
+        yield GraspCandidate(name, poses.bases[pair], q, yaw, pitch, opening, int(hits), float(quality))
 
 
 @dataclass
@@ -138,19 +146,14 @@ class GraspCandidates:
         grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.config.directions))
         if not grasps:
             return ()
-        gripper_poses = level_gripper_poses(grasps)
+        wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        bases, index = self.placer.bases(gripper_poses)
-        poses = GripperPoses(bases, gripper_poses[index])
+        bases, index = self.placer.bases(wanted)
+        poses = GripperPoses(bases, wanted[index])
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
         found = scan_configurations(self.compiled.world(scene), poses, self._grid(), opening, ignore=ignore)
-        candidates = [
-            GraspCandidate(
-                body.name, bases[pair], q, float(poses.gripper_poses[pair, 3]), opening, int(hits), float(quality)
-            )
-            for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
-        ]
+        candidates = as_candidates(body.name, poses, opening, found)
         return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
 
     def _grid(self) -> ConfigurationGrid:

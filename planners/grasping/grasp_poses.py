@@ -26,6 +26,9 @@ Array: TypeAlias = NDArray[np.float64]
 GraspKind: TypeAlias = Literal["side", "top"]
 
 
+_PITCH = {"side": 0.0, "top": math.pi / 2}
+
+
 class UnknownGraspKindError(ValueError):
     """There is no such kind of grasp; the message lists the valid ones."""
 
@@ -62,13 +65,15 @@ class GraspPose:
     Attributes:
         object: its name.
         yaw: [rad] of the approach about the vertical; for a top grasp, of the gripper's z axis.
+        pitch: [rad] of the approach below the horizontal.
         kind: "side" (level gripper) or "top" (gripper pointing down).
-        T_world_tcp: (4, 4), read-only.
+        T_world_tcp: (4, 4), Rz(yaw) Ry(pitch) and position; read-only.
         opening: [m] between the finger pads before they close.
     """
 
     object: str
     yaw: float
+    pitch: float
     kind: GraspKind
     T_world_tcp: Array
     opening: float
@@ -98,7 +103,7 @@ def generate_grasps(body: Body, robot: RobotSpec, config: GraspConfig | None = N
         yaws, half_spans = yaws[fits], half_spans[fits]
         poses = makers[kind](body, robot, config, yaws)
         grasps += [
-            GraspPose(body.name, float(yaw), kind, pose, gripper_opening(robot, half_span, config))
+            GraspPose(body.name, float(yaw), _PITCH[kind], kind, pose, gripper_opening(robot, half_span, config))
             for yaw, half_span, pose in zip(yaws, half_spans, poses, strict=True)
         ]
     return tuple(grasps)
@@ -115,7 +120,7 @@ def grasp_after_move(grasp: GraspPose, T_world_before: Array, T_world_after: Arr
     T_world_tcp = T_world_after @ T_object_tcp
     pointing = T_world_tcp[:2, 0] if grasp.kind == "side" else T_world_tcp[:2, 2]
     yaw = math.atan2(pointing[1], pointing[0])
-    return GraspPose(grasp.object, yaw, grasp.kind, T_world_tcp, grasp.opening)
+    return GraspPose(grasp.object, yaw, grasp.pitch, grasp.kind, T_world_tcp, grasp.opening)
 
 
 def _yaws(body: Body, config: GraspConfig) -> tuple[Array, Array]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,9 @@ from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
 from planners.grasping.candidates import BasePlacer, GraspCandidate
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
-from planners.placing.locations import PlacementConfig, placement_levels, stand_at
+from planners.placing.locations import PlacementConfig, placement_levels
 from planners.placing.negative_goal_region import SupportGrid, clearance_order, footprint_mask, swept_mask
+from planners.placing.release import put_down, release_pitch, rotated
 from planners.placing.static_footprint import static_mask
 from planners.placing.swept_volume import grasp_volume
 from planners.scene import Body, Scene
@@ -31,6 +33,8 @@ _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
+_FACES_DOWN = math.radians(75)
+"""[rad] A gripper of a larger pitch has no front that would have to face away from the base."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,7 @@ class Placement:
         body: the object where it will stand.
         base: (3,) x [m], y [m], yaw [rad].
         q: (8,) torso [m] and arm [rad] when the fingers open.
-        yaw: [rad] of the gripper.
+        yaw, pitch: [rad] of the gripper.
         opening: of the gripper [m] after the release.
         drives: whether the base has to move there first.
     """
@@ -50,6 +54,7 @@ class Placement:
     base: Array
     q: Array
     yaw: float
+    pitch: float
     opening: float
     drives: bool
 
@@ -182,21 +187,23 @@ class PlacementSearch:
         return np.asarray(can_reach.any(axis=1))
 
     def _free_gripper_poses(self, world: CollisionWorld, location: Array) -> Array:
-        """The gripper poses (k, 4) at a location that hit nothing, with the object and with the fingers opened."""
+        """The gripper poses (k, 5) at a location that hit nothing, with the object and with the fingers opened."""
         gripper_poses = self._gripper_poses(world.scene, location)
         hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
         return gripper_poses[hits == 0]
 
     def _gripper_poses(self, scene: Scene, location: Array) -> Array:
-        """Level gripper poses (yaws, 4) that hold the object just above a location: x, y, z [m], yaw [rad]."""
+        """Gripper poses (yaws, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad]."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
-        offset = scene.held.T_tcp_object[:3, 3]
+        pitch = release_pitch(body, scene.held)
+        T_release_object = rotated(0.0, pitch) @ scene.held.T_tcp_object
+        offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).half_extent_along((0.0, 0.0, 1.0))
         yaws = np.arange(self.yaws) * (2 * np.pi / self.yaws)
         c, s = np.cos(yaws), np.sin(yaws)
         shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
-        height = scene.support.top + (body.top - body.bottom) / 2 + _GAP - offset[2]
-        return np.column_stack((location - shift, np.full(len(yaws), height), yaws))
+        height = scene.support.top + half_height + _GAP - offset[2]
+        return np.column_stack((location - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
 
     def _configurations(self, world: CollisionWorld, poses: GripperPoses, drives: bool) -> Iterator[Placement]:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
@@ -207,7 +214,8 @@ class PlacementSearch:
         for best in np.argsort(-found.quality):
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
-                yield Placement(_put_down(scene, pose), base, found.q[best], float(pose[3]), opening, drives)
+                yaw, pitch = map(float, pose[3:])
+                yield Placement(put_down(scene, pose), base, found.q[best], yaw, pitch, opening, drives)
                 return
 
     def _opening(self, scene: Scene) -> float:
@@ -227,7 +235,7 @@ def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:
 
 
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:
-    """Gripper poses (k, 4) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
+    """Gripper poses (k, 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
 
     The arm starts at its first joint, which turns about the vertical through the sum of the first two offsets.
     """
@@ -238,17 +246,5 @@ def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bo
     away = gripper_poses[:, :2] - base[:2]
     bearing = np.arctan2(away[:, 1], away[:, 0])
     turn = np.abs((gripper_poses[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)
-    return (np.linalg.norm(away, axis=1) < reach) & (turn < np.pi / 2)
-
-
-def _put_down(scene: Scene, gripper_pose: Array) -> Body:
-    """The held object as it stands after it is released at a gripper pose (4,): x, y, z [m], yaw [rad]."""
-    assert scene.held is not None
-    body = scene.body(scene.held.name)
-    c, s = np.cos(gripper_pose[3]), np.sin(gripper_pose[3])
-    T_world_tcp = np.eye(4)
-    T_world_tcp[:2, :2] = [[c, -s], [s, c]]
-    T_world_tcp[:3, 3] = gripper_pose[:3]
-    dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
-    upright = replace(dropped, quaternion=np.array([np.cos(dropped.yaw / 2), 0.0, 0.0, np.sin(dropped.yaw / 2)]))
-    return stand_at(upright, dropped.position[:2], scene.support)
+    faces_down = gripper_poses[:, 4] > _FACES_DOWN
+    return (np.linalg.norm(away, axis=1) < reach) & ((turn < np.pi / 2) | faces_down)

@@ -15,7 +15,14 @@ from irm.arm.kinematics import ArmChain
 from planners.clearing.lookahead import grasped
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
-from planners.grasping.candidates import OFF_TABLE, BasePlacer, GraspCandidate, SamplingConfig, level_gripper_poses
+from planners.grasping.candidates import (
+    OFF_TABLE,
+    BasePlacer,
+    GraspCandidate,
+    SamplingConfig,
+    as_candidates,
+    gripper_poses,
+)
 from planners.grasping.grasp_poses import GraspConfig, generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
 from planners.planner import map_placer
@@ -86,19 +93,13 @@ class SkillGeometry:
         if not chosen:
             return []
         world = self.compiled.world(scene)
-        gripper_poses = level_gripper_poses(chosen)
+        wanted = gripper_poses(chosen)
         opening = max(grasp.opening for grasp in chosen)
-        bases, index = self.placer.bases(gripper_poses)
+        bases, index = self.placer.bases(wanted)
         ignore = scene.mask({body.name})
-        found = scan_configurations(
-            world, GripperPoses(bases, gripper_poses[index]), self._grid, opening, ignore=ignore
-        )
-        return [
-            GraspCandidate(
-                body.name, bases[pair], q, float(gripper_poses[index[pair], 3]), opening, int(hits), float(quality)
-            )
-            for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True)
-        ]
+        poses = GripperPoses(bases, wanted[index])
+        found = scan_configurations(world, poses, self._grid, opening, ignore=ignore)
+        return list(as_candidates(body.name, poses, opening, found))
 
     def placements(
         self, scene: Scene, target: str, rng: np.random.Generator, planned: Placement | None = None

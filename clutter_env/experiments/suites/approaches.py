@@ -72,7 +72,8 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     yaws = _yaws(sampling.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):
-        poses = np.column_stack((np.tile((x, y, TABLE_HEIGHT + robot.grasp_height), (len(yaws), 1)), yaws))
+        positions = np.tile((x, y, TABLE_HEIGHT + robot.grasp_height), (len(yaws), 1))
+        poses = np.column_stack((positions, yaws, np.zeros(len(yaws))))
         bases, pose_of = placer.bases(poses)
         for yaw in range(len(yaws)):
             mine = bases[pose_of == yaw]
