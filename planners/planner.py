@@ -22,6 +22,7 @@ from planners.grasping.base_placement import MapPlacer, free_floor
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
+from planners.placing.surfaces import Supports, find_supports
 from planners.scene import Scene
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
@@ -44,6 +45,8 @@ def solve(
     strategy: str | Strategy = "lookahead",
     rng: np.random.Generator | None = None,
     time_limit: float | None = None,
+    *,
+    supports: Supports = None,
 ) -> Solution | Infeasible:
     """Plan to take `target` out of the clutter.
 
@@ -54,6 +57,8 @@ def solve(
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
             else with the cause "time limit". Compilation on the first run of a machine does not count; see `warmup`.
+        supports: where objects may be put: names of the scene's supports, "all" that it declares, or None for the first
+            alone, R_plane of the paper.
 
     Returns:
         The plan with all its motions, or the cause why there is none.
@@ -63,8 +68,9 @@ def solve(
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
         SceneError: objects overlap, or the robot is inside a static obstacle.
+        UnknownSupport: the scene declares no support of a name.
     """
-    return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
+    return Planner(scene.robot, supports=supports).solve(scene, target, strategy, rng, time_limit)
 
 
 def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
@@ -102,6 +108,7 @@ class Planner:
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
             protocol; None for the default.
         follower: model of how the joints follow, for a robot that is told TCP poses; None for one told joint targets.
+        supports: where objects may be put, as for `solve`.
 
     Raises:
         UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
@@ -111,6 +118,7 @@ class Planner:
     robot: RobotSpec
     engine: str | TaskPlanner | None = None
     follower: TcpFollower | None = None
+    supports: Supports = None
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -143,7 +151,7 @@ class Planner:
 
     def _exercise(self, scene: Scene, target: str) -> None:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
-        planner = replace(self, engine="astar")
+        planner = replace(self, engine="astar", supports=None)
         for name in ("lookahead", "ngr"):
             planner._solve(scene, target, STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
 
@@ -178,7 +186,9 @@ class Planner:
             near_home = self.follower is not None and attempt == 0
             placer = MapPlacer(inverse_map, floor, _BASES_NEAR_HOME if near_home else _BASES)
             candidates = GraspCandidates(placer, self.chain, SamplingConfig(near_home=near_home), compiled)
-            search = PlacementSearch(placer, self.chain, near_home=near_home)
+            search = PlacementSearch(
+                placer, self.chain, near_home=near_home, supports=find_supports(scene, self.supports)
+            )
             yield MotionLayer(candidates, search, rng, follower=self.follower, deadline=deadline)
 
     @cached_property

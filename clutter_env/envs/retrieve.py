@@ -10,6 +10,7 @@ from clutter_env.envs.judge import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.scene_drawing import draw_scene
+from clutter_env.scene.layout import TABLE
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import Fields
 
@@ -47,7 +48,7 @@ class RetrieveEnv(BaseEnv):
     @property
     def support_name(self) -> str:
         """Name of the geom on whose top face the objects stand."""
-        return "table_top"
+        return TABLE
 
     @property
     def lift_height(self) -> float:

@@ -6,7 +6,7 @@ World frame: origin on the floor under the table's centre, x from the robot towa
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
 from types import MappingProxyType
@@ -14,11 +14,14 @@ from typing import Any, NamedTuple
 
 from clutter_env.errors import ConfigError
 
-__all__ = ["LAYOUTS", "TABLE_HEIGHT", "Box", "Layout", "find_layout", "furniture"]
+__all__ = ["LAYOUTS", "TABLE", "TABLE_HEIGHT", "Box", "Layout", "find_layout", "furniture", "supports_of"]
 
 TABLE_HEIGHT = 0.75
 """[m] of every table's top face above the floor."""
 
+TABLE = "table_top"
+"""Name of the box on which objects stand at the start."""
+_COUNTERS = ("counter_left", "counter_right")
 _TOP_THICKNESS = 0.04
 _LEG_HALF_WIDTH = 0.025
 _COUNTER_WIDTH = 0.6
@@ -76,6 +79,8 @@ class Layout:
     """[m] from the table top to the shelf board above it, None without a shelf."""
     boxes: tuple[Box, ...] = ()
     """More furniture, in the world frame: obstacles for the robot and for the planner."""
+    supports: tuple[str, ...] | None = None
+    """Names of the boxes on whose top faces objects may be put, the table's first; None for table and counters."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -94,6 +99,8 @@ class Layout:
                 raise ConfigError(f"{place}: two boxes are named {name!r}; the names: {', '.join(names)}")
         for box in self.boxes:
             self._check_room(box)
+        if self.supports is not None:
+            object.__setattr__(self, "supports", _checked_supports(place, self.supports, furniture(self)))
 
     @property
     def headroom(self) -> float:
@@ -147,6 +154,18 @@ def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
     return made
 
 
+def _checked_supports(place: str, supports: Any, boxes: Sequence[Box]) -> tuple[str, ...]:
+    """The names with the table's first; JSON makes lists of them."""
+    known = [box.name for box in boxes if box.position[2] + box.half_extents[2] >= TABLE_HEIGHT]
+    names = tuple(supports) if isinstance(supports, list | tuple) else ()
+    if names[:1] != (TABLE,) or any(names.count(name) > 1 or name not in known for name in names):
+        raise ConfigError(
+            f"{place}: supports={supports!r} must be names of boxes as high as the table, {TABLE!r} first; "
+            f"valid names: {', '.join(known)}"
+        )
+    return names
+
+
 def _check_number(place: str, name: str, value: object, lowest: float, highest: float) -> None:
     is_number = isinstance(value, Real) and not isinstance(value, bool) and lowest <= float(value) <= highest
     if not is_number:
@@ -169,7 +188,7 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
     x, y, top = layout.depth / 2, layout.width / 2, TABLE_HEIGHT
     leg = _LEG_HALF_WIDTH
     leg_z = (top - _TOP_THICKNESS) / 2
-    boxes = [Box("table_top", (0.0, 0.0, top - _TOP_THICKNESS / 2), (x, y, _TOP_THICKNESS / 2))]
+    boxes = [Box(TABLE, (0.0, 0.0, top - _TOP_THICKNESS / 2), (x, y, _TOP_THICKNESS / 2))]
     corners = ((-1, -1), (-1, 1), (1, -1), (1, 1))
     boxes += [
         Box(f"table_leg_{i}", (sx * (x - leg), sy * (y - leg), leg_z), (leg, leg, leg_z))
@@ -178,8 +197,8 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
     if layout.is_front_only:
         side = _COUNTER_WIDTH / 2
         boxes += [
-            Box("counter_left", (0.0, y + side, top / 2), (x, side, top / 2)),
-            Box("counter_right", (0.0, -y - side, top / 2), (x, side, top / 2)),
+            Box(_COUNTERS[0], (0.0, y + side, top / 2), (x, side, top / 2)),
+            Box(_COUNTERS[1], (0.0, -y - side, top / 2), (x, side, top / 2)),
             Box(
                 "wall",
                 (x + _WALL_THICKNESS / 2, 0.0, _WALL_HEIGHT / 2),
@@ -189,6 +208,13 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
     if layout.board_height is not None:
         boxes += _shelf(x, y, layout.board_height)
     return (*boxes, *layout.boxes)
+
+
+def supports_of(layout: Layout) -> tuple[str, ...]:
+    """Names of the boxes on whose top faces objects may be put, the table's first."""
+    if layout.supports is not None:
+        return layout.supports
+    return tuple(box.name for box in furniture(layout) if box.name in (TABLE, *_COUNTERS))
 
 
 def _shelf(x: float, y: float, board_height: float) -> list[Box]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
 from clutter_env.scene.table_scene import object_name
 from clutter_env.simulation.meshes import add_meshes, has_visuals
 
@@ -214,7 +214,19 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             contype=contype,
             conaffinity=conaffinity,
         )
+    _declare_supports(spec, layout)
     _add_lights_and_cameras(spec, layout)
+
+
+def _declare_supports(spec: mujoco.MjSpec, layout: Layout) -> None:
+    """Name the geoms on which objects may be put, in the custom tuple where planners look for them."""
+    names = supports_of(layout)
+    spec.add_tuple(
+        name="supports",
+        objtype=[mujoco.mjtObj.mjOBJ_GEOM] * len(names),
+        objname=list(names),
+        objprm=[0.0] * len(names),
+    )
 
 
 def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:

@@ -8,7 +8,7 @@ of objects where some object finds no placement.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TypeAlias
@@ -31,8 +31,9 @@ from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import tcp_pose
 from planners.placing.negative_goal_region import SupportGrid
-from planners.placing.placements import Placement, PlacementSearch, keep_clear_mask
-from planners.scene import HeldObject, RobotState, Scene
+from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.surfaces import keep_clear_mask
+from planners.scene import HeldObject, RobotState, Scene, StaticObstacle
 from planners.strategies import Strategy
 
 __all__ = [
@@ -147,7 +148,7 @@ def _alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitme
         sets = smallest_commitments(
             candidates, scene, problem.target, slack=strategy.slack, limits=limits, deadline=deadline
         )
-    swept_cells = _swept_cells(problem.compiled.world(scene))
+    swept_cells = _swept_cells(problem.compiled.world(scene), problem.placements.supports_in(scene))
     for commitments in itertools.islice(sets, strategy.sets):
         yield commitments
         if isinstance(commitments, Commitments) and commitments.order:
@@ -155,18 +156,17 @@ def _alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitme
                 yield varied_commitments(candidates, scene, commitments, problem.rng, swept_cells)
 
 
-def _swept_cells(world: CollisionWorld) -> Callable[[GraspCandidate], int]:
-    """What each grasp sweeps of the space that objects stand in, as bits, one for each cell of the table; cached."""
-    scene = world.scene
-    grid = SupportGrid.over(scene.support, _CELL)
-    tallest = max(body.top for body in scene.objects) - scene.support.top
+def _swept_cells(world: CollisionWorld, supports: Sequence[StaticObstacle]) -> Callable[[GraspCandidate], int]:
+    """What each grasp sweeps of the space that objects stand in, as bits, one for each cell of a support; cached."""
+    grids = [SupportGrid.over(support, _CELL) for support in supports]
+    tallest = max(body.top - body.bottom for body in world.scene.objects)
     known: dict[tuple[str, bytes, bytes], int] = {}
 
     def swept_cells(grasp: GraspCandidate) -> int:
         """The cells that one grasp sweeps."""
         if grasp.key not in known:
-            mask = keep_clear_mask(world, grid, [grasp], tallest)
-            known[grasp.key] = int.from_bytes(np.packbits(mask).tobytes(), "big")
+            cells = np.concatenate([keep_clear_mask(world, grid, [grasp], tallest).ravel() for grid in grids])
+            known[grasp.key] = int.from_bytes(np.packbits(cells).tobytes(), "big")
         return known[grasp.key]
 
     return swept_cells

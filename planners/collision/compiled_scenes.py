@@ -25,7 +25,7 @@ class CompiledScenes:
 
     def world(self, scene: Scene) -> CollisionWorld:
         """The scene, compiled; its `scene` attribute is the one asked for."""
-        key = (scene.robot, scene.support_name, *scene.static_obstacles, *scene.objects)
+        key = (scene.robot, *scene.supports, *scene.static_obstacles, *scene.objects)
         known = self._worlds.pop(key, None)
         if known is None:
             known = CollisionWorld.from_scene(scene)

@@ -139,7 +139,7 @@ def _choice(
         [_swept(step) for step in obstacles],
     )
     others = [other for other in scene.objects if other.name != body.name]
-    occupied = footprint_mask(grid, others, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
+    occupied = footprint_mask(grid, others, _MARGIN) | static_mask(scene, scene.support, grid, height, _MARGIN)
     in_work = _work_mask(CollisionWorld.from_scene(scene), grid, start, left.touched, body)
     candidates = placement_grid(scene.support)
     forbidden = grid.empty() if solution.strategy.region == "none" else region.mask

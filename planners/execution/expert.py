@@ -13,6 +13,7 @@ from planners.execution.episode import Episode
 from planners.execution.errors import ExpertError
 from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, planner_for
+from planners.placing.surfaces import Supports
 from planners.strategies import Strategy, find_strategy
 from planners.tamp.solution import Infeasible, Solution
 
@@ -40,6 +41,7 @@ class TampExpert:
         strategy: str | Strategy = "lookahead",
         *,
         planner: ScenePlanner | None = None,
+        supports: Supports = None,
         seed: int = 0,
         config: ExpertConfig | None = None,
     ) -> None:
@@ -51,6 +53,7 @@ class TampExpert:
             strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
                 `Strategy`; a new `Planner` if not given.
+            supports: where objects may be put, as for `solve`; for a `Planner` only.
             seed: of the planner's sampling; every `reset` starts from it.
             config: limits and tolerances.
 
@@ -62,7 +65,7 @@ class TampExpert:
             raise ExpertError(f"config={config!r} is not valid; it must be an ExpertConfig")
         self._env = controlled_env(env)
         self._strategy = find_strategy(strategy)
-        self._planner = planner_for(self._env, planner)
+        self._planner = planner_for(self._env, planner, supports)
         self._seed = seed
         self._config = config or ExpertConfig()
         self._episode: Episode | None = None

@@ -9,6 +9,7 @@ import numpy as np
 
 from planners.execution.controlled_env import ControlledEnv
 from planners.execution.errors import ExpertError
+from planners.placing.surfaces import Supports
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.strategies import Strategy
@@ -41,7 +42,7 @@ class ScenePlanner(Protocol):
         ...
 
 
-def planner_for(env: ControlledEnv, planner: Any = None) -> ScenePlanner:
+def planner_for(env: ControlledEnv, planner: Any = None, supports: Supports = None) -> ScenePlanner:
     """The planner to use in an environment.
 
     In control mode "ee" a `Planner` without a `follower` gets that of the environment, since its motions are followed
@@ -50,22 +51,28 @@ def planner_for(env: ControlledEnv, planner: Any = None) -> ScenePlanner:
     Args:
         env: the environment.
         planner: a `Planner`, or any object with its `solve`; None for a new `Planner`.
+        supports: where a `Planner` may put objects; None leaves it as it is.
 
     Raises:
-        ExpertError: `planner` has no method `solve`, or is a planner for another robot.
+        ExpertError: `planner` has no method `solve`, is a planner for another robot, or is no `Planner` and thus has no
+            supports to choose.
     """
     follower = env.tcp_follower() if env.control_mode == "ee" else None
     if planner is None:
-        return Planner(env.robot, follower=follower)
+        return Planner(env.robot, follower=follower, supports=supports)
     if isinstance(planner, type) or not callable(getattr(planner, "solve", None)):
         raise ExpertError(
             f"planner={planner!r} is not valid; it must be a Planner or an object with the method "
             "solve(scene, target, strategy, rng, time_limit)"
         )
     if not isinstance(planner, Planner):
+        if supports is not None:
+            raise ExpertError(f"supports={supports!r} is for a Planner, not for {type(planner).__name__}")
         return planner
     if planner.robot != env.robot:
         raise ExpertError(f"the planner is for robot {planner.robot.name!r}, the environment has {env.robot.name!r}")
+    if supports is not None:
+        planner = replace(planner, supports=supports)
     return planner if planner.follower is not None or follower is None else replace(planner, follower=follower)
 
 

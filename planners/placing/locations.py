@@ -34,12 +34,12 @@ class PlacementConfig:
     finest: float = 0.015
 
 
-def stand_at(body: Body, location: Array, support: StaticObstacle, turn: float = 0.0) -> Body:
-    """The object standing at `location` (2,) [m] on the support, turned about the vertical by `turn` [rad]."""
+def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
+    """The object standing at `location` (3,) [m] on a support, turned about the vertical by `turn` [rad]."""
     cosine, sine = math.cos(turn), math.sin(turn)
     T = body.pose.copy()
     T[:3, :3] = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ T[:3, :3]
-    T[:3, 3] = (*location, support.top + float(body.position[2]) - body.bottom)
+    T[:3, 3] = (location[0], location[1], location[2] + float(body.position[2]) - body.bottom)
     return body.at_pose(T)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,21 +18,17 @@ from planners.grasping.candidates import BasePlacer, GraspCandidate
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels
-from planners.placing.negative_goal_region import SupportGrid, clearance_order, footprint_mask, swept_mask
 from planners.placing.release import put_down, release_pitch, rotated
-from planners.placing.static_footprint import static_mask
-from planners.placing.swept_volume import grasp_volume
-from planners.scene import Body, Scene
+from planners.placing.surfaces import Surface
+from planners.scene import Body, Scene, StaticObstacle
 from planners.strategies import Strategy
 
-__all__ = ["Placement", "PlacementSearch", "keep_clear_mask"]
+__all__ = ["Placement", "PlacementSearch"]
 
 Array = NDArray[np.float64]
 
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
-_MARGIN = 0.006
-"""[m] kept between the object put down and whatever stands around."""
 _FACES_DOWN = math.radians(75)
 """[rad] A gripper of a larger pitch has no front that would have to face away from the base."""
 
@@ -64,15 +60,6 @@ class Placement:
         return np.asarray(self.body.position[:2])
 
 
-def keep_clear_mask(
-    world: CollisionWorld, grid: SupportGrid, grasps: Sequence[GraspCandidate], height: float
-) -> NDArray[np.bool_]:
-    """Cells where an object `height` [m] tall would stand in the way of these grasps."""
-    if not grasps:
-        return grid.empty()
-    return swept_mask(grid, grasp_volume(world, grasps), height)
-
-
 @dataclass(frozen=True)
 class PlacementSearch:
     """Finds placements; see `find`.
@@ -84,6 +71,7 @@ class PlacementSearch:
         yaws: directions of the gripper tried at each location.
         torsos, rolls: values of torso height and upper-arm roll tried for each.
         near_home: only the configuration nearest to home, for robots that are told TCP poses.
+        supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
     """
 
     placer: BasePlacer
@@ -93,6 +81,11 @@ class PlacementSearch:
     torsos: int = 4
     rolls: int = 12
     near_home: bool = False
+    supports: tuple[str, ...] = ()
+
+    def supports_in(self, scene: Scene) -> tuple[StaticObstacle, ...]:
+        """The supports on which objects are put; raises `SceneError` if one is missing."""
+        return tuple(scene.support_named(name) for name in self.supports) or (scene.support,)
 
     def find(
         self,
@@ -104,9 +97,9 @@ class PlacementSearch:
     ) -> Iterator[Placement]:
         """Placements of the held object, best first; lazily, since the first one usually suffices.
 
-        The paper's grid of locations comes first, then ever finer ones. At each level the locations within reach of
-        where the base stands come first, the farthest of them first (R_work); then, after a base motion, all locations,
-        the nearest first (section 3.3).
+        The paper's grid of locations on each support comes first, then ever finer ones. At each level the locations
+        within reach of where the base stands come first, the farthest of them first (R_work); then, after a base
+        motion, all locations, the nearest first (section 3.3). Supports do not matter for this order.
 
         Args:
             world: the scene, compiled, with an object held.
@@ -118,20 +111,10 @@ class PlacementSearch:
         scene = world.scene
         assert scene.held is not None
         body = scene.body(scene.held.name)
-        grid = SupportGrid.over(scene.support)
-        standing = [other for other in scene.objects if other.name != body.name]
         height = body.top - body.bottom + 2 * _GAP
-        occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, grid, height, _MARGIN)
-        forbidden = keep_clear_mask(world, grid, keep_clear, height)
-
-        def allowed(locations: Array) -> Array:
-            """Those that keep clear, nearest first."""
-            nowhere = np.zeros(len(locations), dtype=bool)
-            radius, here = body.radius + _GAP, scene.state.base[:2]
-            return locations[clearance_order(grid, forbidden, occupied, radius, locations, nowhere, here)]
-
-        levels = placement_levels(scene.support, rng, self.config)
-        for from_here, after_a_drive in self._locations(scene, levels, allowed, strategy, rng):
+        surfaces = [Surface.of(world, support, body, height, keep_clear) for support in self.supports_in(scene)]
+        levels = _free_levels(surfaces, body.radius + _GAP, scene.state.base, rng, self.config)
+        for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             for location in _until(deadline, from_here):
                 yield from self._from_here(world, location)
             for location in _until(deadline, after_a_drive):
@@ -141,7 +124,6 @@ class PlacementSearch:
         self,
         scene: Scene,
         levels: Iterator[Array],
-        allowed: Callable[[Array], Array],
         strategy: Strategy,
         rng: np.random.Generator,
     ) -> Iterator[tuple[Array, Array]]:
@@ -152,34 +134,35 @@ class PlacementSearch:
         most = strategy.locations_per_level
         if strategy.locations == "random":
             every = list(levels)
-            count = sum(min(len(allowed(level)), most) for level in every)
-            drawn = rng.permutation(allowed(np.concatenate(every)))[:count]
+            count = sum(min(len(level), most) for level in every)
+            drawn = rng.permutation(_nearest_first(np.concatenate(every), scene.state.base))[:count]
             yield drawn[self._is_within_reach(scene, drawn)], drawn
             return
-        for level in levels:
-            nearest_first = allowed(level)
+        for nearest_first in levels:
             within_reach = nearest_first[self._is_within_reach(scene, nearest_first)]
             yield within_reach[::-1][:most], nearest_first[:most]
 
     def _from_here(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
-        """The placement at a location (2,) from where the base stands, if there is one."""
+        """The placement at a location (3,) from where the base stands, if there is one."""
         scene = world.scene
         gripper_poses = self._free_gripper_poses(world, location)
         near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
         if len(near):
             bases = np.tile(np.array(scene.state.base), (len(near), 1))
-            yield from self._configurations(world, GripperPoses(bases, near), drives=False)
+            yield from self._configurations(world, GripperPoses(bases, near), location[2], drives=False)
 
     def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
-        """The placement at a location (2,) from wherever the base may stand, if there is one."""
+        """The placement at a location (3,) from wherever the base may stand, if there is one."""
         gripper_poses = self._free_gripper_poses(world, location)
         if len(gripper_poses):
             bases, index = self.placer.bases(gripper_poses)
             if len(bases):
-                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), drives=True)
+                yield from self._configurations(
+                    world, GripperPoses(bases, gripper_poses[index]), location[2], drives=True
+                )
 
     def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
-        """Which locations (k, 2) are not plainly out of reach from where the base stands: (k,)."""
+        """Which locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
         if not len(locations):
             return np.zeros(0, dtype=np.bool_)
         gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
@@ -202,10 +185,12 @@ class PlacementSearch:
         yaws = np.arange(self.yaws) * (2 * np.pi / self.yaws)
         c, s = np.cos(yaws), np.sin(yaws)
         shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
-        height = scene.support.top + half_height + _GAP - offset[2]
-        return np.column_stack((location - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
+        height = location[2] + half_height + _GAP - offset[2]
+        return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
 
-    def _configurations(self, world: CollisionWorld, poses: GripperPoses, drives: bool) -> Iterator[Placement]:
+    def _configurations(
+        self, world: CollisionWorld, poses: GripperPoses, level: float, drives: bool
+    ) -> Iterator[Placement]:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
         scene = world.scene
         assert scene.held is not None
@@ -215,7 +200,8 @@ class PlacementSearch:
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
                 yaw, pitch = map(float, pose[3:])
-                yield Placement(put_down(scene, pose), base, found.q[best], yaw, pitch, opening, drives)
+                placed = put_down(scene, pose, level)
+                yield Placement(placed, base, found.q[best], yaw, pitch, opening, drives)
                 return
 
     def _opening(self, scene: Scene) -> float:
@@ -228,6 +214,22 @@ class PlacementSearch:
             if self.near_home
             else ConfigurationGrid.over(self.chain, self.torsos, self.rolls)
         )
+
+
+def _free_levels(
+    surfaces: Sequence[Surface], radius: float, base: Array, rng: np.random.Generator, config: PlacementConfig
+) -> Iterator[Array]:
+    """Level by level the free locations (n, 3) on all surfaces, nearest first; on the first surface if equally near."""
+    levels = [placement_levels(surface.support, rng, config) for surface in surfaces]
+    for grids in itertools.zip_longest(*levels, fillvalue=np.zeros((0, 2))):
+        free = [surface.free(grid, radius) for surface, grid in zip(surfaces, grids, strict=True)]
+        yield _nearest_first(np.concatenate(free), base)
+
+
+def _nearest_first(locations: Array, base: Array) -> Array:
+    """Locations (n, 3) by their distance from the base."""
+    order = np.argsort(np.linalg.norm(locations[:, :2] - base[:2], axis=1), kind="stable")
+    return np.asarray(locations[order])
 
 
 def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:

@@ -31,14 +31,14 @@ def release_pitch(body: Body, held: HeldObject) -> float:
     return next((pitch for pitch in pitches if -UPRIGHT_TILT <= pitch <= math.pi / 2 + UPRIGHT_TILT), 0.0)
 
 
-def put_down(scene: Scene, gripper_pose: Array) -> Body:
-    """The held object as it rests after it is released at a gripper pose (5,): x, y, z [m], yaw and pitch [rad]."""
+def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
+    """The held object as it rests, on a support `level` [m] high, after it is released at a gripper pose (5,)."""
     assert scene.held is not None
     body = scene.body(scene.held.name)
     T_world_tcp = rotated(gripper_pose[3], gripper_pose[4])
     T_world_tcp[:3, 3] = gripper_pose[:3]
     dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
-    return stand_at(_settled(dropped), dropped.position[:2], scene.support)
+    return stand_at(_settled(dropped), np.array([*dropped.position[:2], level]))
 
 
 def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.placing.negative_goal_region import SupportGrid, SweptVolume, swept_mask
-from planners.scene import Scene
+from planners.scene import Scene, StaticObstacle
 
 __all__ = ["static_mask"]
 
@@ -16,18 +16,20 @@ _FLUSH = 0.001
 """[m] An obstacle that rises less above the support is level with it."""
 
 
-def static_mask(scene: Scene, grid: SupportGrid, height: float, clearance: float = 0.0) -> NDArray[np.bool_]:
-    """Cells of the grid over a scene's support where an object would touch a static obstacle, or stand on nothing.
+def static_mask(
+    scene: Scene, support: StaticObstacle, grid: SupportGrid, height: float, clearance: float = 0.0
+) -> NDArray[np.bool_]:
+    """Cells of the grid over a support where an object would touch a static obstacle, or stand on nothing.
 
     Each obstacle counts as the box around it along its own axes, grown by `clearance`.
 
     Args:
-        scene: its support is what the grid lies over.
+        scene: its static obstacles count.
+        support: what the grid lies over.
         grid: cells of the support plane.
         height: [m] of the object; obstacles that hang higher do not count.
         clearance: [m] to keep from the obstacles.
     """
-    support = scene.support
     standing = [
         one
         for one in scene.static_obstacles
@@ -40,7 +42,7 @@ def static_mask(scene: Scene, grid: SupportGrid, height: float, clearance: float
         box_half_extents=np.array([one.half_extents + clearance - _INSET for one in near]).reshape(-1, 3),
     )
     covered = swept_mask(grid, volume, height) if near else grid.empty()
-    return covered if support.shape == "box" and support.is_axis_aligned else covered | ~_on_top(scene, grid)
+    return covered if support.shape == "box" and support.is_axis_aligned else covered | ~_on_top(support, grid)
 
 
 def _overlaps(
@@ -53,10 +55,10 @@ def _overlaps(
     return bool(((lower + _INSET < other_upper) & (other_lower + _INSET < upper))[:2].all())
 
 
-def _on_top(scene: Scene, grid: SupportGrid) -> NDArray[np.bool_]:
+def _on_top(support: StaticObstacle, grid: SupportGrid) -> NDArray[np.bool_]:
     """Cells of which all four corners lie on the top face."""
     x = grid.x0 + np.arange(grid.shape[0] + 1) * grid.resolution
     y = grid.y0 + np.arange(grid.shape[1] + 1) * grid.resolution
-    corners = scene.support.is_under(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
+    corners = support.is_under(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
     inside: NDArray[np.bool_] = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
     return inside

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
@@ -15,12 +15,14 @@ from planners.scene.bodies import SceneError
 from planners.scene.mujoco_reading import can_touch, robot_bodies
 from planners.scene.static_obstacle import StaticObstacle
 
-__all__ = ["FoundObstacle", "IsObstacle", "find_support", "static_obstacles_of"]
+__all__ = ["SUPPORTS_TUPLE", "FoundObstacle", "IsObstacle", "declared_supports", "find_supports", "static_obstacles_of"]
 
 Array: TypeAlias = NDArray[np.float64]
 IsObstacle: TypeAlias = Callable[[Any], bool]
 """Whether a geom counts; it is asked with MuJoCo's accessor `model.geom(id)`: `.name`, `.group`, `.contype`, …"""
 
+SUPPORTS_TUPLE = "supports"
+"""Name of the custom tuple in which a model declares the geoms on which objects may be put."""
 _AXIS_TOLERANCE = 1e-6
 """Rounding of the entries of a rotation matrix: a box this near to the world's axes is taken to lie along them."""
 _FLOOR_TOLERANCE = 0.001
@@ -159,12 +161,27 @@ def _mesh_points(model: mujoco.MjModel, mesh: int) -> Array:
     return points[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
 
 
-def find_support(found: Iterable[FoundObstacle], wanted: str) -> str:
-    """Name of the obstacle on which objects stand: the geom of that name, or the highest level one of that body.
+def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the geoms on which objects may be put, by the model's custom tuple "supports"; none without it."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TUPLE, SUPPORTS_TUPLE)
+    if index < 0:
+        return ()
+    entries = slice(model.tuple_adr[index], model.tuple_adr[index] + model.tuple_size[index])
+    is_geom = model.tuple_objtype[entries] == int(mujoco.mjtObj.mjOBJ_GEOM)
+    return tuple(_name(model, int(geom)) for geom in model.tuple_objid[entries][is_geom])
+
+
+def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tuple[str, ...]:
+    """Names of the obstacles on which objects can be put: each the geom of that name, or the highest level one of that
+    body; without duplicates.
 
     Raises:
-        SceneError: there is none; the message lists what objects can stand on.
+        SceneError: there is none of a name; the message lists what objects can stand on.
     """
+    return tuple(dict.fromkeys(_find_support(found, name) for name in wanted))
+
+
+def _find_support(found: Sequence[FoundObstacle], wanted: str) -> str:
     level = [one for one in found if one.obstacle.has_level_top]
     if any(one.obstacle.name == wanted for one in level):
         return wanted

@@ -5,7 +5,7 @@ World frame: z up, the floor at z = 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ import numpy as np
 from assets.robots import RobotSpec
 from planners.scene.bodies import Body, HeldObject, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS
-from planners.scene.mujoco_obstacles import IsObstacle, find_support, static_obstacles_of
+from planners.scene.mujoco_obstacles import IsObstacle, declared_supports, find_supports, static_obstacles_of
 from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name, robot_state_of
 from planners.scene.static_obstacle import StaticObstacle
 
@@ -35,7 +35,8 @@ class Scene:
         objects: what may be moved: cylinders and boxes.
         static_obstacles: what may not be touched, the support among it; the floor z = 0 is always there.
         held: the object in the gripper, None for none.
-        support_name: the static obstacle on whose level top face objects stand, R_plane of the paper.
+        supports: names of the static obstacles on whose level top faces objects may be put; objects stand on the first,
+            R_plane of the paper.
 
     Raises:
         SceneError: two objects or two static obstacles have the same name, or there are too many objects for a mask.
@@ -47,14 +48,15 @@ class Scene:
     objects: tuple[Body, ...]
     static_obstacles: tuple[StaticObstacle, ...]
     held: HeldObject | None = None
-    support_name: str = SUPPORT
+    supports: tuple[str, ...] = (SUPPORT,)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "static_obstacles", tuple(self.static_obstacles))
+        object.__setattr__(self, "supports", tuple(self.supports))
         if len(self.objects) > MAX_OBJECTS:
             raise SceneError(f"{len(self.objects)} objects; at most {MAX_OBJECTS} fit a mask")
-        for kind in (self.names, tuple(obstacle.name for obstacle in self.static_obstacles)):
+        for kind in (self.names, tuple(obstacle.name for obstacle in self.static_obstacles), self.supports):
             if len(set(kind)) != len(kind):
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
         if self.held is not None:
@@ -82,12 +84,22 @@ class Scene:
 
     @property
     def support(self) -> StaticObstacle:
-        """The static obstacle on which objects stand; raises `SceneError` if there is none with a level top."""
+        """The first support, R_plane of the paper; raises `SceneError` if there is none with a level top."""
+        if not self.supports:
+            raise SceneError("the scene has no support")
+        return self.support_named(self.supports[0])
+
+    def support_named(self, name: str) -> StaticObstacle:
+        """The static obstacle of that name, on which objects can be put.
+
+        Raises:
+            SceneError: none of that name has a level top; the message lists those that have one.
+        """
         for obstacle in self.static_obstacles:
-            if obstacle.name == self.support_name and obstacle.has_level_top:
+            if obstacle.name == name and obstacle.has_level_top:
                 return obstacle
         known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
-        raise SceneError(f"no support {self.support_name!r}; static obstacles with a level top: {known or 'none'}")
+        raise SceneError(f"no support {name!r}; static obstacles with a level top: {known or 'none'}")
 
     def mask(self, names: Iterable[str]) -> int:
         """The bits of these objects."""
@@ -120,6 +132,7 @@ class Scene:
         *,
         movable: Movable = is_object_name,
         support: str = SUPPORT,
+        more_supports: Collection[str] | None = None,
         obstacles: IsObstacle | None = None,
     ) -> Scene:
         """A snapshot of a simulation; neither `model` nor `data` is written.
@@ -134,6 +147,8 @@ class Scene:
             movable: names of the bodies that may be moved, or a predicate on the names of free bodies; by default
                 names that begin with "object_". Each has one free joint and one cylinder or box that can touch.
             support: name of the geom on whose level top face objects stand, or of the body that it belongs to.
+            more_supports: names of other geoms or bodies on which objects may be put; by default those that the model
+                declares, the geoms of its custom tuple "supports".
             obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
                 a movable body; by default geoms that can touch something are static obstacles.
 
@@ -146,12 +161,13 @@ class Scene:
             raise SceneError("the simulation has no poses yet; call mujoco.mj_forward(model, data) first")
         bodies = MovableBodies.of(model, robot, movable)
         found = static_obstacles_of(model, data, robot, bodies.bodies, obstacles)
+        others = declared_supports(model) if more_supports is None else more_supports
         scene = cls(
             robot,
             robot_state_of(model, data, robot),
             bodies.read(model, data),
             tuple(one.obstacle for one in found),
-            support_name=find_support(found, support),
+            supports=find_supports(found, (support, *others)),
         )
         if not held:
             return scene

@@ -59,7 +59,7 @@ def test_a_plan_keeps_clear_of_a_pillar_beside_the_target(kind: str) -> None:
 
 
 def test_a_scene_whose_support_is_missing_lists_what_could_be_one() -> None:
-    scene = replace(table_scene(), support_name="desk")
+    scene = replace(table_scene(), supports=("desk",))
     ball = StaticObstacle("desk", np.array([0.0, 0.0, 0.5]), np.full(3, 0.2), "sphere")
     for own in (scene, replace(scene, static_obstacles=(*scene.static_obstacles, ball))):
         with pytest.raises(SceneError, match=r"'desk'.*table_top, counter_left"):
@@ -70,13 +70,13 @@ def test_obstacles_on_the_support_leave_no_place_to_put_things() -> None:
     model, data = kitchen(f'<geom name="pillar" type="cylinder" size="0.05 0.2" pos="{TABLE_X} 0.3 {TOP + 0.2}"/>')
     scene = read(model, data)
     grid = SupportGrid.over(scene.support)
-    mask, away = static_mask(scene, grid, 0.2), np.linalg.norm(grid.centres() - (TABLE_X, 0.3), axis=-1)
+    mask, away = static_mask(scene, scene.support, grid, 0.2), np.linalg.norm(grid.centres() - (TABLE_X, 0.3), axis=-1)
     assert mask[away < 0.05].all()
     assert not mask[away > 0.05 * 1.5].any()
     lamp = StaticObstacle("lamp", np.array([TABLE_X, 0.0, TOP + 0.5]), np.full(3, 0.1), "sphere")
     hung = replace(scene, static_obstacles=(*scene.static_obstacles, lamp))
-    assert np.array_equal(static_mask(hung, grid, 0.2), mask)
-    assert static_mask(hung, grid, 0.6).sum() > mask.sum()
+    assert np.array_equal(static_mask(hung, hung.support, grid, 0.2), mask)
+    assert static_mask(hung, hung.support, grid, 0.6).sum() > mask.sum()
 
 
 @pytest.mark.parametrize("layout", [(), ("flush",)])
@@ -86,8 +86,8 @@ def test_what_is_level_with_the_table_or_beside_it_covers_none_of_it(layout: tup
         flush = StaticObstacle("flush", np.array([0.0, 0.0, 0.7505 - 0.02]), np.array([0.1, 0.1, 0.02]))
         scene = replace(scene, static_obstacles=(*scene.static_obstacles, flush))
     grid = SupportGrid.over(scene.support)
-    assert not static_mask(scene, grid, 0.25, 0.006)[:-2].any()
-    assert not static_mask(scene, grid, 0.25).any()
+    assert not static_mask(scene, scene.support, grid, 0.25, 0.006)[:-2].any()
+    assert not static_mask(scene, scene.support, grid, 0.25).any()
 
 
 def test_nothing_is_put_beyond_the_edge_of_a_round_or_turned_table() -> None:
@@ -100,7 +100,7 @@ def test_nothing_is_put_beyond_the_edge_of_a_round_or_turned_table() -> None:
     for table in tables:
         own = replace(scene, static_obstacles=(table,))
         grid = SupportGrid.over(own.support)
-        free = ~static_mask(own, grid, 0.2)
+        free = ~static_mask(own, own.support, grid, 0.2)
         corners = grid.centres()[free][:, None] + 0.5 * grid.resolution * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
         assert table.is_under(corners).all()
         area = np.pi * 0.4**2 if table.shape == "cylinder" else 0.6 * 1.0

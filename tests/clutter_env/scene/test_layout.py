@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, furniture
+from clutter_env.errors import ConfigError
+from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
 from clutter_env.scene.object_sets import MAX_OBJECTS, OBJECT_GAP, OBJECT_SETS, SHAPE_SETS, capacity
 from clutter_env.scene.random_scene import sample_scene
+from planners.scene import Scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
 FRONT_NAMES = {"counter_left", "counter_right", "wall"}
@@ -50,6 +56,29 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
         counter = boxes["counter_left"]
         assert counter.position[2] + counter.half_extents[2] == pytest.approx(TABLE_HEIGHT)
         assert counter.half_extents[0] == top.half_extents[0]
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_the_model_declares_the_supports_of_its_layout(name: str) -> None:
+    env = RetrieveEnv(num_objects=1, layout=name)
+    counters = ("counter_left", "counter_right") if LAYOUTS[name].is_front_only else ()
+    assert supports_of(LAYOUTS[name]) == ("table_top", *counters)
+    assert Scene.from_mujoco(env.model, env.data, env.robot).supports == ("table_top", *counters)
+
+
+@pytest.mark.parametrize(
+    "supports", [("counter_left",), ("table_top", "desk"), "table_top", 3, (), ("table_top", "step")]
+)
+def test_supports_are_boxes_as_high_as_the_table_which_is_the_first(supports: Any) -> None:
+    step = Box("step", (1.0, 0.0, 0.1), (0.2, 0.2, 0.1))
+    with pytest.raises(ConfigError, match=r"supports=.*'table_top' first; valid names: table_top, counter_left"):
+        Layout("own", 0.7, 1.0, boxes=(step,), supports=supports)
+
+
+def test_a_layout_of_its_own_with_a_support_of_its_own_goes_through_json() -> None:
+    side = Box("side_table", (0.0, 1.0, 0.375), (0.3, 0.2, 0.375))
+    layout = Layout("own", 0.7, 1.0, is_front_only=False, boxes=(side,), supports=("table_top", "side_table"))
+    assert supports_of(find_layout(json.loads(json.dumps(asdict(layout))))) == layout.supports
 
 
 @pytest.mark.parametrize("name", LAYOUTS)

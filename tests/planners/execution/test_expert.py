@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 import clutter_env
-from planners import EpisodeReport, TampExpert
+from assets.robots import FETCH
+from planners import EpisodeReport, Planner, Scene, TampExpert
 from planners.execution.controlled_env import num_disturbances
+from planners.execution.errors import ExpertError
+from planners.placing.surfaces import UnknownSupport
 from planners.strategies import UnknownStrategy
 
 assert clutter_env
@@ -51,6 +54,37 @@ def test_an_episode_ends_in_success(mode: str) -> None:
     assert report.planning_s > 0.0
     assert report.floor is not None
     assert len(report.clearances) >= report.floor
+
+
+def test_what_is_put_on_a_counter_has_not_fallen() -> None:
+    env = gymnasium.make("clutter_env/Retrieve-o15-v0", max_episode_steps=MAX_STEPS)
+    _, info = env.reset(seed=100_010)
+    expert = TampExpert(env, supports=("counter_left",))
+    expert.reset(info["target"])
+    while not expert.done:
+        *_, info = env.step(expert.act())
+    assert info["is_success"]
+    assert info["num_cleared"] == len(expert.report.clearances) == 1
+    scene = Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)
+    y = scene.body(expert.report.clearances[0]).position[1]
+    counter = scene.support_named("counter_left")
+    assert abs(y - counter.position[1]) < counter.extent[1]
+
+
+def test_supports_are_for_a_planner_of_this_package() -> None:
+    env = gymnasium.make("clutter_env/Retrieve-o5-v0")
+
+    class Own:
+        """Another planner."""
+
+        solve = Planner.solve
+
+    with pytest.raises(ExpertError, match="supports='all' is for a Planner, not for Own"):
+        TampExpert(env, planner=Own(), supports="all")
+    expert = TampExpert(env, planner=Planner(FETCH), supports=("desk",))
+    env.reset(seed=0)
+    with pytest.raises(UnknownSupport, match="table_top, counter_left, counter_right"):
+        expert.reset()
 
 
 def move(env: gymnasium.Env, name: str, shift: tuple[float, float, float], tilt: float = 0.0) -> None:

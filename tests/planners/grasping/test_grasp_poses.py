@@ -98,7 +98,7 @@ def test_a_toppled_cylinder_is_taken_by_its_ends_without_the_palm_touching_it() 
 
 def test_grasp_goes_with_the_object() -> None:
     body = box(0.02, 0.03, 0.4)
-    moved = stand_at(body, np.array([-0.1, 0.3]), TABLE, turn=1.0)
+    moved = stand_at(body, np.array([-0.1, 0.3, TABLE.top]), turn=1.0)
     assert moved.bottom == pytest.approx(TABLE.top)
     np.testing.assert_allclose(moved.position[:2], (-0.1, 0.3))
     for grasp in generate_grasps(body, FETCH, BOTH):

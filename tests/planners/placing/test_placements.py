@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
@@ -16,8 +17,9 @@ from planners.grasping.candidates import GraspCandidates
 from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.surfaces import UnknownSupport, find_supports
 from planners.planner import map_placer
-from planners.scene import Scene
+from planners.scene import Scene, StaticObstacle
 from planners.strategies import STRATEGIES, Strategy, StrategyError
 from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import cylinder, table_scene
@@ -38,7 +40,7 @@ def search(scene: Scene) -> PlacementSearch:
 
 
 def locations_tried(
-    scene: Scene, strategy: Strategy, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, strategy: Strategy, monkeypatch: pytest.MonkeyPatch, supports: tuple[str, ...] = ()
 ) -> dict[str, list[NDArray[np.float64]]]:
     """The locations at which each part of the search looks, level by level, if it never finds anything."""
     tried: dict[str, list[list[NDArray[np.float64]]]] = {"_from_here": [], "_after_a_drive": []}
@@ -60,7 +62,8 @@ def locations_tried(
     for name in tried:
         monkeypatch.setattr(PlacementSearch, name, recorder(name))
     world = CollisionWorld.from_scene(scene)
-    assert next(search(scene).find(world, [], strategy, np.random.default_rng(0)), None) is None
+    finder = replace(search(scene), supports=supports)
+    assert next(finder.find(world, [], strategy, np.random.default_rng(0)), None) is None
     return {name: [np.array(level) for level in levels] for name, levels in tried.items()}
 
 
@@ -100,24 +103,68 @@ def test_farthest_within_reach_first_however_many_locations_there_are(
     every = locations_tried(in_hand, replace(STRATEGIES["ngr"], locations_per_level=10_000), monkeypatch)
     here = in_hand.state.base[:2]
     for some, of_all in zip(tried["_from_here"], every["_from_here"], strict=True):
-        distances = np.linalg.norm(some - here, axis=1)
+        distances = np.linalg.norm(some[:, :2] - here, axis=1)
         assert np.array_equal(some, of_all[:5])
-        assert distances[0] == np.linalg.norm(of_all - here, axis=1).max()
+        assert distances[0] == np.linalg.norm(of_all[:, :2] - here, axis=1).max()
         assert (np.diff(distances) <= 0).all()
     for some, of_all in zip(tried["_after_a_drive"], every["_after_a_drive"], strict=True):
         assert np.array_equal(some, of_all[:5])
-        assert (np.diff(np.linalg.norm(of_all - here, axis=1)) >= 0).all()
+        assert (np.diff(np.linalg.norm(of_all[:, :2] - here, axis=1)) >= 0).all()
 
 
 def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
     in_hand: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     finder, world = search(in_hand), CollisionWorld.from_scene(in_hand)
-    locations = list(placement_levels(in_hand.support, np.random.default_rng(0)))[2]
+    level = list(placement_levels(in_hand.support, np.random.default_rng(0)))[2]
+    locations = np.column_stack((level, np.full(len(level), in_hand.support.top)))
     assert not finder._is_within_reach(in_hand, locations).all()
     with monkeypatch.context() as patch:
         patch.setattr(placements, "_can_reach", lambda _scene, _base, poses: np.ones(len(poses), dtype=bool))
         placements_there = [placement for place in locations for placement in finder._from_here(world, place)]
     served = np.array([placement.location for placement in placements_there])
     assert len(served) > 50
-    assert finder._is_within_reach(in_hand, served).all()
+    assert finder._is_within_reach(in_hand, np.column_stack((served, np.full(len(served), in_hand.support.top)))).all()
+
+
+def test_supports_are_names_that_the_scene_declares() -> None:
+    scene = replace(table_scene(), supports=("table_top", "counter_left"))
+    assert find_supports(scene, None) == ("table_top",)
+    assert find_supports(scene, "all") == ("table_top", "counter_left")
+    assert find_supports(scene, ["counter_left"]) == find_supports(scene, "counter_left") == ("counter_left",)
+    for wrong in (("counter_right",), (), "wall"):
+        with pytest.raises(UnknownSupport, match=r"supports=.*table_top, counter_left"):
+            find_supports(scene, wrong)
+
+
+def test_locations_of_all_supports_are_tried_level_by_level(in_hand: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within a level their order is that of their distances, whichever support they are on."""
+    names = ("table_top", "counter_left", "counter_right")
+    many = replace(STRATEGIES["ngr"], locations_per_level=10_000)
+    on_table = locations_tried(in_hand, many, monkeypatch)["_after_a_drive"]
+    everywhere = locations_tried(in_hand, many, monkeypatch, names)["_after_a_drive"]
+    here = in_hand.state.base[:2]
+    owners = [in_hand.support_named(name) for name in names]
+    for some, of_all in zip(on_table, everywhere, strict=True):
+        assert (np.diff(np.linalg.norm(of_all[:, :2] - here, axis=1)) >= 0).all()
+        on = [np.abs(of_all[:, 1] - owner.position[1]) < owner.extent[1] for owner in owners]
+        assert np.sum(on, axis=0).tolist() == [1] * len(of_all)
+        assert all(inside.any() for inside in on)
+        if len(some) < 30:  # the finer grids are moved at random
+            assert {tuple(place) for place in some} == {tuple(place) for place in of_all[on[0]]}
+
+
+def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Scene) -> None:
+    """Table and counters adjoin; a low stool is another support."""
+    stool = StaticObstacle("stool", np.array([-0.2, 1.4, 0.3]), np.array([0.15, 0.15, 0.3]))
+    scene = replace(in_hand, static_obstacles=(*in_hand.static_obstacles, stool))
+    world, names = CollisionWorld.from_scene(scene), ("table_top", "counter_left", "stool")
+    for name in names:
+        support = scene.support_named(name)
+        finder = replace(search(scene), supports=(name,))
+        found = finder.find(world, [], STRATEGIES["srivastava"], np.random.default_rng(0))
+        for placement in itertools.islice(found, 5):
+            body = placement.body
+            away = np.abs(body.position[:2] - support.position[:2])
+            assert (away + body.radius <= support.extent[:2]).all()
+            assert body.bottom == pytest.approx(support.top, abs=1e-9)

@@ -58,7 +58,7 @@ def test_a_released_object_rests_on_the_support_where_it_was_let_go(
     held = held_at(thing, pitch)
     scene = table_scene(thing).with_held(held)
     yaw, release = 0.3, release_pitch(thing, held)
-    rests = put_down(scene, np.array([-0.1, 0.2, 1.0, yaw, release]))
+    rests = put_down(scene, np.array([-0.1, 0.2, 1.0, yaw, release]), scene.support.top)
     assert rests.bottom == pytest.approx(HEIGHT)
     dropped = rotated(yaw, release) @ held.T_tcp_object
     np.testing.assert_allclose(rests.position[:2], dropped[:2, 3] + (-0.1, 0.2), atol=1e-9)

@@ -122,6 +122,31 @@ def test_the_support_is_a_geom_or_a_body_of_that_name() -> None:
         Scene.from_mujoco(model, data, FETCH, movable=MOVABLE)
 
 
+STOOL = '<body name="stool"><geom name="seat" type="cylinder" size="0.2 0.02" pos="2 0 0.5"/></body>'
+DECLARED = (
+    '</worldbody><custom><tuple name="supports"><element objtype="geom" objname="seat"/>'
+    '<element objtype="body" objname="table"/><element objtype="geom" objname="plate"/></tuple></custom><worldbody>'
+)
+
+
+@pytest.mark.parametrize(
+    ("extra", "more", "supports"),
+    [
+        ("", None, ("plate",)),
+        ("", ("stool",), ("plate", "seat")),
+        (DECLARED, None, ("plate", "seat")),
+        (DECLARED, (), ("plate",)),
+    ],
+)
+def test_more_supports_are_those_that_are_named_or_that_the_model_declares(
+    extra: str, more: tuple[str, ...] | None, supports: tuple[str, ...]
+) -> None:
+    model, data = kitchen(STOOL + extra)
+    scene = Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, support=SUPPORT, more_supports=more)
+    assert scene.supports == supports
+    assert scene.support.name == "plate"
+
+
 HFIELD = '</worldbody><asset><hfield name="hills" nrow="3" ncol="3" size="1 1 1 0.1"/></asset><worldbody>'
 BALL = '<body name="ball" pos="2 0 1"><freejoint/><geom type="sphere" size="0.1"/></body>'
 CUP = '<body name="cup" pos="2 0 1"><freejoint/><geom type="box" size="1 1 1"/><geom type="box" size="1 1 2"/></body>'
