@@ -13,6 +13,7 @@ from planners.execution.config import ExpertConfig
 from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
+from planners.execution.holding import held_object
 from planners.execution.monitor import Sensor
 from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene, warm_up
@@ -27,8 +28,6 @@ Array = NDArray[np.float64]
 
 _NEAR_HOME = 0.05
 """[m], [rad]: a configuration this near to home is planned from as if it were home; the controller closes the gap."""
-_OFF_SUPPORT = 0.01
-"""[m] above the support; a lower object may still stand on it."""
 
 
 class Episode:
@@ -141,14 +140,8 @@ class Episode:
         )
 
     def _held(self) -> str:
-        """The object between the fingers that is above the support; "" for none."""
-        now, scene = self._sensor.read(), self._measure()
-        for index, body in enumerate(scene.objects):
-            offset = np.abs(now.in_hand(index))
-            is_near = max(offset[0], offset[1]) < self._config.monitor.slip and offset[2] < body.half_extents[2]
-            if is_near and body.bottom > scene.support.top + _OFF_SUPPORT:
-                return body.name
-        return ""
+        """The object that the gripper holds; "" for none."""
+        return held_object(self._measure())
 
     def _is_retrieved(self) -> bool:
         """Whether the target is held, high enough for success."""

@@ -23,7 +23,7 @@ from planners.execution.monitor import (
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory
-from planners.scene import RobotState
+from planners.scene import HeldObject, RobotState
 from planners.tamp.solution import BoundAction
 
 __all__ = ["CONTROL_STEP", "Command", "Executor", "Outcome", "Step"]
@@ -173,22 +173,25 @@ class Executor:
             self.cleared.append(action.target)
 
     def _command(self) -> Command:
-        """The sample at the present time; a gripper that has lost its object opens."""
+        """The sample at the present time; the gripper opens if it retreats without an object or has missed it.
+
+        An object that has slipped may still be between the fingers, so these stay closed.
+        """
         sample = self._trajectory.sample(self._time)
         drive = np.concatenate((sample.base, sample.q))
         opening = self._robot.finger_gap_closed + 2 * sample.finger_position
-        if self.deviation is not None and self._direction < 0 and self._last is not None and self._grip is None:
-            opening = self._robot.max_opening
-        if self.deviation is not None and self.deviation.kind in (DeviationKind.GRASP_MISSED, DeviationKind.SLIPPED):
-            opening = self._robot.max_opening
+        if self.deviation is not None:
+            is_empty_retreat = self._direction < 0 and not sample.phase.held
+            if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
+                opening = self._robot.max_opening
         self._last = Command(drive, opening)
         return self._last
 
     def _compare(self, now: Snapshot) -> Deviation | None:
         """The first deviation found: grip, other objects, joints, then the object to be grasped."""
         action = self._actions[self._action]
-        held = action.trajectory.phase(self._time).held
-        deviation = self._check_grip(now, held)
+        phase = action.trajectory.phase(self._time)
+        held, deviation = phase.held, self._check_grip(now, phase.touched if phase.held else None)
         ignore = held or (action.target if action.name != "MoveBase" else "")
         deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
         if deviation is None and self._last is not None:
@@ -197,20 +200,20 @@ class Executor:
             deviation = tracking_error(expected, now.drive, self._config)
         return deviation or self._target_moved(now, action, held)
 
-    def _check_grip(self, now: Snapshot, held: str) -> Deviation | None:
-        """Whether the fingers have grasped the object and it has not moved between them since."""
-        if not held:
+    def _check_grip(self, now: Snapshot, held: HeldObject | None) -> Deviation | None:
+        """Whether the fingers have grasped the object as planned and it has not moved between them since."""
+        if held is None:
             self._grip, self._closed_for = None, 0
             return None
         self._closed_for += 1
-        in_hand = now.in_hand(self._names.index(held))
+        in_hand = now.in_hand(self._names.index(held.name))
         if self._closed_for < _GRIP_DELAY:
             return None
         if self._grip is None:
             self._grip = in_hand
-            offset = float(np.hypot(in_hand[0], in_hand[1]))
-            return Deviation(DeviationKind.GRASP_MISSED, held) if offset > 2 * self._config.slip else None
-        return object_slipped(self._grip, in_hand, held, self._config)
+            offset = float(np.linalg.norm(in_hand - held.T_tcp_object[:3, 3]))
+            return Deviation(DeviationKind.GRASP_MISSED, held.name) if offset > 2 * self._config.slip else None
+        return object_slipped(self._grip, in_hand, held.name, self._config)
 
     def _target_moved(self, now: Snapshot, action: BoundAction, held: str) -> Deviation | None:
         """Whether the object about to be grasped has left the place that the approach leads to."""

@@ -19,6 +19,7 @@ from planners.motion.smoothing import blend_corners, shortcut
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, RobotState
 
 __all__ = [
+    "ROOM",
     "ArmPath",
     "BlockedBy",
     "NoPath",
@@ -27,6 +28,8 @@ __all__ = [
     "tcp_pose",
 ]
 
+ROOM = 0.01
+"""[m] that free motions keep from everything where they can: the arm lags, and what is held sinks by some mm."""
 FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT
 """Hits that no clearing can remove."""
 _PHASE = "transit"
@@ -138,7 +141,7 @@ def plan_arm(
     config: RRTConfig = DEFAULT_EFFORT,
     find_blockers: bool = True,
 ) -> ArmPath | BlockedBy | NoPath:
-    """A free path from one configuration to one of several, shortened.
+    """A free path from one configuration to one of several, shortened; at a distance of `ROOM` if one is found there.
 
     Args:
         world: the scene, compiled.
@@ -192,7 +195,7 @@ def blocking_set(
 
     def plan_without(mask: int) -> NDArray[np.float64] | None:
         """A path among the other objects, (n, 8)."""
-        return _search(world, replace(query, ignore=ignore | mask), start, free_goals, rng, config)
+        return _path_within(world, replace(query, ignore=ignore | mask), start, free_goals, rng, config)
 
     if least and plan_without(least) is not None:
         return BlockedBy(frozenset(world.scene.names_of(least)), _PHASE)
@@ -224,6 +227,25 @@ def _gave_up(config: RRTConfig) -> NoPath:
 
 
 def _search(
+    world: CollisionWorld,
+    query: ArmQuery,
+    start: NDArray[np.float64],
+    goals: NDArray[np.float64],
+    rng: np.random.Generator,
+    config: RRTConfig,
+) -> NDArray[np.float64] | None:
+    """A verified path (n, 8) that keeps `ROOM`, or else the world's padding, from everything; None if none is found."""
+    path = _path_within(world, query, start, goals, rng, config)
+    if path is None:
+        return None
+    roomy = world.with_padding(ROOM)
+    if not roomy.path_hits(on_base(query.base, path), query.opening, query.held, query.ignore, first_only=True):
+        return path
+    detour = _path_within(roomy, query, start, goals, rng, config)
+    return path if detour is None else detour
+
+
+def _path_within(
     world: CollisionWorld,
     query: ArmQuery,
     start: NDArray[np.float64],

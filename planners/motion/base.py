@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import NoPath
+from planners.motion.arm import ROOM, NoPath
 from planners.motion.arm_query import RRTConfig
 from planners.motion.rrt import rrt_connect
 from planners.motion.smoothing import shortcut
@@ -67,6 +67,8 @@ def plan_base(
 ) -> BasePath | NoPath:
     """A collision-free motion of the base: straight if possible, else backing away first, else by RRT-Connect.
 
+    Motions at a distance of `ROOM` from everything come first.
+
     Args:
         world: the scene, compiled.
         start: (3,) base pose.
@@ -84,10 +86,11 @@ def plan_base(
     if opening is None:
         opening = 0.0 if held is not None else world.scene.robot.max_opening
     there[2] = here[2] + math.remainder(there[2] - here[2], 2 * math.pi)
-    for waypoints in _simple_paths(here, there):
-        path = BasePath(waypoints, configuration, held)
-        if not world.path_hits(path.configurations, opening, held):
-            return path
+    for padded in (world.with_padding(ROOM), world):
+        for waypoints in _simple_paths(here, there):
+            path = BasePath(waypoints, configuration, held)
+            if not padded.path_hits(path.configurations, opening, held, first_only=True):
+                return path
     for name, place in (("start", here), ("goal", there)):
         touched = world.hits(place, configuration, opening, held)
         if touched:

@@ -134,7 +134,10 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """Where the robot is: `base` (3,) x [m], y [m], yaw [rad]; `q` (8,) torso [m] and arm [rad]; one finger [m]."""
+    """Where the robot is: `base` (3,) x [m], y [m], yaw [rad]; `q` (8,) torso [m] and arm [rad].
+
+    `finger_position` [m] is what each finger is commanded to.
+    """
 
     base: NDArray[np.float64]
     q: NDArray[np.float64]
@@ -144,6 +147,11 @@ class RobotState:
         object.__setattr__(self, "base", frozen(self.base, (3,), "base"))
         object.__setattr__(self, "q", frozen(self.q, (len(self.q),), "q"))
         object.__setattr__(self, "finger_position", float(self.finger_position))
+
+    @property
+    def gripping(self) -> RobotState:
+        """The same state with the fingers commanded to close completely: so they press on what is between them."""
+        return replace(self, finger_position=0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,8 @@ class Scene:
         state: where it is.
         objects: what may be moved: cylinders and boxes.
         static_obstacles: what may not be touched, the support among it; the floor z = 0 is always there.
-        held: the object in the gripper, None for none.
+        held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever finger
+            position `state` was given with.
         supports: names of the static obstacles on whose level top faces objects may be put; objects stand on the first,
             R_plane of the paper.
 
@@ -61,6 +62,7 @@ class Scene:
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
         if self.held is not None:
             self.index(self.held.name)
+            object.__setattr__(self, "state", self.state.gripping)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -137,6 +139,7 @@ class Scene:
     ) -> Scene:
         """A snapshot of a simulation; neither `model` nor `data` is written.
 
+        Each finger counts as commanded to where it is, unless an object is held.
         What is neither the robot nor movable is a static obstacle where it is now, bodies with joints included.
 
         Args:

@@ -14,6 +14,7 @@ from irm.arm.kinematics import ArmChain, forward
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
 from planners.motion.arm import (
+    ROOM,
     ArmPath,
     BlockedBy,
     NoPath,
@@ -67,6 +68,22 @@ def test_paths_are_free_when_checked_ten_times_finer(seed: int) -> None:
         assert (path.waypoints <= world.robot.upper + 1e-9).all()
         assert checker.deepest_penetration(path, step=STEP / 10).penetration <= TOLERANCE
         assert checker.accepts(path.reversed())
+
+
+def test_a_path_keeps_room_where_it_can() -> None:
+    """A pole that the straight way between two configurations misses by more than 3 mm and less than 8 mm."""
+    base, q_start, q_goal = np.array([-1.1, 0.0, 0.0]), HOME.copy(), HOME.copy()
+    q_start[1], q_goal[1] = -0.3, 0.3
+    straight = on_base(base, np.linspace(q_start, q_goal, 100))
+    gripper = pose(base, HOME)[:2, 3]
+    for height in np.arange(0.10, 0.50, 0.002):
+        world = CollisionWorld.from_scene(table_scene(cylinder("pole", *gripper, height=height)))
+        if world.with_padding(0.008).path_hits(straight, 0.1):
+            break
+    assert not world.with_padding(0.003).path_hits(straight, 0.1)
+    path = plan_arm(world, ArmQuery(base, 0.1), q_start, q_goal, rng=np.random.default_rng(0))
+    assert isinstance(path, ArmPath)
+    assert not world.with_padding(ROOM).path_hits(path.configurations, 0.1)
 
 
 def test_the_same_generator_gives_the_same_path() -> None:

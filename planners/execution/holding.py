@@ -1,0 +1,42 @@
+"""Which object the gripper holds, from where things are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.motion.arm import tcp_pose
+from planners.scene import Body, Scene
+
+__all__ = ["held_object"]
+
+Array = NDArray[np.float64]
+
+_OFF_SUPPORT = 0.01
+"""[m] above the support; a lower object may still stand on it."""
+_BETWEEN_PADS = 0.01
+"""[m] wider than the object the fingers may be: they touch it, or are about to."""
+_REACH = 0.02
+"""[m] that the TCP may be outside the object: it is gripped at its edge."""
+
+
+def held_object(scene: Scene) -> str:
+    """Name of the object between closed fingers and off the support; "" for none.
+
+    Args:
+        scene: a snapshot in which nothing is said to be held, so that the finger position is the measured one.
+    """
+    T_world_tcp = tcp_pose(scene.robot, scene.state)
+    gap = scene.robot.finger_gap_closed + 2 * scene.state.finger_position
+    for body in scene.objects:
+        is_lifted = body.bottom > scene.support.top + _OFF_SUPPORT
+        if is_lifted and _is_between_fingers(body, T_world_tcp, gap):
+            return body.name
+    return ""
+
+
+def _is_between_fingers(body: Body, T_world_tcp: Array, gap: float) -> bool:
+    """Whether the TCP is in the body and the fingers, `gap` [m] apart, are not wider open than the body is."""
+    tcp_in_body = body.rotation.T @ (T_world_tcp[:3, 3] - body.position)
+    is_inside = bool((np.abs(tcp_in_body) < body.half_extents + _REACH).all())
+    return is_inside and gap < 2 * body.half_extent_along(T_world_tcp[:3, 1]) + _BETWEEN_PADS
