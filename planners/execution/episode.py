@@ -88,13 +88,16 @@ class Episode:
         return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
 
     def _standing(self) -> EpisodeReport:
-        """The report without the environment's judgement."""
-        if self.done or self._executor is None or self._executor.deviation is not None:
+        """The report without the environment's judgement; while the episode goes on, as if it ended now."""
+        if self.done:
             return self._report
+        executor = self._executor
+        cleared = [] if executor is None else executor.cleared
+        report = replace(self._report.with_clearances(cleared), sim_s=self._elapsed)
         if not self._is_retrieved():
-            return replace(self._report, failure=self._report.failure or "unfinished", sim_s=self._elapsed)
-        report = self._report.with_clearances(self._executor.cleared)
-        return replace(report, executed=True, scored=True, failure="", sim_s=self._elapsed)
+            return replace(report, failure=report.failure or "unfinished")
+        is_executed = report.executed or (executor is not None and executor.deviation is None)
+        return replace(report, executed=is_executed, scored=True, failure="")
 
     def act(self) -> Array:
         """The next action; after the end of the episode the robot holds its position.

@@ -113,3 +113,17 @@ def test_what_is_carried_strikes_nothing_although_the_arm_lags() -> None:
     assert expert.report.clean
     assert np.array_equal(expert.report.deviations, ())
     env.close()
+
+
+def test_the_report_says_scored_where_the_environment_ends_during_a_retreat() -> None:
+    """The target is lifted while a deviation is noted; the report said neither success nor failure."""
+    env, expert = begun(seed=1, objects=5)
+    while not expert.phase.startswith(f"PickUp {expert.target}: lift"):
+        env.step(expert.act())
+    move_another(env, expert.target)
+    terminated = False
+    while not terminated:
+        _, _, terminated, _, _ = env.step(expert.act())
+    assert expert.report.scored
+    assert expert.report.sim_s > 1.0
+    env.close()
