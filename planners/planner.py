@@ -18,8 +18,9 @@ from planners.clearing.minimum_clearances import clearance_floor as floor_of_opt
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
-from planners.grasping.base_placement import MapPlacer, free_floor
+from planners.grasping.base_placement import MapPlacer
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
+from planners.grasping.families import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import Supports, find_supports
@@ -46,6 +47,7 @@ def solve(
     rng: np.random.Generator | None = None,
     time_limit: float | None = None,
     *,
+    grasps: str = "all",
     supports: Supports = None,
 ) -> Solution | Infeasible:
     """Plan to take `target` out of the clutter.
@@ -57,8 +59,9 @@ def solve(
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
             else with the cause "time limit". Compilation on the first run of a machine does not count; see `warmup`.
-        supports: where objects may be put: names of the scene's supports, "all" that it declares, or None for the first
-            alone, R_plane of the paper.
+        grasps: name of the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top" or "all".
+        supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
+            grasps the first alone, R_plane of the paper, with other grasp sets all.
 
     Returns:
         The plan with all its motions, or the cause why there is none.
@@ -67,22 +70,33 @@ def solve(
         UnknownObject: no object of that name.
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
+        UnknownGraspSet: no grasp set of that name.
         SceneError: objects overlap, or the robot is inside a static obstacle.
         UnknownSupport: the scene declares no support of a name.
     """
-    return Planner(scene.robot, supports=supports).solve(scene, target, strategy, rng, time_limit)
+    planner = Planner(scene.robot, grasps=grasps, supports=supports)
+    return planner.solve(scene, target, strategy, rng, time_limit)
 
 
-def clearance_floor(scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
-    """The exact minimum number of objects any plan must clear before it can take `target`.
+def clearance_floor(
+    scene: Scene, target: str, limits: FloorLimits | None = None, *, grasps: str = "all"
+) -> ClearanceFloor:
+    """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
 
-    Exact for the grasps, base poses and arm configurations that all strategies choose from, and for every path to them:
-    only what the final grasp configuration hits is counted.
+    Exact for the grasps of that set, and for the base poses and arm configurations that all strategies choose from, and
+    for every path to them: only what the final grasp configuration hits is counted.
+
+    Args:
+        scene: as for `solve`.
+        target: name of the object wanted.
+        limits: when to give up the proof.
+        grasps: as for `solve`.
 
     Raises:
         UnknownObject: no object of that name.
+        UnknownGraspSet: no grasp set of that name.
     """
-    return Planner(scene.robot).clearance_floor(scene, target, limits)
+    return Planner(scene.robot, grasps=grasps).clearance_floor(scene, target, limits)
 
 
 def warmup(robot: RobotSpec = FETCH) -> None:
@@ -96,7 +110,7 @@ def warmup(robot: RobotSpec = FETCH) -> None:
 
 def map_placer(scene: Scene, per_gripper_pose: int = _BASES) -> MapPlacer:
     """Base poses for gripper poses in this scene, from the robot's cached reachability map."""
-    return MapPlacer(_inverse_map(scene.robot), free_floor(scene), per_gripper_pose)
+    return MapPlacer.of_scene(_inverse_map(scene.robot), scene, per_gripper_pose)
 
 
 @dataclass(frozen=True)
@@ -108,9 +122,12 @@ class Planner:
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
             protocol; None for the default.
         follower: model of how the joints follow, for a robot that is told TCP poses; None for one told joint targets.
+        grasps: name of the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the
+            paper's), "tilted", "top" or "all" (default).
         supports: where objects may be put, as for `solve`.
 
     Raises:
+        UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
         UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
         MissingEngineError: the task planner is not installed.
     """
@@ -118,10 +135,12 @@ class Planner:
     robot: RobotSpec
     engine: str | TaskPlanner | None = None
     follower: TcpFollower | None = None
+    grasps: str = "all"
     supports: Supports = None
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        find_grasp_set(self.grasps)
         object.__setattr__(self, "_task_planner", task_planner(self.engine))
 
     def solve(
@@ -151,7 +170,7 @@ class Planner:
 
     def _exercise(self, scene: Scene, target: str) -> None:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
-        planner = replace(self, engine="astar", supports=None)
+        planner = replace(self, engine="astar", grasps="side", supports=None)
         for name in ("lookahead", "ngr"):
             planner._solve(scene, target, STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
 
@@ -171,7 +190,7 @@ class Planner:
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
 
     def _clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None) -> ClearanceFloor:
-        candidates = GraspCandidates(map_placer(scene), self.chain)
+        candidates = GraspCandidates(map_placer(scene), self.chain, families=find_grasp_set(self.grasps))
         return floor_of_options(scene, target, _Blockers(candidates, scene), limits)
 
     def _motion_layers(
@@ -181,14 +200,14 @@ class Planner:
 
         For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
         """
-        inverse_map, floor = _inverse_map(scene.robot), free_floor(scene)
+        supports = find_supports(scene, self.supports or (None if self.grasps == "side" else "all"))
+        any_placer = MapPlacer.of_scene(_inverse_map(scene.robot), scene)
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
-            placer = MapPlacer(inverse_map, floor, _BASES_NEAR_HOME if near_home else _BASES)
-            candidates = GraspCandidates(placer, self.chain, SamplingConfig(near_home=near_home), compiled)
-            search = PlacementSearch(
-                placer, self.chain, near_home=near_home, supports=find_supports(scene, self.supports)
-            )
+            placer = replace(any_placer, per_gripper_pose=_BASES_NEAR_HOME if near_home else _BASES)
+            config = SamplingConfig(near_home=near_home)
+            candidates = GraspCandidates(placer, self.chain, config, compiled, find_grasp_set(self.grasps))
+            search = PlacementSearch(placer, self.chain, near_home=near_home, supports=supports)
             yield MotionLayer(candidates, search, rng, follower=self.follower, deadline=deadline)
 
     @cached_property

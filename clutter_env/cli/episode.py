@@ -1,7 +1,7 @@
 """The expert in physics: one episode shown in full, or many counted.
 
     clutter-env episode --objects 15
-    clutter-env episode --objects 40 --episodes 50 --control-mode joint
+    clutter-env episode --objects 40 --episodes 50 --control-mode joint --grasps all
 
 One episode: the plan (Fig. 13 of Lee & Kim 2019), the replanning (Fig. 11), the report, a picture of every choice of
 a clearance location (Figs. 8-10), the plan as a file, and where the machine can render, a film. Many: the success rate
@@ -47,10 +47,12 @@ class Arguments:
     """lookahead, ngr (Lee & Kim 2019), dogar or srivastava."""
     layout: str = "paper"
     """Table and surroundings."""
+    grasps: Literal["side", "tilted", "top", "all"] = "side"
+    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
     control_mode: Literal["joint", "ee"] = "joint"
     """Joint targets, or TCP poses."""
     obstructed: bool = True
-    """Take the first seed, from --seed on, whose target cannot be reached before something is cleared."""
+    """Take the first seed, from --seed on, whose target no grasp of the set reaches before something is cleared."""
     episodes: int = 1
     """With more than one, episodes are counted, not shown."""
     jobs: int = os.cpu_count() or 1
@@ -100,6 +102,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         arguments.control_mode,
         arguments.obstructed,
         "viewer" if arguments.viewer else "film" if arguments.film else "none",
+        arguments.grasps,
     )
     result = play_episode(settings, say=lambda text: print(text, flush=True))
     files = [str(path) for path in draw_episode(result, arguments.output)]
@@ -118,9 +121,10 @@ def count_many(arguments: Arguments) -> dict[str, Any]:
         arguments.control_mode,
         physics=True,
         time_limit=PLANNING_S,
+        grasps=arguments.grasps,
     )
     path = arguments.output / "episodes.jsonl"
-    mode = f"{arguments.control_mode} mode, {arguments.strategy}"
+    mode = f"{arguments.control_mode} mode, {arguments.strategy}, grasp set {arguments.grasps}"
     print(f"{arguments.episodes} episodes of {arguments.environment}, {mode}")
     played = play_many(first, arguments.episodes, arguments.obstructed, arguments.jobs, path)
     print(f"\n{counts_text(played)}\n\nevery episode: {path}")

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Literal, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,6 +24,7 @@ from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import STEP, CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.grasping.families import find_grasp_set
 from planners.motion.arm import ArmPath, plan_arm
 from planners.motion.arm_query import ArmQuery
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -51,6 +52,8 @@ class Arguments:
     plans: int = 0
     """Whole plans to check for each number of objects, in scenes whose target is obstructed."""
     layout: str = "paper"
+    grasps: Literal["side", "tilted", "top", "all"] = "side"
+    """Grasp set of the picks and of the whole plans."""
     seed: int = 0
     output: Path = field(default_factory=lambda: Path("outputs/motion_benchmark.png"))
     """File of the plot."""
@@ -91,16 +94,17 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
     for seed in tqdm(range(arguments.seed, arguments.seed + arguments.scenes), desc=f"{objects} objects"):
         env.reset(seed=seed)
         scene = Scene.from_mujoco(env.model, env.data, env.robot)
-        measure_scene(scene, result, np.random.default_rng(seed), arguments.picks)
+        measure_scene(scene, result, np.random.default_rng(seed), arguments)
     env.close()
     return result
 
 
-def measure_scene(scene: Scene, result: Measurement, rng: np.random.Generator, most: int) -> None:
-    """Checks in one scene, then a pick for each object with a free grasp, `most` at most."""
+def measure_scene(scene: Scene, result: Measurement, rng: np.random.Generator, arguments: Arguments) -> None:
+    """Checks in one scene, then a pick for each object with a free grasp, `picks` at most."""
+    most = arguments.picks
     world, checker = CollisionWorld.from_scene(scene), MujocoCollisionChecker(scene)
     home = np.array(scene.robot.home)
-    for grasp in list(free_grasps(scene))[:most]:
+    for grasp in list(free_grasps(scene, arguments.grasps))[:most]:
         near = grasp.q + rng.normal(0, 0.05, (CHECKS // most, 8))
         _, seconds = timed(world.hits_many, grasp.base, near, grasp.opening)
         result.check.append(seconds / len(near))
@@ -136,9 +140,10 @@ def measure_pick(
     result.penetration.append(max(fine))
 
 
-def free_grasps(scene: Scene) -> Iterator[GraspCandidate]:
+def free_grasps(scene: Scene, grasps: str) -> Iterator[GraspCandidate]:
     """The best grasp of every object that can be grasped without touching another."""
-    candidates = GraspCandidates(map_placer(scene), ArmChain.from_robot(scene.robot))
+    chain = ArmChain.from_robot(scene.robot)
+    candidates = GraspCandidates(map_placer(scene), chain, families=find_grasp_set(grasps))
     for name in scene.names:
         yield from [option for option in candidates.for_object(scene, name) if not option.blockers][:1]
 
@@ -152,9 +157,9 @@ def check_plans(objects: int, arguments: Arguments) -> str:
         for seed in itertools.count(arguments.seed):
             _, info = env.reset(seed=seed)
             scene = Scene.from_mujoco(env.model, env.data, env.robot)
-            if not clearance_floor(scene, info["target"]).count:
+            if not clearance_floor(scene, info["target"], grasps=arguments.grasps).count:
                 continue
-            found = check_plan(scene, info["target"], seed)
+            found = check_plan(scene, info["target"], seed, arguments.grasps)
             infeasible += isinstance(found, Infeasible)
             checked += [found] if isinstance(found, CheckedPlan) else []
             bar.update()

@@ -29,11 +29,15 @@ class Arguments:
     strategies: tuple[str, ...] = STRATEGIES
     """Strategies; the others are compared with the first one."""
     scenes: int = 100
-    """Obstructed scenes for each number of objects."""
+    """Scenes for each number of objects."""
+    obstructed: bool = True
+    """Leave out scenes in which nothing has to be cleared."""
     seed: int = 100_000
     """First seed of the scenes."""
     layout: str = "paper"
     """Layout of the table."""
+    grasps: Literal["side", "tilted", "top", "all"] = "side"
+    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
     physics: bool = False
     """Let the expert execute its plans in physics, where the environment decides about success."""
     control_mode: Literal["joint", "ee"] = "joint"
@@ -73,6 +77,8 @@ def run(arguments: Arguments) -> None:
         control_mode=arguments.control_mode,
         time_limit=arguments.time_limit,
         cap=arguments.cap,
+        grasps=arguments.grasps,
+        only_obstructed=arguments.obstructed,
     )
     records = Records(arguments.out / "trials.jsonl", settings.of_trials)
     if not arguments.report_only:

@@ -41,6 +41,7 @@ class TampExpert:
         strategy: str | Strategy = "lookahead",
         *,
         planner: ScenePlanner | None = None,
+        grasps: str | None = None,
         supports: Supports = None,
         seed: int = 0,
         config: ExpertConfig | None = None,
@@ -53,6 +54,8 @@ class TampExpert:
             strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
                 `Strategy`; a new `Planner` if not given.
+            grasps: name of the grasp set to choose from: "side", "tilted", "top" or "all"; that of the planner if not
+                given, which is "all" for a new one.
             supports: where objects may be put, as for `solve`; for a `Planner` only.
             seed: of the planner's sampling; every `reset` starts from it.
             config: limits and tolerances.
@@ -60,12 +63,13 @@ class TampExpert:
         Raises:
             ExpertError: an environment, planner or config that cannot be used; the message says why.
             UnknownStrategy: neither the name of a strategy nor a `Strategy`.
+            UnknownGraspSet: no grasp set of that name.
         """
         if not isinstance(config, ExpertConfig | None):
             raise ExpertError(f"config={config!r} is not valid; it must be an ExpertConfig")
         self._env = controlled_env(env)
         self._strategy = find_strategy(strategy)
-        self._planner = planner_for(self._env, planner, supports)
+        self._planner = planner_for(self._env, planner, grasps, supports)
         self._seed = seed
         self._config = config or ExpertConfig()
         self._episode: Episode | None = None

@@ -42,7 +42,9 @@ class ScenePlanner(Protocol):
         ...
 
 
-def planner_for(env: ControlledEnv, planner: Any = None, supports: Supports = None) -> ScenePlanner:
+def planner_for(
+    env: ControlledEnv, planner: Any = None, grasps: str | None = None, supports: Supports = None
+) -> ScenePlanner:
     """The planner to use in an environment.
 
     In control mode "ee" a `Planner` without a `follower` gets that of the environment, since its motions are followed
@@ -51,29 +53,35 @@ def planner_for(env: ControlledEnv, planner: Any = None, supports: Supports = No
     Args:
         env: the environment.
         planner: a `Planner`, or any object with its `solve`; None for a new `Planner`.
+        grasps: name of the grasp set of a `Planner`; None leaves it as it is.
         supports: where a `Planner` may put objects; None leaves it as it is.
 
     Raises:
         ExpertError: `planner` has no method `solve`, is a planner for another robot, or is no `Planner` and thus has no
-            supports to choose.
+            grasps or supports to choose.
+        UnknownGraspSet: no grasp set of that name.
     """
     follower = env.tcp_follower() if env.control_mode == "ee" else None
     if planner is None:
-        return Planner(env.robot, follower=follower, supports=supports)
+        planner = Planner(env.robot, follower=follower)
     if isinstance(planner, type) or not callable(getattr(planner, "solve", None)):
         raise ExpertError(
             f"planner={planner!r} is not valid; it must be a Planner or an object with the method "
             "solve(scene, target, strategy, rng, time_limit)"
         )
     if not isinstance(planner, Planner):
-        if supports is not None:
-            raise ExpertError(f"supports={supports!r} is for a Planner, not for {type(planner).__name__}")
+        for name, choice in (("grasps", grasps), ("supports", supports)):
+            if choice is not None:
+                raise ExpertError(f"{name}={choice!r} is for a Planner, not for {type(planner).__name__}")
         return planner
     if planner.robot != env.robot:
         raise ExpertError(f"the planner is for robot {planner.robot.name!r}, the environment has {env.robot.name!r}")
-    if supports is not None:
-        planner = replace(planner, supports=supports)
-    return planner if planner.follower is not None or follower is None else replace(planner, follower=follower)
+    return replace(
+        planner,
+        follower=planner.follower or follower,
+        grasps=planner.grasps if grasps is None else grasps,
+        supports=planner.supports if supports is None else supports,
+    )
 
 
 def warm_up(planner: ScenePlanner) -> None:

@@ -7,12 +7,13 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
 from irm.floor.free_space import FreeSpace
 from irm.queries.inverse import InverseReachabilityMap
 from planners.collision.robot_model import BASE, robot_arrays
-from planners.scene import Scene
+from planners.scene import Scene, StaticObstacle
 
 __all__ = ["MapPlacer", "free_floor"]
 
@@ -22,21 +23,43 @@ FLOOR_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
 FLOOR_SIZE = 2.5
 """[m] from the centre of the support to the edges of the floor that is used."""
+WALL_HEIGHT = 0.5
+"""[m] above the support: across an obstacle as tall as that no arm reaches it."""
 
 
-def free_floor(scene: Scene) -> FreeSpace:
+def free_floor(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     """The floor around the support where the base may stand: clear of the outlines of static obstacles.
 
     Obstacles that are lower than the base, such as a slab that is the floor, and those above the robot do not count.
+
+    Args:
+        scene: its static obstacles.
+        with_shadows: leave out what lies behind walls, as seen from the support.
 
     Raises:
         SceneError: the scene has no support.
     """
     low, high = _trunk_heights(scene.robot)
-    outlines = [one.outline for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
+    obstacles = [one for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
+    outlines = [_shadow(scene, one) if with_shadows and _is_wall(scene, one) else one.outline for one in obstacles]
     x, y = scene.support.position[:2]
     bounds = (x - FLOOR_SIZE, y - FLOOR_SIZE, x + FLOOR_SIZE, y + FLOOR_SIZE)
     return FreeSpace.from_polygons(outlines, scene.robot.base_radius + FLOOR_MARGIN, bounds)
+
+
+def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
+    """Whether no arm reaches the support across an obstacle beside it."""
+    top = scene.support.top
+    is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
+    return is_tall and not obstacle.is_under(scene.support.position[:2])
+
+
+def _shadow(scene: Scene, obstacle: StaticObstacle) -> Array:
+    """The floor (v, 2) under and behind an obstacle, as seen from the centre of the support."""
+    away = obstacle.outline - scene.support.position[:2]
+    far = away * (3 * FLOOR_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
+    corners = scene.support.position[:2] + np.concatenate((away, far))
+    return np.asarray(corners[ConvexHull(corners).vertices])
 
 
 @cache
@@ -57,15 +80,22 @@ class MapPlacer:
 
     Attributes:
         map: of the robot.
-        floor: where the base may stand.
+        floor: where the base may stand for a level gripper; the floors of the frozen suites rest on it.
+        open_floor: where it may stand for a tilted gripper: not behind walls.
         per_gripper_pose: base poses returned for each gripper pose at most.
         yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
     """
 
     map: InverseReachabilityMap
     floor: FreeSpace
+    open_floor: FreeSpace
     per_gripper_pose: int = 3
     yaw_tolerance: float = 1e-6
+
+    @classmethod
+    def of_scene(cls, inverse_map: InverseReachabilityMap, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
+        """Base poses among the static obstacles of a scene."""
+        return cls(inverse_map, free_floor(scene), free_floor(scene, with_shadows=True), per_gripper_pose)
 
     def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
         """As `BasePlacer.bases`."""
@@ -83,7 +113,11 @@ class MapPlacer:
         yaws = gripper_poses[:, 3]
         ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
         found = self.map.query_batch(
-            gripper_poses[:, :3], yaw_ranges=ranges, pitch=pitch, free_space=self.floor, k=self.per_gripper_pose
+            gripper_poses[:, :3],
+            yaw_ranges=ranges,
+            pitch=pitch,
+            free_space=self.open_floor if pitch else self.floor,
+            k=self.per_gripper_pose,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from irm.arm.kinematics import ArmChain
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
-from planners.grasping.grasp_poses import GraspConfig, GraspPose, generate_grasps
+from planners.grasping.families import SIDE, GraspFamily
+from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
 
 __all__ = ["BasePlacer", "GraspCandidate", "GraspCandidates", "SamplingConfig", "as_candidates", "gripper_poses"]
@@ -28,12 +29,10 @@ class SamplingConfig:
     """How finely grasps are sampled.
 
     Attributes:
-        directions: of approach, evenly about the vertical (n of section 3.3).
         torsos, rolls: values of torso height and upper-arm roll tried for each gripper pose.
         near_home: only the configuration nearest to home, for robots that follow TCP poses.
     """
 
-    directions: int = 24
     torsos: int = 6
     rolls: int = 18
     near_home: bool = False
@@ -95,9 +94,19 @@ def as_candidates(name: str, poses: GripperPoses, opening: float, found: ArmConf
         yield GraspCandidate(name, poses.bases[pair], q, yaw, pitch, opening, int(hits), float(quality))
 
 
+class _Known(NamedTuple):
+    """The grasps of one object found so far, and the families that were not looked at yet."""
+
+    candidates: tuple[GraspCandidate, ...]
+    unseen: tuple[GraspFamily, ...]
+
+
 @dataclass
 class GraspCandidates:
     """The grasps of a scene's objects, computed when first asked for.
+
+    The families are looked at in their order until a grasp with nothing in its way is found: no other one can change
+    the minimum number of clearances then. If that grasp is removed later, the remaining families are looked at.
 
     Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers. Both are
     undone once the objects of the scene have moved.
@@ -107,43 +116,48 @@ class GraspCandidates:
         chain: the arm.
         config: how finely grasps are sampled.
         compiled: the compiled scenes, shared with the other users in one solve.
+        families: the grasp set.
     """
 
     placer: BasePlacer
     chain: ArmChain
     config: SamplingConfig = field(default_factory=SamplingConfig)
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
+    families: tuple[GraspFamily, ...] = (SIDE,)
     _scene: Scene | None = None
-    _known: dict[str, tuple[GraspCandidate, ...]] = field(default_factory=dict)
+    _known: dict[str, _Known] = field(default_factory=dict)
 
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
         self._forget_other_scenes(scene)
-        if name not in self._known:
-            self._known[name] = self._find(scene, scene.body(name))
-        return self._known[name]
+        body = scene.body(name)
+        is_off_support = body.bottom < scene.support.top - OFF_TABLE
+        known, unseen = self._known.get(name, _Known((), () if is_off_support else self.families))
+        while unseen and not any(grasp.blockers == 0 for grasp in known):
+            known, unseen = _sorted((*known, *self._of_family(scene, body, unseen[0]))), unseen[1:]
+        self._known[name] = _Known(known, unseen)
+        return known
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
-        kept = (other for other in self.for_object(scene, grasp.object) if other.key != grasp.key)
-        self._known[grasp.object] = tuple(kept)
+        self._keep(grasp, [other for other in self.for_object(scene, grasp.object) if other.key != grasp.key])
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
         worse = replace(grasp, blockers=grasp.blockers | blockers)
-        kept = [worse if other.key == grasp.key else other for other in self.for_object(scene, grasp.object)]
-        kept.sort(key=lambda other: (other.blockers.bit_count(), -other.quality))
-        self._known[grasp.object] = tuple(kept)
+        known = self.for_object(scene, grasp.object)
+        self._keep(grasp, [worse if other.key == grasp.key else other for other in known])
+
+    def _keep(self, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
+        self._known[grasp.object] = self._known[grasp.object]._replace(candidates=_sorted(candidates))
 
     def _forget_other_scenes(self, scene: Scene) -> None:
         if self._scene is None or not _same_objects(self._scene, scene):
             self._scene = scene
             self._known = {}
 
-    def _find(self, scene: Scene, body: Body) -> tuple[GraspCandidate, ...]:
-        if body.bottom < scene.support.top - OFF_TABLE:
-            return ()
-        grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.config.directions))
+    def _of_family(self, scene: Scene, body: Body, family: GraspFamily) -> Iterable[GraspCandidate]:
+        grasps = generate_grasps(body, scene.robot, (family,))
         if not grasps:
             return ()
         wanted = gripper_poses(grasps)
@@ -153,13 +167,17 @@ class GraspCandidates:
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
         found = scan_configurations(self.compiled.world(scene), poses, self._grid(), opening, ignore=ignore)
-        candidates = as_candidates(body.name, poses, opening, found)
-        return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
+        return as_candidates(body.name, poses, opening, found)
 
     def _grid(self) -> ConfigurationGrid:
         if self.config.near_home:
             return ConfigurationGrid.near_home(self.chain)
         return ConfigurationGrid.over(self.chain, self.config.torsos, self.config.rolls)
+
+
+def _sorted(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:
+    """Those with the fewest blockers first, of these the best."""
+    return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
 
 
 def _same_objects(one: Scene, other: Scene) -> bool:

@@ -23,7 +23,7 @@ from planners.grasping.candidates import (
     as_candidates,
     gripper_poses,
 )
-from planners.grasping.grasp_poses import GraspConfig, generate_grasps
+from planners.grasping.grasp_poses import generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
 from planners.planner import map_placer
 from planners.scene import Scene
@@ -88,7 +88,7 @@ class SkillGeometry:
         body = scene.body(skill.object)
         if body.bottom < scene.support.top - OFF_TABLE:
             return []
-        grasps = generate_grasps(body, scene.robot, GraspConfig(directions=self.sampling.directions))
+        grasps = generate_grasps(body, scene.robot)
         chosen = [grasp for grasp in grasps if _is_from(grasp.yaw, skill.direction)]
         if not chosen:
             return []

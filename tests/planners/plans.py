@@ -14,7 +14,7 @@ from tests.planners.scenes import cylinder, random_scene, table_scene
 @cache
 def solved(strategy: str = "lookahead") -> Solution:
     """A plan with at least one clearance."""
-    planner = Planner(FETCH)
+    planner = Planner(FETCH, grasps="side")
     scene = random_scene(25, 3)
     target = next(name for name in scene.names if planner.clearance_floor(scene, name).count)
     found = planner.solve(scene, target, strategy, np.random.default_rng(0))

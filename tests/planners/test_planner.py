@@ -16,7 +16,7 @@ from planners.scene import RobotState, SceneError, UnknownObject
 from planners.strategies import STRATEGIES, UnknownStrategy
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
-PLANNER = Planner(FETCH)
+PLANNER = Planner(FETCH, grasps="side")
 
 
 def obstructed(count: int, seed: int) -> tuple[Scene, str]:
@@ -61,7 +61,7 @@ def test_trajectories_join(problem: tuple[Scene, str]) -> None:
 
 def test_lookahead_meets_the_floor_and_clears_nothing_twice(problem: tuple[Scene, str]) -> None:
     scene, target = problem
-    floor = clearance_floor(scene, target)
+    floor = clearance_floor(scene, target, grasps="side")
     found = PLANNER.solve(scene, target, rng=np.random.default_rng(0))
     assert isinstance(found, Solution)
     assert floor.proved
@@ -148,10 +148,10 @@ def test_objects_that_block_each_other_from_everywhere_are_named_as_such() -> No
     places = [(x, y) for x in 0.0705 * np.arange(-2, 3) for y in 0.0705 * np.arange(-2, 3)]
     objects = [cylinder(f"object_{i:02d}", x, y, radius=0.035, height=0.2) for i, (x, y) in enumerate(places)]
     scene = table_scene(*objects)
-    found = solve(scene, "object_12", time_limit=20.0)
+    found = solve(scene, "object_12", time_limit=20.0, grasps="side")
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.NO_SELF_CLEARABLE_SET
-    assert clearance_floor(scene, "object_12").count is None
+    assert clearance_floor(scene, "object_12", grasps="side").count is None
 
 
 def test_time_limit_is_a_cause() -> None:

@@ -25,7 +25,7 @@ class Scenes:
     Attributes:
         objects: number of objects on the table.
         seeds: number of resets that were assessed.
-        obstructed: scenes with a floor of at least 1, on which the strategies are tried.
+        obstructed: scenes with a floor of at least 1.
         free: scenes whose target nothing obstructs.
         without_set: scenes for which it is proved that no self-clearable set exists.
         unreachable: scenes whose target no grasp reaches.
@@ -49,7 +49,7 @@ class Scenes:
 
 @dataclass(frozen=True)
 class Row:
-    """One strategy on the obstructed scenes with one number of objects.
+    """One strategy on the scenes of the table with one number of objects.
 
     Attributes:
         objects: number of objects on the table.
@@ -61,8 +61,8 @@ class Row:
         lifted: share of `scenes` whose target was lifted, whatever else moved; of interest in physics only.
         clearances: objects cleared, over the solved scenes.
         duplicated: objects cleared twice or more, over the solved scenes.
-        ratio: clearances divided by the floor, over the solved scenes with a proved floor.
-        at_floor: share of those scenes with exactly as many clearances as the floor.
+        ratio: clearances divided by the floor, over the solved scenes with a proved floor of at least 1.
+        at_floor: share of the solved scenes with a proved floor with exactly as many clearances as the floor.
         both: number of scenes that the reference strategy solved too.
         both_clearances: mean clearances of this strategy on those scenes.
         both_reference: mean clearances of the reference strategy on those scenes.
@@ -145,7 +145,7 @@ def make_row(
     ended = {k: attempt for k, attempt in own.items() if attempt.cause != CRASH}
     solved = {k: attempt for k, attempt in ended.items() if attempt.solved}
     both = [k for k in solved if k in reference and reference[k].solved]
-    floored = [len(solved[k].clearances) / floors[k] for k in solved if k in floors]
+    floored = [(len(solved[k].clearances), floors[k]) for k in solved if k in floors]
     return Row(
         objects=first.objects,
         strategy=first.strategy,
@@ -156,8 +156,8 @@ def make_row(
         lifted=wilson(sum(attempt.lifted for attempt in ended.values()), len(ended)),
         clearances=bootstrap([[len(attempt.clearances) for attempt in solved.values()]], rng),
         duplicated=bootstrap([[attempt.duplicated for attempt in solved.values()]], rng),
-        ratio=bootstrap([floored], rng),
-        at_floor=float(np.mean([ratio <= 1 for ratio in floored])) if floored else np.nan,
+        ratio=bootstrap([[count / floor for count, floor in floored if floor]], rng),
+        at_floor=_mean([float(count <= floor) for count, floor in floored]),
         both=len(both),
         both_clearances=_mean([len(own[k].clearances) for k in both]),
         both_reference=_mean([len(reference[k].clearances) for k in both]),

@@ -17,6 +17,7 @@ from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from planners.grasping.families import GRASP_SETS
 from planners.strategies import STRATEGIES
 
 __all__ = ["TableSettings", "failure_record", "run_trials", "summarise_table"]
@@ -38,16 +39,18 @@ class TableSettings:
     Attributes:
         objects: numbers of objects on the table, the target among them.
         strategies: names; the others are compared with the first one.
-        scenes: number of obstructed scenes for each number of objects.
+        scenes: number of scenes for each number of objects.
         seed: first seed of the scenes.
         layout: its name.
         physics: whether the expert executes its plans in physics, where the environment decides about success.
         control_mode: "joint" or "ee".
         time_limit: [s] of one solve.
         cap: number of clearances that an unsolved scene counts as in the censored mean.
+        grasps: name of the planner's grasp set; minimum numbers of clearances are for this set too.
+        only_obstructed: leave out scenes in which nothing has to be cleared, or no clearance frees the target.
 
     Raises:
-        ConfigError: a number that is not valid, or an unknown strategy; the message lists the valid ones.
+        ConfigError: a number that is not valid, or an unknown strategy or grasp set; the message lists the valid ones.
     """
 
     objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
@@ -59,8 +62,12 @@ class TableSettings:
     control_mode: Literal["joint", "ee"] = "joint"
     time_limit: float = 20.0
     cap: int = 20
+    grasps: str = "side"
+    only_obstructed: bool = True
 
     def __post_init__(self) -> None:
+        if self.grasps not in GRASP_SETS:
+            raise ConfigError(f"grasps={self.grasps!r} is not valid; valid grasp sets: {', '.join(GRASP_SETS)}")
         for name in self.strategies:
             if name not in STRATEGIES:
                 raise ConfigError(f"no strategy {name!r}; known strategies: {', '.join(STRATEGIES)}")
@@ -72,12 +79,12 @@ class TableSettings:
 
     def trial(self, objects: int, seed: int, name: str) -> Trial:
         """One trial under these settings."""
-        return Trial(objects, seed, name, self.layout, self.control_mode, self.physics, self.time_limit)
+        return Trial(objects, seed, name, self.layout, self.control_mode, self.physics, self.time_limit, self.grasps)
 
     @property
     def of_trials(self) -> dict[str, Any]:
         """The settings that all trials in one file have in common."""
-        names = ("layout", "physics", "control_mode", "time_limit")
+        names = ("layout", "physics", "control_mode", "time_limit", "grasps")
         return {name: getattr(self, name) for name in names}
 
 
@@ -167,7 +174,7 @@ def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Sce
         found = {
             seed: scene for seed, scene in records.assessments(objects).items() if settings.seed <= seed <= seeds[-1]
         }
-        floors = {seed: scene.floor for seed, scene in found.items() if scene.proved and scene.floor}
+        floors = {seed: scene.floor for seed, scene in found.items() if scene.proved and scene.floor is not None}
         scenes.append(summarise_scenes(objects, list(found.values()), settings.seed))
         reference = records.attempts(objects, settings.strategies[0], seeds)
         for name in settings.strategies:
@@ -178,8 +185,9 @@ def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Sce
 
 
 def _table_seeds(settings: TableSettings, records: Records, objects: int, before: int | None = None) -> list[int]:
-    """The seeds of the table's scenes: the first obstructed ones among those assessed, all below `before`."""
+    """The seeds of the table's scenes: the first among those assessed that count, all below `before`."""
     found = records.assessments(objects)
     last = max(found, default=settings.seed) if before is None else before - 1
-    seeds = [seed for seed, scene in found.items() if scene.is_obstructed and settings.seed <= seed <= last]
+    counts = [seed for seed, scene in found.items() if scene.is_obstructed or not settings.only_obstructed]
+    seeds = [seed for seed in counts if settings.seed <= seed <= last]
     return seeds[: settings.scenes]

@@ -38,6 +38,7 @@ class Trial:
         control_mode: "joint" or "ee".
         physics: whether the expert executes the plan in physics.
         time_limit: [s] of one solve.
+        grasps: name of the planner's grasp set.
     """
 
     objects: int
@@ -47,6 +48,7 @@ class Trial:
     control_mode: Literal["joint", "ee"] = "joint"
     physics: bool = False
     time_limit: float = 20.0
+    grasps: str = "side"
 
     @property
     def key(self) -> tuple[int, int, str]:
@@ -139,7 +141,7 @@ class Attempt:
 
 def run_trial(trial: Trial) -> Assessment | Attempt:
     """Run a trial; the first one of a process first compiles and loads what all need."""
-    _warm_up(trial.layout, trial.control_mode)
+    _warm_up(trial.layout, trial.control_mode, trial.grasps)
     if trial.strategy == ASSESSMENT:
         return _assess(trial)
     return _execute(trial) if trial.physics else _solve(trial)
@@ -184,7 +186,8 @@ def _execute(trial: Trial) -> Attempt:
     env = _environment(trial.objects, trial.layout, trial.control_mode)
     _, info = env.reset(seed=trial.seed)
     before = time.perf_counter()
-    expert = TampExpert(env, trial.strategy, config=ExpertConfig(planning_s=trial.time_limit, with_floor=False))
+    config = ExpertConfig(planning_s=trial.time_limit, with_floor=False)
+    expert = TampExpert(env, trial.strategy, grasps=trial.grasps, config=config)
     expert.reset(info["target"])
     over, steps, lifted = expert.done, 0, False
     while not over:
@@ -229,7 +232,7 @@ def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
     unwrapped: Any = env.unwrapped
     scene = Scene.from_mujoco(unwrapped.model, unwrapped.data, unwrapped.robot)
     follower = unwrapped.tcp_follower() if trial.control_mode == "ee" else None
-    return Planner(unwrapped.robot, follower=follower), scene, info["target"]
+    return Planner(unwrapped.robot, follower=follower, grasps=trial.grasps), scene, info["target"]
 
 
 @cache
@@ -239,8 +242,8 @@ def _environment(objects: int, layout: str, control_mode: str) -> gym.Env:
 
 
 @cache
-def _warm_up(layout: str, control_mode: Literal["joint", "ee"]) -> None:
-    trial = Trial(15, _WARM_UP_SEED, "lookahead", layout, control_mode)
+def _warm_up(layout: str, control_mode: Literal["joint", "ee"], grasps: str) -> None:
+    trial = Trial(15, _WARM_UP_SEED, "lookahead", layout, control_mode, grasps=grasps)
     planner, scene, target = _scene(trial)
     planner.clearance_floor(scene, target)
     planner.solve(scene, target, time_limit=trial.time_limit)

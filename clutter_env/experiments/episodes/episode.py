@@ -47,6 +47,7 @@ class EpisodeSettings:
         control_mode: "joint" or "ee".
         is_obstructed: take the first seed whose target cannot be reached before something is cleared.
         display: "viewer" (a window, real time), "film" (if the machine can render) or "none".
+        grasps: name of the planner's grasp set.
     """
 
     environment: str
@@ -56,6 +57,7 @@ class EpisodeSettings:
     control_mode: Literal["joint", "ee"] = "joint"
     is_obstructed: bool = True
     display: Literal["viewer", "film", "none"] = "film"
+    grasps: str = "side"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +96,10 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
     started = time.perf_counter()
     seed, scene, target = _find_scene(settings, env)
     say(f"ready after {time.perf_counter() - started:.0f} s\n")
-    where = f"{settings.environment}, layout {settings.layout}, seed {seed}"
+    where = f"{settings.environment}, layout {settings.layout}, grasp set {settings.grasps}, seed {seed}"
     say(f"{where}: take {target} out of {len(scene.objects)} objects")
     film = _make_film(settings, env, say)
-    expert = TampExpert(env, settings.strategy)
+    expert = TampExpert(env, settings.strategy, grasps=settings.grasps)
     expert.reset(target)
     plan = expert.solution
     if plan is None:
@@ -134,7 +136,8 @@ def episode_text(result: EpisodeResult) -> str:
         parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan)}")
     history = plan.stats.history
     if not history and name != "ngr":
-        ngr = Planner(result.scene.robot).solve(result.scene, plan.target, "ngr", np.random.default_rng(0), PLANNING_S)
+        planner = Planner(result.scene.robot, grasps=result.settings.grasps)
+        ngr = planner.solve(result.scene, plan.target, "ngr", np.random.default_rng(0), PLANNING_S)
         history = ngr.stats.history
         end = f"clears {len(ngr.clearances)}" if isinstance(ngr, Solution) else f"fails: {ngr.cause}"
         parts.append(
@@ -143,7 +146,9 @@ def episode_text(result: EpisodeResult) -> str:
         )
         name = "ngr"
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(history) or 'none'}")
-    parts.append(f"Report\n\n{report_text(result.report, result.is_success, result.lifted)}")
+    parts.append(
+        f"Report, grasp set {result.settings.grasps}\n\n{report_text(result.report, result.is_success, result.lifted)}"
+    )
     return "\n\n".join(parts)
 
 
@@ -154,6 +159,7 @@ def episode_figures(result: EpisodeResult) -> dict[str, Any]:
         "seed": result.seed,
         "target": result.plan.target,
         "strategy": result.settings.strategy,
+        "grasps": result.settings.grasps,
         "is_success": result.is_success,
         "lifted": result.lifted,
         "report": asdict(result.report),
@@ -177,7 +183,7 @@ def _make_environment(settings: EpisodeSettings) -> gym.Env:
 def _find_scene(settings: EpisodeSettings, env: gym.Env) -> tuple[int, Scene, str]:
     """Reset to the scene wanted: its seed, its state, and the target."""
     inner: Any = env.unwrapped
-    planner = Planner(inner.robot)
+    planner = Planner(inner.robot, grasps=settings.grasps)
     for seed in range(settings.seed, settings.seed + _MOST_SEEDS):
         _, info = env.reset(seed=seed)
         scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)

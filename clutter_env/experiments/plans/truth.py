@@ -35,9 +35,9 @@ class CheckedPlan:
     actions: int = 0
 
 
-def check_plan(scene: Scene, target: str, seed: int) -> CheckedPlan | Infeasible:
-    """Solve, and check the plan that was found; a scene without a plan gives the `Infeasible`."""
-    found = Planner(scene.robot).solve(scene, target, rng=np.random.default_rng(seed))
+def check_plan(scene: Scene, target: str, seed: int, grasps: str = "side") -> CheckedPlan | Infeasible:
+    """Solve with a grasp set, and check the plan that was found; a scene without a plan gives the `Infeasible`."""
+    found = Planner(scene.robot, grasps=grasps).solve(scene, target, rng=np.random.default_rng(seed))
     if isinstance(found, Infeasible):
         return found
     checker, worst = MujocoCollisionChecker(scene), CheckedPlan(actions=len(found.actions))

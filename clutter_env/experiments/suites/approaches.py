@@ -19,6 +19,7 @@ from planners.collision.robot_model import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
+from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import gripper_opening
 from planners.planner import map_placer
 from planners.scene import Scene
@@ -69,7 +70,7 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     chain = ArmChain.from_robot(robot)
     grid = ConfigurationGrid.over(chain, sampling.torsos, sampling.rolls)
     world, placer, opening = CollisionWorld.from_scene(scene), map_placer(scene), gripper_opening(robot, RADIUS)
-    yaws = _yaws(sampling.directions)
+    yaws = _yaws(SIDE.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):
         positions = np.tile((x, y, TABLE_HEIGHT + robot.grasp_height), (len(yaws), 1))

@@ -169,4 +169,4 @@ def _env(env_id: str, keywords: tuple[tuple[str, Any], ...]) -> gym.Env[Any, Any
 
 @cache
 def _planner() -> Planner:
-    return Planner(find_robot("fetch"))
+    return Planner(find_robot("fetch"), grasps="side")

@@ -59,7 +59,7 @@ def run_job(job: EvaluationJob) -> Score | int | None:
 
 
 def floor_of(env_id: str, seed: int) -> int | None:
-    """The minimum number of clearances of a scene, None if it is not proved."""
+    """The minimum number of clearances of a scene with side grasps, None if it is not proved."""
     # The other policies do without the planner and its compiled kernels.
     from planners.planner import clearance_floor
     from planners.scene import Scene
@@ -69,7 +69,7 @@ def floor_of(env_id: str, seed: int) -> int | None:
         _, info = env.reset(seed=seed)
         physics_env: Any = env.unwrapped
         scene = Scene.from_mujoco(physics_env.model, physics_env.data, physics_env.robot)
-        floor = clearance_floor(scene, info["target"])
+        floor = clearance_floor(scene, info["target"], grasps="side")
         return floor.count if floor.proved else None
     finally:
         env.close()

@@ -125,7 +125,7 @@ class ScriptedExpert:
 
 
 class PlannerExpert:
-    """`planners.TampExpert` without a time limit.
+    """`planners.TampExpert` with side grasps, as the learning problem has them, and without a time limit.
 
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
     """
@@ -134,7 +134,8 @@ class PlannerExpert:
         # The scripts do without the planner and its compiled kernels.
         from planners.execution.expert import ExpertConfig, TampExpert
 
-        self._expert = TampExpert(env, strategy=strategy, config=ExpertConfig(planning_s=math.inf))
+        config = ExpertConfig(planning_s=math.inf)
+        self._expert = TampExpert(env, strategy=strategy, grasps="side", config=config)
 
     @property
     def done(self) -> bool:

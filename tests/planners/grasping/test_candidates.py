@@ -10,8 +10,10 @@ from irm.arm.kinematics import ArmChain
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment, greedy_commitments, smallest_commitments
 from planners.clearing.lookahead import grasped, keep_clear
+from planners.clearing.minimum_clearances import minimum_clearances
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.grasping.families import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.placing.placements import PlacementSearch
 from planners.planner import map_placer
@@ -106,6 +108,34 @@ def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
     bit = scene.mask([first])
     for grasp in guarded:
         assert not after.hits(grasp.base, grasp.q, grasp.opening) & bit
+
+
+def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
+    """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
+    every = {name: all_of(scene, name) for name in scene.names[:6]}
+    source = GraspCandidates(map_placer(scene), CHAIN, families=GRASP_SETS["all"])
+    for name, masks in every.items():
+        least = min((mask.bit_count() for mask in masks), default=None)
+        assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
+        while free := [grasp for grasp in source.for_object(scene, name) if grasp.blockers == 0]:
+            source.ban(scene, free[0])
+        assert sorted(grasp.blockers for grasp in source.for_object(scene, name)) == sorted(filter(None, masks))
+
+
+def all_of(scene: Scene, name: str) -> list[int]:
+    """The blocker masks of an object's grasps of all families, each looked at alone."""
+    sources = (GraspCandidates(map_placer(scene), CHAIN, families=(family,)) for family in GRASP_SETS["all"])
+    return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
+
+
+def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene) -> None:
+    lazy = GraspCandidates(map_placer(scene), CHAIN, families=GRASP_SETS["all"])
+    every = {index: all_of(scene, name) for index, name in enumerate(scene.names)}
+    for index, name in enumerate(scene.names[:8]):
+        found = minimum_clearances(
+            lambda i: [grasp.blockers for grasp in lazy.for_object(scene, scene.names[i])], index
+        )
+        assert found.count == minimum_clearances(every, index).count, name
 
 
 def test_an_object_off_the_table_has_no_grasps() -> None:

@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.grasping.grasp_poses import (
-    GraspConfig,
-    GraspPose,
-    UnknownGraspKindError,
-    generate_grasps,
-    grasp_after_move,
-    gripper_opening,
-)
-from planners.placing.locations import PlacementConfig, placement_grid, placement_levels, stand_at
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import gripper_hits
+from planners.grasping.candidates import gripper_poses
+from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, UnknownGraspSet, find_grasp_set
+from planners.grasping.grasp_poses import GraspPose, GripperClearances, generate_grasps, gripper_opening
+from planners.placing.locations import PlacementConfig, placement_grid, placement_levels
 from planners.scene import Body, StaticObstacle
+from tests.planners.scenes import HEIGHT, table_scene
 
-TABLE = StaticObstacle("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.35, 0.5, 0.02]))
-BOTH = GraspConfig(kinds=("side", "top"))
+TABLE = StaticObstacle("table_top", np.array([0.0, 0.0, HEIGHT - 0.02]), np.array([0.35, 0.5, 0.02]))
 LYING = (math.cos(math.pi / 4), math.sin(math.pi / 4), 0.0, 0.0)
+FAMILIES = GRASP_SETS["all"]
+SLANTED = GRASP_SETS["tilted"] + GRASP_SETS["top"]
 
 
 def quaternion(yaw: float) -> np.ndarray:
@@ -33,13 +32,25 @@ def cylinder(radius: float = 0.03, height: float = 0.16) -> Body:
     return Body("object_00", "cylinder", np.array([radius, radius, height / 2]), position, quaternion(0.0))
 
 
-def box(half_x: float, half_y: float, yaw: float = 0.0) -> Body:
-    position = np.array([0.1, -0.2, TABLE.top + 0.07])
-    return Body("object_01", "box", np.array([half_x, half_y, 0.07]), position, quaternion(yaw))
+def box(half_x: float, half_y: float, yaw: float = 0.0, height: float = 0.14) -> Body:
+    position = np.array([0.1, -0.2, TABLE.top + height / 2])
+    return Body("object_00", "box", np.array([half_x, half_y, height / 2]), position, quaternion(yaw))
 
 
-def toppled() -> Body:
-    return cylinder().at((0.1, -0.2, TABLE.top + 0.03), LYING)
+def toppled(radius: float = 0.03, height: float = 0.16) -> Body:
+    return cylinder(radius, height).at((0.1, -0.2, TABLE.top + radius), LYING)
+
+
+THINGS = {
+    "cylinder": cylinder(),
+    "wide cylinder": cylinder(0.035, 0.20),
+    "low cylinder": cylinder(height=0.06),
+    "box": box(0.02, 0.035, 0.4),
+    "toppled cylinder": toppled(),
+    "thin toppled cylinder": toppled(0.025),
+    "lying box": box(0.07, 0.024, 0.4, height=0.05),
+    "toppled box": box(0.024, 0.028).at((0.1, -0.2, TABLE.top + 0.028), LYING),
+}
 
 
 def span(grasp: GraspPose, body: Body) -> float:
@@ -47,10 +58,11 @@ def span(grasp: GraspPose, body: Body) -> float:
     return 2 * body.half_extent_along(grasp.T_world_tcp[:3, 1])
 
 
-@pytest.mark.parametrize("body", [cylinder(), cylinder(height=0.06), box(0.02, 0.035, 0.4), toppled()])
-def test_every_grasp_is_a_rigid_pose_that_holds_the_object_between_the_fingers(body: Body) -> None:
-    grasps = generate_grasps(body, FETCH, BOTH)
-    assert {grasp.kind for grasp in grasps} == {"side", "top"}
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
+@pytest.mark.parametrize("body", THINGS.values(), ids=THINGS)
+def test_every_grasp_is_a_rigid_pose_that_holds_the_object_between_the_fingers(body: Body, family: GraspFamily) -> None:
+    grasps = generate_grasps(body, FETCH, (family,))
+    assert grasps
     for grasp in grasps:
         rotation = grasp.T_world_tcp[:3, :3]
         np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
@@ -58,16 +70,41 @@ def test_every_grasp_is_a_rigid_pose_that_holds_the_object_between_the_fingers(b
         assert span(grasp, body) < grasp.opening <= FETCH.max_opening
         assert body.bottom < grasp.T_world_tcp[2, 3] < body.top
         assert not grasp.T_world_tcp.flags.writeable
-        expected = (math.cos(grasp.yaw), math.sin(grasp.yaw), 0.0)
-        np.testing.assert_allclose(rotation[:, 0 if grasp.kind == "side" else 2], expected, atol=1e-12)
+        cy, sy, down, level = math.cos(grasp.yaw), math.sin(grasp.yaw), math.sin(family.pitch), math.cos(family.pitch)
+        np.testing.assert_allclose(rotation[:, 0], (cy * level, sy * level, -down), atol=1e-12)
+        np.testing.assert_allclose(rotation[:, 1], (-sy, cy, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("family", SLANTED, ids=lambda family: family.name)
+@pytest.mark.parametrize("height", [0.04, 0.05, 0.06, 0.12, 0.2])
+@pytest.mark.parametrize("radius", [0.025, 0.035])
+def test_the_open_gripper_touches_neither_a_standing_object_nor_the_table(
+    family: GraspFamily, height: float, radius: float
+) -> None:
+    body = cylinder(radius, height)
+    assert_touches_nothing(body, family)
+
+
+@pytest.mark.parametrize("family", SLANTED, ids=lambda family: family.name)
+@pytest.mark.parametrize("name", ["toppled cylinder", "thin toppled cylinder", "lying box", "toppled box", "box"])
+def test_the_open_gripper_touches_neither_a_lying_object_nor_the_table(family: GraspFamily, name: str) -> None:
+    assert_touches_nothing(THINGS[name], family)
+
+
+def assert_touches_nothing(body: Body, family: GraspFamily) -> None:
+    """The exact collision check agrees with the lengths that the poses are computed from."""
+    world = CollisionWorld.from_scene(table_scene(body))
+    grasps = generate_grasps(body, FETCH, (family,))
+    for grasp in grasps:
+        assert not gripper_hits(world, gripper_poses([grasp]), grasp.opening)[0]
 
 
 def test_side_grasps_of_a_cylinder_are_n_turns_about_its_axis_at_delta() -> None:
     body = cylinder()
     grasps = generate_grasps(body, FETCH)
-    assert len(grasps) == 6
+    assert len(grasps) == SIDE.directions == 24
     yaws = sorted(grasp.yaw for grasp in grasps)
-    np.testing.assert_allclose(np.diff(yaws), math.pi / 3)
+    np.testing.assert_allclose(np.diff(yaws), 2 * math.pi / 24)
     for grasp in grasps:
         np.testing.assert_allclose(grasp.T_world_tcp[:2, 3], body.position[:2])
         assert grasp.T_world_tcp[2, 3] - body.bottom == pytest.approx(FETCH.grasp_height)
@@ -75,42 +112,52 @@ def test_side_grasps_of_a_cylinder_are_n_turns_about_its_axis_at_delta() -> None
         assert grasp.opening == pytest.approx(gripper_opening(FETCH, 0.03))
 
 
+def test_top_grasps_are_half_a_turn_apart_at_most() -> None:
+    yaws = np.array([grasp.yaw for grasp in generate_grasps(cylinder(), FETCH, (TOP,))])
+    assert len(yaws) == TOP.directions // 2
+    assert len(np.unique(np.round(np.mod(yaws, math.pi), 9))) == len(yaws)
+
+
 def test_a_box_is_grasped_across_faces_the_fingers_can_span() -> None:
     yaw = 0.4
-    assert len(generate_grasps(box(0.02, 0.03, yaw), FETCH)) == 4
-    wide = generate_grasps(box(0.02, 0.08, yaw), FETCH)
-    assert len(wide) == 2
-    for grasp in wide:
-        assert abs(math.sin(grasp.yaw - yaw)) == pytest.approx(1.0)
-    assert generate_grasps(box(0.08, 0.08), FETCH) == ()
+    for family in FAMILIES:
+        assert len(generate_grasps(box(0.02, 0.03, yaw), FETCH, (family,))) == (2 if family is TOP else 4)
+        wide = generate_grasps(box(0.02, 0.08, yaw), FETCH, (family,))
+        assert len(wide) == (1 if family is TOP else 2)
+        for grasp in wide:
+            assert abs(math.sin(grasp.yaw - yaw)) == pytest.approx(1.0)
+        assert generate_grasps(box(0.08, 0.08), FETCH, (family,)) == ()
 
 
 def test_a_toppled_cylinder_is_taken_by_its_ends_without_the_palm_touching_it() -> None:
-    body, config = toppled(), GraspConfig()
-    grasps = generate_grasps(body, FETCH, config)
+    body, gripper = toppled(), GripperClearances()
+    grasps = generate_grasps(body, FETCH)
     assert len(grasps) == 2
     for grasp in grasps:
         approach = grasp.T_world_tcp[:3, 0]
         behind = (grasp.T_world_tcp[:3, 3] - body.position) @ approach + body.half_extent_along(approach)
-        assert behind <= config.palm_reach + 1e-12
-        assert grasp.T_world_tcp[2, 3] >= body.bottom + config.palm_height
+        assert behind <= gripper.palm_reach + 1e-12
+        assert grasp.T_world_tcp[2, 3] >= body.bottom + gripper.palm_height
 
 
-def test_grasp_goes_with_the_object() -> None:
+def test_an_object_put_elsewhere_stands_there_turned() -> None:
     body = box(0.02, 0.03, 0.4)
     moved = stand_at(body, np.array([-0.1, 0.3, TABLE.top]), turn=1.0)
     assert moved.bottom == pytest.approx(TABLE.top)
     np.testing.assert_allclose(moved.position[:2], (-0.1, 0.3))
-    for grasp in generate_grasps(body, FETCH, BOTH):
-        after = grasp_after_move(grasp, body.pose, moved.pose)
-        T_before = np.linalg.inv(body.pose) @ grasp.T_world_tcp
-        np.testing.assert_allclose(np.linalg.inv(moved.pose) @ after.T_world_tcp, T_before, atol=1e-12)
-        assert math.cos(after.yaw - grasp.yaw - 1.0) == pytest.approx(1.0)
+    assert moved.yaw == pytest.approx(1.4)
 
 
-def test_unknown_kinds_are_misuse() -> None:
-    with pytest.raises(UnknownGraspKindError, match="side, top"):
-        generate_grasps(cylinder(), FETCH, GraspConfig(kinds=("back",)))  # type: ignore[arg-type]  # misuse
+def test_families_of_several_sets_come_in_the_order_of_the_set() -> None:
+    grasps = generate_grasps(cylinder(), FETCH, find_grasp_set("all"))
+    pitches = list(dict.fromkeys(grasp.pitch for grasp in grasps))
+    assert pitches == [family.pitch for family in GRASP_SETS["all"]]
+    assert {family for name in ("side", "tilted", "top") for family in GRASP_SETS[name]} == set(GRASP_SETS["all"])
+
+
+def test_unknown_grasp_sets_are_misuse() -> None:
+    with pytest.raises(UnknownGraspSet, match="side, tilted, top, all"):
+        find_grasp_set("back")
 
 
 def test_placement_grid_has_the_papers_25_points_within_the_margin() -> None:
