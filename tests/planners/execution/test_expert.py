@@ -59,7 +59,7 @@ def test_an_episode_ends_in_success(mode: str) -> None:
 def test_what_is_put_on_a_counter_has_not_fallen() -> None:
     env = gymnasium.make("clutter_env/Retrieve-o15-v0", max_episode_steps=MAX_STEPS)
     _, info = env.reset(seed=100_010)
-    expert = TampExpert(env, supports=("counter_left",))
+    expert = TampExpert(env, grasps="side", supports=("counter_left",))
     expert.reset(info["target"])
     while not expert.done:
         *_, info = env.step(expert.act())
