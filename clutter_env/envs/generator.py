@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import deepcopy
 
 import gymnasium as gym
 
@@ -15,11 +14,11 @@ __all__ = ["generator_kept_on_error"]
 def generator_kept_on_error(env: gym.Env) -> Iterator[None]:
     """If the block raises, put back the environment's generator, its state and its seed; they may be None."""
     generator, seed = env._np_random, env._np_random_seed
-    before = deepcopy(generator)
+    state = None if generator is None else generator.bit_generator.state
     try:
         yield
     except BaseException:
         env._np_random, env._np_random_seed = generator, seed
-        if generator is not None and before is not None:
-            generator.bit_generator.state = before.bit_generator.state
+        if generator is not None:
+            generator.bit_generator.state = state
         raise

@@ -14,7 +14,7 @@ from clutter_env.scene.table_scene import TableScene
 
 __all__ = ["sample_base", "sample_scene"]
 
-_BATCH, _FIRST = 128, 3
+_BATCH, _FIRST = 128, 8
 """Candidates drawn at once for an object, and how many of them are looked at first."""
 _MAX_BATCHES = 200
 _MAX_RESTARTS = 50
@@ -55,8 +55,10 @@ def sample_scene(
 
 def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
     """A base pose (x, y, yaw) in front of the table, clear of the furniture."""
-    low, high = layout.start_region
-    return rng.uniform((*low, -START_YAW), (*high, START_YAW))
+    (low_x, low_y), (high_x, high_y) = layout.start_region
+    low, high = np.array(((low_x, low_y, -START_YAW), (high_x, high_y, START_YAW)))
+    base: NDArray[np.float64] = low + (high - low) * rng.random(3)
+    return base
 
 
 def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float) -> NDArray[np.float64]:
@@ -74,9 +76,11 @@ def _place_once(
     """One attempt, object by object; None when the next object found no room."""
     half_size = layout.depth / 2 - margin, layout.width / 2 - margin
     circles: list[tuple[float, float, float]] = []
+    widest = float(radii.max(initial=0.0))
     for index, radius in enumerate(radii.tolist()):
         for _ in range(_MAX_BATCHES):
-            centre = _first_free(rng.random((_BATCH if index > 10 else 8, 2)), half_size, circles, radius + OBJECT_GAP)
+            draws = rng.random((_BATCH if index > 10 else 8, 2))
+            centre = _first_free(draws, half_size, circles, radius + OBJECT_GAP, widest)
             if centre is not None:
                 circles.append((*centre, radius))
                 break
@@ -86,7 +90,11 @@ def _place_once(
 
 
 def _first_free(
-    draws: NDArray[np.float64], half_size: tuple[float, float], circles: list[tuple[float, float, float]], gap: float
+    draws: NDArray[np.float64],
+    half_size: tuple[float, float],
+    circles: list[tuple[float, float, float]],
+    gap: float,
+    widest: float,
 ) -> tuple[float, float] | None:
     """The first of the candidates that is farther from every circle than its radius and `gap`, None without one.
 
@@ -97,15 +105,19 @@ def _first_free(
         half_size: of the region around the origin [m].
         circles: x, y, radius [m] of what is placed already.
         gap: [m]
+        widest: the largest radius of a circle [m].
     """
     half_x, half_y = half_size
+    far = widest + gap
     width_x, width_y = half_x - -half_x, half_y - -half_y
     for share_x, share_y in draws[:_FIRST].tolist():
         x, y = width_x * share_x - half_x, width_y * share_y - half_y
         for other_x, other_y, radius in circles:
-            dx, dy, reach = x - other_x, y - other_y, radius + gap
-            if dx * dx + dy * dy <= reach * reach:
-                break
+            dx = x - other_x
+            if -far <= dx <= far:
+                dy, reach = y - other_y, radius + gap
+                if dx * dx + dy * dy <= reach * reach:
+                    break
         else:
             return x, y
     candidates = np.array((width_x, width_y)) * draws[_FIRST:] - half_size

@@ -25,37 +25,50 @@ _HUES = (0.14, 0.92)
 _GOLDEN_RATIO = 0.6180339887
 
 
-def apply_scene(model: mujoco.MjModel, data: mujoco.MjData, index: ModelIndex, scene: TableScene) -> None:
+def apply_scene(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
     """Give the objects of a compiled model the sizes, masses, colours and start poses of `scene`.
 
-    `data` is scratch space; reset it afterwards: the objects then start at rest, asleep, on the table.
+    Reset the data afterwards: the objects then start at rest, asleep, on the table.
     """
-    if scene.num_objects:
-        _apply_shapes(model, index, scene)
-        model.body_mass[index.object_bodies] = scene.masses
-        model.body_inertia[index.object_bodies] = _inertias(scene)
-        model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
-    _set_constants(model, data)
-
-
-def _set_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Derive the model's constants with every body awake: `mj_setConst` leaves those of sleeping bodies alone."""
-    sleep = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    model.opt.enableflags &= ~sleep
-    mujoco.mj_setConst(model, data)
-    model.opt.enableflags |= sleep
+    if not scene.num_objects:
+        return
+    _apply_shapes(model, index, scene)
+    _apply_masses(model, index, scene.masses, _inertias(scene))
+    model.geom_rgba[index.object_geoms] = _colours(scene)
+    model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
 
 
 def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
-    half, is_box = scene.half_extents, scene.is_box[:, None]
-    cylinder_size = np.column_stack((half[:, 0], half[:, 2], np.zeros(scene.num_objects)))
-    model.geom_size[index.object_geoms] = np.where(is_box, half, cylinder_size)
-    model.geom_aabb[index.object_geoms, 3:] = half
-    model.bvh_aabb[model.body_bvhadr[index.object_bodies], 3:] = half
-    model.geom_rbound[index.object_geoms] = np.where(
-        scene.is_box, np.linalg.norm(half, axis=1), np.hypot(half[:, 0], half[:, 2])
-    )
-    model.geom_rgba[index.object_geoms] = _colours(scene)
+    """Sizes, bounding boxes and bounding spheres; a free body turns by angles as long as its sphere's radius."""
+    half, geoms = scene.half_extents, index.object_geoms
+    cylinder_size = half[:, (0, 2, 2)] * (1.0, 1.0, 0.0)
+    model.geom_size[geoms] = np.where(scene.is_box[:, None], half, cylinder_size)
+    model.geom_aabb[geoms, 3:] = half
+    model.bvh_aabb[index.object_bvh, 3:] = half
+    x2, y2, z2 = (half**2).T
+    radii = np.sqrt(np.where(scene.is_box, x2 + y2, x2) + z2)
+    model.geom_rbound[geoms] = radii
+    model.dof_length[index.object_dof].reshape(-1, 6)[:, 3:] = radii[:, None]
+
+
+def _apply_masses(
+    model: mujoco.MjModel, index: ModelIndex, masses: NDArray[np.float64], inertias: NDArray[np.float64]
+) -> None:
+    """Masses (n,), principal moments (n, 3), and the constants that follow from them.
+
+    An object is a free body whose frame is its principal frame: what `mj_setConst` derives is known in closed form.
+    That function would take a quarter of a reset's time, because it also derives the robot's constants again.
+    """
+    bodies, dof = index.object_bodies, index.object_dof
+    model.body_mass[bodies] = model.body_subtreemass[bodies] = masses
+    model.body_subtreemass[0] = model.body_mass.sum()
+    model.body_inertia[bodies] = inertias
+    diagonal = model.dof_M0[dof].reshape(-1, 2, 3)
+    diagonal[:, 0], diagonal[:, 1] = masses[:, None], inertias
+    inverse = 1 / diagonal
+    mean = (inverse[..., 0] + inverse[..., 1] + inverse[..., 2]) / 3
+    model.body_invweight0[bodies] = mean
+    model.dof_invweight0[dof].reshape(-1, 2, 3)[:] = mean[..., None]
 
 
 def _inertias(scene: TableScene) -> NDArray[np.float64]:
@@ -84,13 +97,18 @@ def _start_poses(scene: TableScene) -> NDArray[np.float64]:
 
 def _colours(scene: TableScene) -> NDArray[np.float64]:
     """Colours (n, 4): the target red, the others distinct and not red."""
-    colours = np.array([_slot_colour(slot) for slot in range(scene.num_objects)])
+    colours = _palette(scene.num_objects).copy()
     if 0 <= scene.target < scene.num_objects:
         colours[scene.target] = _TARGET_COLOUR
     return colours
 
 
 @cache
+def _palette(count: int) -> NDArray[np.float64]:
+    """Colours (count, 4) of objects that are not the target."""
+    return np.array([_slot_colour(slot) for slot in range(count)])
+
+
 def _slot_colour(slot: int) -> tuple[float, float, float, float]:
     """Hues step by the golden ratio, so that neighbours in number differ most; lightness has a period of three."""
     hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)

@@ -116,7 +116,7 @@ class JointController:
         self.state = ControlState(
             target=data.qpos[self._index.drive_qpos].copy(),
             velocity=np.zeros_like(self._max_velocity),
-            finger=float(data.qpos[self._index.finger_qpos].mean()),
+            finger=sum(data.qpos[self._index.finger_qpos].tolist()) / 2,
         )
         data.ctrl[:] = self._position_command()
 

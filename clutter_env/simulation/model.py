@@ -70,7 +70,9 @@ class ModelIndex:
     head_qpos: NDArray[np.intp]
     head_actuators: NDArray[np.intp]
     object_bodies: slice
-    object_geoms: NDArray[np.intp]
+    object_geoms: slice
+    object_bvh: NDArray[np.intp]
+    """The bounding boxes of the objects' bodies."""
     object_qpos: slice
     object_dof: slice
     num_objects: int
@@ -103,7 +105,8 @@ class ModelIndex:
             head_qpos=qpos(robot.head_joints),
             head_actuators=actuators(robot.head_joints),
             object_bodies=slice(first, first + num_objects),
-            object_geoms=_frozen([model.geom(object_name(i)).id for i in range(num_objects)]),
+            object_geoms=slice(model.ngeom - num_objects, model.ngeom),
+            object_bvh=_frozen(model.body_bvhadr[first : first + num_objects].tolist()),
             object_qpos=slice(model.nq - 7 * num_objects, model.nq),
             object_dof=slice(model.nv - 6 * num_objects, model.nv),
             num_objects=num_objects,

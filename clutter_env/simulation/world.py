@@ -62,8 +62,7 @@ class World:
         self.controller = JointController(self.model, self.index, robot)
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
         self._slot_of_geom = [_NO_OBJECT] * self.model.ngeom
-        for slot, geom in enumerate(self.index.object_geoms):
-            self._slot_of_geom[geom] = slot
+        self._slot_of_geom[self.index.object_geoms] = range(len(shapes))
         self.scene: TableScene | None = None
 
     @cached_property
@@ -72,9 +71,9 @@ class World:
         return mujoco.MjData(self.model)
 
     def apply_scene(self, scene: TableScene) -> None:
-        """Give the model's objects the sizes, masses and colours of `scene`; the data are left undefined."""
+        """Give the model's objects the sizes, masses and colours of `scene`; the data do not change."""
         self.scene = scene
-        apply_scene(self.model, self.data, self.index, scene)
+        apply_scene(self.model, self.index, scene)
 
     def reset(self, scene: TableScene, configuration: tuple[float, ...] | None = None) -> None:
         """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose.
