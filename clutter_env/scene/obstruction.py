@@ -162,44 +162,79 @@ def _half_extent(scene: TableScene, direction: Array) -> Array:
     return np.where(scene.is_box[:, None], half_x * along + half_y * across, half_x)
 
 
+class _Pairs(NamedTuple):
+    """p pairs of a grasp and an object near it.
+
+    `ahead`, `aside` (p,) [m] from the TCP to the object's axis, along the approach and to its left; `opening` (p,) [m]
+    of the gripper; `half` (p, 2) [m] extents of the object's footprint; `is_box` (p,); `turn` (p,) [rad] of the object
+    from the approach.
+    """
+
+    ahead: Array
+    aside: Array
+    opening: Array
+    half: Array
+    is_box: NDArray[np.bool_]
+    turn: Array
+
+
 def _hits(
     approaches: SideApproaches, scene: TableScene, tcp: Array, approach: Array, opening: Array
 ) -> NDArray[np.bool_]:
     """Which objects gripper or wrist touch at k grasps, (k, n)."""
-    offset = scene.positions - tcp[:, None]
-    across = np.stack((-approach[:, 1], approach[:, 0]), axis=-1)
-    ahead, aside = ((offset * axis[:, None]).sum(axis=-1) for axis in (approach, across))
-    touched = np.zeros(ahead.shape, np.bool_)
+    x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
+    c, s = approach[:, :1], approach[:, 1:]
+    ahead, aside = x * c + y * s, y * c - x * s
+    is_near = _are_near(approaches.solids, scene, ahead, aside, opening.max(initial=0.0))
+    grasp, other = np.nonzero(is_near)
+    yaws = np.arctan2(approach[:, 1], approach[:, 0])
+    pairs = _Pairs(
+        ahead=ahead[is_near],
+        aside=aside[is_near],
+        opening=opening[grasp],
+        half=scene.half_extents[other, :2],
+        is_box=scene.is_box[other],
+        turn=scene.yaws[other] - yaws[grasp],
+    )
+    heights = 2 * scene.half_extents[other, 2]
+    touched = np.zeros(len(other), np.bool_)
     for start, end, half_width, radius, half_height, is_finger in zip(*approaches.solids, strict=True):
-        half = np.array([(end - start) / 2, half_width])
-        halves = half + np.multiply.outer(opening * is_finger, (0.0, 0.5))
-        centred = ahead - (start + end) / 2
-        distance = _distance_to_cylinders(scene, centred, aside, halves)
-        if scene.is_box.any():
-            to_boxes = _distance_to_boxes(scene, centred, aside, halves, np.arctan2(approach[:, 1], approach[:, 0]))
-            distance = np.where(scene.is_box, to_boxes, distance)
-        is_high = 2 * scene.half_extents[:, 2] > approaches.grasp_height - half_height
-        touched |= (distance < radius + PADDING) & is_high
-    return touched
+        widths = half_width + pairs.opening * is_finger * 0.5
+        distance = _distances(pairs, (start + end) / 2, (end - start) / 2, widths)
+        touched |= (distance < radius + PADDING) & (heights > approaches.grasp_height - half_height)
+    is_near[is_near] = touched
+    return is_near
 
 
-def _distance_to_cylinders(scene: TableScene, ahead: Array, aside: Array, halves: Array) -> Array:
-    """[m] from rectangles to cylinders whose axes are at (k, n) from their centres; `halves` (k, 2)."""
-    gap_x = np.maximum(np.abs(ahead) - halves[:, :1], 0.0)
-    gap_y = np.maximum(np.abs(aside) - halves[:, 1:], 0.0)
-    return np.asarray(np.hypot(gap_x, gap_y) - scene.half_extents[:, 0])
+def _are_near(
+    solids: Solids, scene: TableScene, ahead: Array, aside: Array, widest_opening: float
+) -> NDArray[np.bool_]:
+    """Whether objects (k, n) are so near that a solid may touch them: most are not, and need no distances."""
+    reach = np.hypot(scene.half_extents[:, 0], scene.half_extents[:, 1]) + (solids.radius.max() + PADDING)
+    behind, before = solids.start.min() - reach, solids.end.max() + reach
+    beside = solids.half_width.max() + widest_opening / 2 + reach
+    return (behind < ahead) & (ahead < before) & (np.abs(aside) < beside)
 
 
-def _distance_to_boxes(scene: TableScene, ahead: Array, aside: Array, halves: Array, yaws: Array) -> Array:
+def _distances(pairs: _Pairs, middle: float, half_length: float, half_width: Array) -> Array:
+    """[m] from rectangles to objects; the rectangles' centres are `middle` ahead of the TCP, `half_width` (p,)."""
+    centred = pairs.ahead - middle
+    gap_x = np.maximum(np.abs(centred) - half_length, 0.0)
+    gap_y = np.maximum(np.abs(pairs.aside) - half_width, 0.0)
+    distances: Array = np.hypot(gap_x, gap_y) - pairs.half[:, 0]
+    if pairs.is_box.any():
+        distances = np.where(pairs.is_box, _box_distances(pairs, centred, half_length, half_width), distances)
+    return distances
+
+
+def _box_distances(pairs: _Pairs, ahead: Array, half_length: float, half_width: Array) -> Array:
     """[m] Largest gap over the four edge normals: less than the distance where two corners face each other."""
-    turn = scene.yaws - yaws[:, None]
-    c, s = np.cos(turn), np.sin(turn)
-    half_x, half_y = scene.half_extents[:, 0], scene.half_extents[:, 1]
-    width, height = halves[:, :1], halves[:, 1:]
+    c, s = np.cos(pairs.turn), np.sin(pairs.turn)
+    half_x, half_y = pairs.half.T
     gaps = (
-        np.abs(ahead) - width - half_x * np.abs(c) - half_y * np.abs(s),
-        np.abs(aside) - height - half_x * np.abs(s) - half_y * np.abs(c),
-        np.abs(ahead * c + aside * s) - half_x - width * np.abs(c) - height * np.abs(s),
-        np.abs(aside * c - ahead * s) - half_y - width * np.abs(s) - height * np.abs(c),
+        np.abs(ahead) - half_length - half_x * np.abs(c) - half_y * np.abs(s),
+        np.abs(pairs.aside) - half_width - half_x * np.abs(s) - half_y * np.abs(c),
+        np.abs(ahead * c + pairs.aside * s) - half_x - half_length * np.abs(c) - half_width * np.abs(s),
+        np.abs(pairs.aside * c - ahead * s) - half_y - half_length * np.abs(s) - half_width * np.abs(c),
     )
     return np.asarray(np.maximum.reduce(gaps))
