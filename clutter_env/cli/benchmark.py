@@ -15,6 +15,7 @@ import mujoco
 from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
+from clutter_env.experiments.environments.resets import compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
 from clutter_env.experiments.environments.toppled import measure_toppled
 
@@ -35,6 +36,8 @@ class Arguments:
     """Random seed of scenes and actions."""
     toppled: int = 0
     """Measure only this: steps per second with 40 objects toppled, over so many episodes."""
+    resets: int = 0
+    """Measure only this: a reset with 20 objects beside one of FetchPickAndPlace, in so many rounds of 100."""
     output: Path = Path("outputs/benchmark.png")
     """File of the plot."""
     json: Path | None = None
@@ -45,6 +48,9 @@ def run(arguments: Arguments) -> None:
     """Measure, print, plot, save."""
     if arguments.toppled:
         print(measure_toppled(episodes=arguments.toppled, seed=arguments.seed).summary())
+        return
+    if arguments.resets:
+        print(compare_resets(rounds=arguments.resets, seed=arguments.seed).summary())
         return
     # The measuring processes import this module: matplotlib, imported above, would count as their memory.
     from clutter_env.experiments.environments.speed_plot import plot_speed

@@ -14,7 +14,7 @@ __all__ = ["generator_kept_on_error"]
 def generator_kept_on_error(env: gym.Env) -> Iterator[None]:
     """If the block raises, put back the environment's generator, its state and its seed; they may be None."""
     generator, seed = env._np_random, env._np_random_seed
-    state = None if generator is None else generator.bit_generator.state
+    state = {} if generator is None else generator.bit_generator.state
     try:
         yield
     except BaseException:

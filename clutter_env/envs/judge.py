@@ -2,7 +2,7 @@
 
 What counts, for each object and since reset:
 
-- fallen: it has toppled or left its support without being held.
+- fallen: it has toppled or left its support without being held. A lying cylinder has toppled when it stands up.
 - disturbed: the path that it has moved while not in hand is longer than `DISTURBED_PATH`. The path is measured in
   chords of `CHORD`: a motion counts when it ends `CHORD` away from where the last chord ended. Jitter of an object at
   rest stays within one chord and never adds up; slow nudging does.

@@ -22,6 +22,7 @@ __all__ = ["ResetOptions", "explicit_scene"]
 OPTION_NAMES = ("target", "objects", "state", "obstructed")
 _COMMON_KEYS = ("shape", "position", "height", "yaw", "mass")
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("depth", "width")}
+_OPTIONAL_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("lying",), "box": ()}
 HALF_WIDTH_LIMITS = (0.01, 0.10)
 """[m] radius of a cylinder, half depth and half width of a box."""
 HEIGHT_LIMITS = (0.04, 0.39)
@@ -104,7 +105,8 @@ def explicit_scene(
     """The scene that the option `objects` describes; the base pose and the target are drawn from `rng`.
 
     Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
-    "width", "height", "position"}, all in metres, with optional "yaw" [rad] and "mass" [kg].
+    "width", "height", "position"}, all in metres, with optional "yaw" [rad] and "mass" [kg]. A cylinder with "lying":
+    True lies on its side, its axis along its yaw; its height is then its length.
 
     Raises:
         OptionError: an invalid description, too many objects, an object over the table's edge or too high for the
@@ -121,6 +123,7 @@ def explicit_scene(
         masses=np.array([p.mass for p in parsed]),
         base=sample_base(rng, layout),
         target=int(rng.integers(len(parsed))),
+        is_lying=np.array([p.is_lying for p in parsed]),
     )
     footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
     _check_on_table(layout, footprints)
@@ -136,6 +139,7 @@ class _Parsed:
     position: tuple[float, float]
     yaw: float
     mass: float
+    is_lying: bool
 
 
 def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
@@ -143,13 +147,15 @@ def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
     shape = entry.get("shape", "cylinder")
     if not isinstance(shape, str) or shape not in _SHAPE_KEYS:
         raise OptionError(f"{place}: shape={shape!r} is not valid; valid shapes: {', '.join(_SHAPE_KEYS)}")
-    known = (*_COMMON_KEYS, *_SHAPE_KEYS[shape])
+    known = (*_COMMON_KEYS, *_SHAPE_KEYS[shape], *_OPTIONAL_KEYS[shape])
     for key in entry:
         if key not in known:
             raise OptionError(f"{place}: unknown key {key!r}; keys of a {shape}: {', '.join(known)}")
     for key in ("position", "height", *_SHAPE_KEYS[shape]):
         if key not in entry:
             raise OptionError(f"{place}: key {key!r} is missing; keys of a {shape}: {', '.join(known)}")
+    if not isinstance(is_lying := entry.get("lying", False), bool):
+        raise OptionError(f"{place}: lying={is_lying!r} must be True or False")
     full = 2 * HALF_WIDTH_LIMITS[0], 2 * HALF_WIDTH_LIMITS[1]
     if shape == "box":
         half_x, half_y = (_number(place, key, entry[key], *full) / 2 for key in ("depth", "width"))
@@ -161,6 +167,7 @@ def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
         position=_position(place, entry["position"]),
         yaw=_number(place, "yaw", entry.get("yaw", 0.0), -2 * math.pi, 2 * math.pi),
         mass=_number(place, "mass", entry.get("mass", DEFAULT_MASS), *MASS_LIMITS),
+        is_lying=is_lying,
     )
 
 
@@ -195,8 +202,8 @@ class _Footprint:
 
 def _footprint(scene: TableScene, index: int) -> _Footprint:
     centre = scene.positions[index]
-    half_x, half_y, _ = scene.half_extents[index]
-    if not scene.is_box[index]:
+    half_x, half_y, _ = scene.standing_extents[index]
+    if not scene.is_angular[index]:
         return _Footprint(centre, centre[None], float(half_x))
     cosine, sine = math.cos(scene.yaws[index]), math.sin(scene.yaws[index])
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (half_x, half_y)
@@ -214,7 +221,7 @@ def _check_on_table(layout: Layout, footprints: Sequence[_Footprint]) -> None:
 
 
 def _check_headroom(layout: Layout, scene: TableScene) -> None:
-    for index, height in enumerate(2 * scene.half_extents[:, 2]):
+    for index, height in enumerate(2 * scene.standing_extents[:, 2]):
         if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
             raise OptionError(
                 f"{object_name(index)} is {height:.3g} m high; layout {layout.name!r} has {layout.headroom:.3g} m "

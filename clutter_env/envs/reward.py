@@ -69,4 +69,4 @@ def _grasp_distance(world: World, measurements: Measurements, target: int) -> fl
     """[m] from the TCP to the point on the target's axis where a side grasp holds it."""
     assert world.scene is not None
     x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - measurements.poses[target, :3])
-    return math.hypot(x, y, z + float(world.scene.half_extents[target, 2]) - world.robot.grasp_height)
+    return math.hypot(x, y, z + float(world.scene.standing_extents[target, 2]) - world.robot.grasp_height)

@@ -33,11 +33,11 @@ class ObjectSet:
     Attributes:
         radius: [m] of a cylinder.
         half_depth, half_width: [m] of a box. The corners of an upright box stay within the footprint of the larger
-            cylinders' clearance.
+            cylinders' clearance. `half_depth` is also half the length of a lying cylinder.
         height: [m], for cylinders and boxes.
         mass: [kg]
         edge_margin: [m] from an object's axis to the table's edge at least.
-        shapes: which of `SHAPE_SETS` there are.
+        are_cylinders_lying: whether cylinders lie on their sides instead of standing.
         has_side_grasps: whether a level gripper grasps these objects at the robot's usual height above the table, so
             that obstructed targets can be told.
     """
@@ -48,7 +48,7 @@ class ObjectSet:
     height: Range = (0.12, 0.20)
     mass: Range = (0.15, 0.25)
     edge_margin: float = 0.045
-    shapes: tuple[str, ...] = SHAPE_SETS
+    are_cylinders_lying: bool = False
     has_side_grasps: bool = True
 
     def heights_on(self, layout: Layout) -> Range:
@@ -65,13 +65,18 @@ OBJECT_SETS: Mapping[str, ObjectSet] = MappingProxyType(
         "standard": ObjectSet(),
         "low": ObjectSet(height=(0.04, 0.08), has_side_grasps=False),
         "lying": ObjectSet(
-            half_depth=(0.05, 0.09), height=(0.04, 0.056), edge_margin=0.095, shapes=("box",), has_side_grasps=False
+            radius=(0.020, 0.028),
+            half_depth=(0.05, 0.09),
+            height=(0.04, 0.056),
+            edge_margin=0.095,
+            are_cylinders_lying=True,
+            has_side_grasps=False,
         ),
         "tall": ObjectSet(height=(0.20, 0.30)),
         "heavy": ObjectSet(mass=(0.5, 2.0)),
     }
 )
-"""Upright cylinders and boxes but for "lying": boxes on one of their long sides. A lying cylinder would roll."""
+"""Upright cylinders and boxes but for "lying": cylinders and boxes on one of their long sides."""
 
 
 def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
@@ -83,8 +88,10 @@ def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
 
 def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["standard"]) -> int:
     """How many objects of these shapes random placement reliably puts on the table."""
-    cylinder = sum(objects.radius)
-    box = math.hypot(sum(objects.half_depth), sum(objects.half_width))
+    cylinder, depth = sum(objects.radius), sum(objects.half_depth)
+    box = math.hypot(depth, sum(objects.half_width))
+    if objects.are_cylinders_lying:
+        cylinder = math.hypot(depth, cylinder)
     diameter = {"cylinder": cylinder, "box": box, "mixed": (cylinder + box) / 2}[shapes] + OBJECT_GAP
     overhang = diameter / 2 - objects.edge_margin
     area = (layout.depth + 2 * overhang) * (layout.width + 2 * overhang)

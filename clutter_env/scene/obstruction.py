@@ -132,7 +132,7 @@ def count_blockers(
     approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
     depth = _half_extent(scene, approach)
     tcp = scene.positions[:, None] - np.maximum(depth - PALM_REACH, 0.0)[..., None] * approach
-    heights = 2 * scene.half_extents[:, 2]
+    heights = 2 * scene.standing_extents[:, 2]
     is_high = heights - PAD_HALF_HEIGHT >= approaches.grasp_height
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
     own, direction = np.nonzero(is_offered)
@@ -147,34 +147,34 @@ def _grasps(scene: TableScene, max_opening: float) -> tuple[Array, Array, NDArra
     """Yaws [rad], openings [m] and whether there is such a grasp, each (n, YAWS): a box has four, along its axes."""
     turns = np.arange(YAWS) * (2 * math.pi / YAWS)
     quarter = np.arange(YAWS) * (math.pi / 2)
-    yaws = np.where(scene.is_box[:, None], scene.yaws[:, None] + quarter, turns)
+    yaws = np.where(scene.is_angular[:, None], scene.yaws[:, None] + quarter, turns)
     across = _half_extent(scene, np.stack((-np.sin(yaws), np.cos(yaws)), axis=-1))
-    is_offered = (2 * across < max_opening) & (~scene.is_box[:, None] | (np.arange(YAWS) < 4))
+    is_offered = (2 * across < max_opening) & (~scene.is_angular[:, None] | (np.arange(YAWS) < 4))
     return yaws, np.minimum(2 * (across + FINGER_GAP), max_opening), is_offered
 
 
 def _half_extent(scene: TableScene, direction: Array) -> Array:
     """Half extents (n, k) [m] of the footprints along horizontal directions (n, k, 2)."""
-    half_x, half_y = scene.half_extents[:, :1], scene.half_extents[:, 1:2]
+    half_x, half_y = scene.standing_extents[:, :1], scene.standing_extents[:, 1:2]
     c, s = np.cos(scene.yaws)[:, None], np.sin(scene.yaws)[:, None]
     along = np.abs(direction[..., 0] * c + direction[..., 1] * s)
     across = np.abs(direction[..., 1] * c - direction[..., 0] * s)
-    return np.where(scene.is_box[:, None], half_x * along + half_y * across, half_x)
+    return np.where(scene.is_angular[:, None], half_x * along + half_y * across, half_x)
 
 
 class _Pairs(NamedTuple):
     """p pairs of a grasp and an object near it.
 
     `ahead`, `aside` (p,) [m] from the TCP to the object's axis, along the approach and to its left; `opening` (p,) [m]
-    of the gripper; `half` (p, 2) [m] extents of the object's footprint; `is_box` (p,); `turn` (p,) [rad] of the object
-    from the approach.
+    of the gripper; `half` (p, 2) [m] extents of the object's footprint; `is_angular` (p,) whether it is a rectangle;
+    `turn` (p,) [rad] of the object from the approach.
     """
 
     ahead: Array
     aside: Array
     opening: Array
     half: Array
-    is_box: NDArray[np.bool_]
+    is_angular: NDArray[np.bool_]
     turn: Array
 
 
@@ -192,11 +192,11 @@ def _hits(
         ahead=ahead[is_near],
         aside=aside[is_near],
         opening=opening[grasp],
-        half=scene.half_extents[other, :2],
-        is_box=scene.is_box[other],
+        half=scene.standing_extents[other, :2],
+        is_angular=scene.is_angular[other],
         turn=scene.yaws[other] - yaws[grasp],
     )
-    heights = 2 * scene.half_extents[other, 2]
+    heights = 2 * scene.standing_extents[other, 2]
     touched = np.zeros(len(other), np.bool_)
     for start, end, half_width, radius, half_height, is_finger in zip(*approaches.solids, strict=True):
         widths = half_width + pairs.opening * is_finger * 0.5
@@ -210,7 +210,7 @@ def _are_near(
     solids: Solids, scene: TableScene, ahead: Array, aside: Array, widest_opening: float
 ) -> NDArray[np.bool_]:
     """Whether objects (k, n) are so near that a solid may touch them: most are not, and need no distances."""
-    reach = np.hypot(scene.half_extents[:, 0], scene.half_extents[:, 1]) + (solids.radius.max() + PADDING)
+    reach = np.hypot(scene.standing_extents[:, 0], scene.standing_extents[:, 1]) + (solids.radius.max() + PADDING)
     behind, before = solids.start.min() - reach, solids.end.max() + reach
     beside = solids.half_width.max() + widest_opening / 2 + reach
     return (behind < ahead) & (ahead < before) & (np.abs(aside) < beside)
@@ -222,12 +222,12 @@ def _distances(pairs: _Pairs, middle: float, half_length: float, half_width: Arr
     gap_x = np.maximum(np.abs(centred) - half_length, 0.0)
     gap_y = np.maximum(np.abs(pairs.aside) - half_width, 0.0)
     distances: Array = np.hypot(gap_x, gap_y) - pairs.half[:, 0]
-    if pairs.is_box.any():
-        distances = np.where(pairs.is_box, _box_distances(pairs, centred, half_length, half_width), distances)
+    if pairs.is_angular.any():
+        distances = np.where(pairs.is_angular, _rectangle_distances(pairs, centred, half_length, half_width), distances)
     return distances
 
 
-def _box_distances(pairs: _Pairs, ahead: Array, half_length: float, half_width: Array) -> Array:
+def _rectangle_distances(pairs: _Pairs, ahead: Array, half_length: float, half_width: Array) -> Array:
     """[m] Largest gap over the four edge normals: less than the distance where two corners face each other."""
     c, s = np.cos(pairs.turn), np.sin(pairs.turn)
     half_x, half_y = pairs.half.T

@@ -36,20 +36,25 @@ def sample_scene(
         OptionError: no placement was found; cannot happen up to `capacity`.
     """
     is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
+    is_lying = ~is_box & objects.are_cylinders_lying
+    is_angular = is_box | is_lying
     half_width = np.where(
         is_box, rng.uniform(*objects.half_width, num_objects), rng.uniform(*objects.radius, num_objects)
     )
     half_height = rng.uniform(*objects.heights_on(layout), num_objects) / 2
-    half_depth = np.where(is_box, rng.uniform(*objects.half_depth, num_objects), half_width)
-    radii = np.where(is_box, np.hypot(half_depth, half_width), half_width)
+    half_depth = np.where(is_angular, rng.uniform(*objects.half_depth, num_objects), half_width)
+    half_height = np.where(is_lying, half_width, half_height)
+    radii = np.where(is_angular, np.hypot(half_depth, half_width), half_width)
+    standing_extents = np.column_stack((half_depth, half_width, half_height))
     return TableScene(
-        half_extents=np.column_stack((half_depth, half_width, half_height)),
+        half_extents=np.where(is_lying[:, None], standing_extents[:, ::-1], standing_extents),
         is_box=is_box,
         positions=_place(rng, layout, radii, objects.edge_margin),
-        yaws=np.where(is_box, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
+        yaws=np.where(is_angular, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
         masses=rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
         target=int(rng.integers(num_objects)) if num_objects else -1,
+        is_lying=is_lying,
     )
 
 

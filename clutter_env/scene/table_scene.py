@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ class TableScene:
     """What a reset puts into the world. Arrays are read-only.
 
     `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
-    table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index.
+    table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, `is_lying`
+    (n,) whether an object is a cylinder on its side, its axis along its yaw.
     """
 
     half_extents: NDArray[np.float64]
@@ -25,9 +27,11 @@ class TableScene:
     masses: NDArray[np.float64]
     base: NDArray[np.float64]
     target: int
+    is_lying: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        for array in (self.half_extents, self.is_box, self.positions, self.yaws, self.masses, self.base):
+        arrays = (self.half_extents, self.is_box, self.positions, self.yaws, self.masses, self.base, self.is_lying)
+        for array in arrays:
             array.setflags(write=False)
 
     @property
@@ -39,6 +43,16 @@ class TableScene:
     def shapes(self) -> tuple[str, ...]:
         """The shape of each object, "box" or "cylinder"."""
         return tuple("box" if is_box else "cylinder" for is_box in self.is_box)
+
+    @property
+    def is_angular(self) -> NDArray[np.bool_]:
+        """Whether the outline from above is a rectangle, (n,); the others are circles."""
+        return self.is_box | self.is_lying
+
+    @cached_property
+    def standing_extents(self) -> NDArray[np.float64]:
+        """Half extents (n, 3) [m] as the objects are placed: along their yaw, across it, and upwards."""
+        return np.where(self.is_lying[:, None], self.half_extents[:, ::-1], self.half_extents)
 
     def with_target(self, index: int) -> TableScene:
         """The same scene with another target."""

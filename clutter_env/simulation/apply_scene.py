@@ -7,6 +7,7 @@ so that the episode depends on this scene alone and not on earlier ones.
 from __future__ import annotations
 
 import colorsys
+import math
 from functools import cache
 
 import mujoco
@@ -81,18 +82,15 @@ def _inertias(scene: TableScene) -> NDArray[np.float64]:
 
 
 def _start_poses(scene: TableScene) -> NDArray[np.float64]:
-    """Free-joint positions (n, 7): standing on the table, exactly touching it."""
-    zeros = np.zeros(scene.num_objects)
-    return np.column_stack(
-        (
-            scene.positions,
-            TABLE_HEIGHT + scene.half_extents[:, 2],
-            np.cos(scene.yaws / 2),
-            zeros,
-            zeros,
-            np.sin(scene.yaws / 2),
-        )
-    )
+    """Free-joint positions (n, 7): on the table, exactly touching it; a lying cylinder's z axis is horizontal."""
+    poses = np.zeros((scene.num_objects, 7))
+    poses[:, :2] = scene.positions
+    poses[:, 2] = TABLE_HEIGHT + scene.standing_extents[:, 2]
+    poses[:, 3], poses[:, 6] = cosine, sine = np.cos(scene.yaws / 2), np.sin(scene.yaws / 2)
+    if scene.is_lying.any():
+        tipped = math.sqrt(0.5) * np.column_stack((cosine, -sine, cosine, sine))
+        poses[scene.is_lying, 3:] = tipped[scene.is_lying]
+    return poses
 
 
 def _colours(scene: TableScene) -> NDArray[np.float64]:

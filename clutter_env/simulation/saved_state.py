@@ -115,8 +115,13 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _read_scene(value: object, most_objects: int) -> TableScene:
-    """The scene in a state of an environment with at most so many objects."""
-    read = Fields(value, "scene", [entry.name for entry in fields(TableScene)])
+    """The scene in a state of an environment with at most so many objects.
+
+    States that were saved before cylinders could lie have no entry `is_lying`.
+    """
+    names = [entry.name for entry in fields(TableScene)]
+    has_lying = isinstance(value, dict) and "is_lying" in value
+    read = Fields(value, "scene", names if has_lying else [name for name in names if name != "is_lying"])
     count = len(read.items("yaws"))
     if not min(most_objects, 1) <= count <= most_objects:
         raise StateError(
@@ -130,7 +135,10 @@ def _read_scene(value: object, most_objects: int) -> TableScene:
         masses=read.numbers("masses", (count,), *_MASS_RANGE),
         base=read.numbers("base", (3,), -_PLACE_RANGE, _PLACE_RANGE),
         target=read.integer("target", 0, count - 1) if count else read.integer("target", -1, -1),
+        is_lying=read.flags("is_lying", count) if has_lying else np.zeros(count, np.bool_),
     )
+    if (scene.is_lying & scene.is_box).any():
+        raise StateError("scene: is_lying of the state must be false for a box")
     is_oval = ~scene.is_box & (scene.half_extents[:, 0] != scene.half_extents[:, 1])
     if is_oval.any():
         raise StateError("scene: half_extents of the state must have equal entries along x and y for a cylinder")

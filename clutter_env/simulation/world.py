@@ -19,8 +19,11 @@ from clutter_env.simulation.model import ModelIndex, compile_model
 
 __all__ = ["Measurements", "World"]
 
-TOPPLED_TILT = (1 - math.cos(math.radians(45.0))) / 2
-"""Bound of qx² + qy²: an object whose axis leans farther than 45° from the vertical has toppled."""
+TOPPLED_ANGLE = math.radians(45.0)
+"""[rad] An object has toppled if its axis leans farther from the vertical, a lying cylinder's from the horizontal."""
+_UPRIGHT = 0.0, (1 - math.cos(TOPPLED_ANGLE)) / 2
+_LYING = 0.5, math.sin(TOPPLED_ANGLE) / 2
+"""qx² + qy² = (1 - cos tilt) / 2 of an object as it was placed, and its change beyond which the object has toppled."""
 FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
 
@@ -73,6 +76,7 @@ class World:
     def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses and colours of `scene`; the data do not change."""
         self.scene = scene
+        self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         apply_scene(self.model, self.index, scene)
 
     def reset(self, scene: TableScene, configuration: tuple[float, ...] | None = None) -> None:
@@ -120,7 +124,7 @@ class World:
         poses = self.data.qpos[self.index.object_qpos].reshape(-1, 7).copy()
         is_off = poses[:, 2] < FALLEN_BELOW
         tilt = poses[:, 4:6] ** 2
-        is_fallen = is_off | (tilt[:, 0] + tilt[:, 1] > TOPPLED_TILT)
+        is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
         if held >= 0:
             is_fallen[held] = False
         return Measurements(poses, is_fallen, is_off, held, is_touching)

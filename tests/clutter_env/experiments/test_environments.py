@@ -13,6 +13,7 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.environments.endurance import IDS, EnduranceError, run_endurance
 from clutter_env.experiments.environments.layout_images import layout_column, save_columns
+from clutter_env.experiments.environments.resets import ResetTimes, compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed
 
 
@@ -37,6 +38,13 @@ def test_wrong_settings_are_refused() -> None:
         next(measure_speed((1,), SpeedSettings(steps=0)))
     with pytest.raises(ConfigError, match="island"):
         next(measure_speed((1,), SpeedSettings(layout="round")))
+
+
+def test_resets_are_compared_with_those_of_fetch_pick_and_place() -> None:
+    pytest.importorskip("gymnasium_robotics")
+    times = compare_resets(rounds=1, num_objects=1)
+    assert len(times.ours) == len(times.reference) == 1
+    assert ResetTimes((2e-4, 6e-4), (1e-4, 2e-4)).summary().endswith("ratio 2.50 (2.00 to 3.00)")
 
 
 def test_the_benchmark_leaves_the_plotting_library_out_of_its_processes() -> None:

@@ -133,6 +133,21 @@ def test_refitted_bodies_are_those_of_a_compiled_model() -> None:
     assert (env.model.body_ipos[bodies] == 0).all()
 
 
+@pytest.mark.parametrize(("object_set", "shapes"), [("standard", "mixed"), ("lying", "mixed")])
+def test_constants_of_the_objects_are_those_that_mujoco_derives(object_set: str, shapes: str) -> None:
+    """All fields of the model against `mj_setConst`, but for what only cameras and lights that track a body use."""
+    env = RetrieveEnv(num_objects=10, shapes=shapes, object_set=object_set)
+    env.reset(seed=6)
+    env.reset(seed=7)
+    model = env.model
+    names = [name for name in dir(model) if isinstance(getattr(model, name, None), np.ndarray)]
+    ours = {name: getattr(model, name).copy() for name in names}
+    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    for name in set(names) - {"cam_poscom0", "light_poscom0"}:
+        assert np.allclose(ours[name], getattr(model, name), rtol=1e-14, atol=0, equal_nan=True), name
+
+
 def test_start_poses_stay_in_front() -> None:
     env = RetrieveEnv(num_objects=1)
     bases = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -41,6 +42,7 @@ def cylinders(positions: list[tuple[float, float]], radius: float = 0.03, height
         masses=np.full(count, 0.2),
         base=np.array([-1.2, 0.0, 0.0]),
         target=0,
+        is_lying=np.zeros(count, dtype=np.bool_),
     )
 
 
@@ -74,7 +76,7 @@ def test_what_is_lower_than_the_fingers_is_not_in_their_way() -> None:
     scene = cylinders([(0.0, 0.0), (-0.02, 0.075)])
     low = scene.half_extents.copy()
     low[1, 2] = 0.005
-    low_scene = TableScene(low, scene.is_box, scene.positions, scene.yaws, scene.masses, scene.base, 0)
+    low_scene = replace(scene, half_extents=low)
     assert blockers(low_scene)[0] <= blockers(scene)[0]
     assert blockers(low_scene)[1] == UNREACHABLE
 
@@ -99,11 +101,12 @@ def test_boxes_are_in_the_way_as_far_as_they_reach() -> None:
             masses=np.full(2, 0.2),
             base=np.array([-1.2, 0.0, 0.0]),
             target=0,
+            is_lying=np.zeros(2, dtype=np.bool_),
         )
         dots = cylinders([(0.0, 0.0), *map(tuple, points)])
         half = dots.half_extents.copy()
         half[1:, :2] = 1e-4
-        thin = TableScene(half, dots.is_box, dots.positions, dots.yaws, dots.masses, dots.base, 0)
+        thin = replace(dots, half_extents=half)
         differing += (blockers(box)[0] > 0) != (blockers(thin)[0] > 0)
     assert differing <= 1
 

@@ -1,0 +1,187 @@
+"""Lying cylinders: how they are placed, that they stay at rest, when they have toppled, their saved states."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import zlib
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401  registers the environments
+from assets.robots import FETCH
+from clutter_env.errors import OptionError, StateError
+from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
+from clutter_env.scene.object_sets import OBJECT_SETS
+from clutter_env.scene.obstruction import count_blockers, side_approaches
+from clutter_env.scene.random_scene import sample_scene
+
+MAGIC = b"clutter-env state 1\n"
+LYING = {"shape": "cylinder", "lying": True, "radius": 0.025, "height": 0.14}
+BOX = {"shape": "box", "depth": 0.14, "width": 0.05, "height": 0.05}
+
+
+def lying_env(**keywords: Any) -> Any:
+    """Lying cylinders beside lying boxes."""
+    return gym.make("clutter_env/Retrieve-o10-v0", object_set="lying", shapes="mixed", **keywords).unwrapped
+
+
+def idle(env: Any, steps: int) -> dict[str, Any]:
+    """The info after the robot has stood still for some steps."""
+    action = env.joint_action(env.data.qpos[env.world.index.drive_qpos], env.robot.max_opening)
+    for _ in range(steps):
+        info = env.step(action)[4]
+    return info
+
+
+def place(env: Any, slot: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
+    """Put an object elsewhere, at rest and awake."""
+    env.data.qpos[env.world.index.object_qpos].reshape(-1, 7)[slot] = (*position, *quaternion)
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(env.model, kind))
+    mujoco.mj_getState(env.model, env.data, state, kind)
+    mujoco.mj_setState(env.model, env.data, state, kind)
+
+
+def test_they_lie_along_their_yaw_and_touch_the_table() -> None:
+    env = lying_env()
+    for seed in range(5):
+        env.reset(seed=seed)
+        scene = env.world.scene
+        assert scene.is_lying.tolist() == [True, False] * 5
+        axes = env.data.geom_xmat[env.world.index.object_geoms].reshape(-1, 3, 3)[:, :, 2]
+        along = np.column_stack((np.cos(scene.yaws), np.sin(scene.yaws), np.zeros(10)))
+        assert np.allclose(axes[scene.is_lying], along[scene.is_lying], atol=1e-12)
+        lowest = [env.world.lowest_point(env.measurements, slot) for slot in range(10)]
+        assert np.allclose(lowest, TABLE_HEIGHT, atol=1e-12)
+        half = scene.half_extents[scene.is_lying]
+        assert (half[:, 2] > 1.5 * half[:, 0]).all(), "longer than thick"
+
+
+def test_they_stay_where_they_are_when_woken() -> None:
+    """Awake for 5 s on a table that they share with boxes: no cylinder rolls."""
+    env = lying_env()
+    env.reset(seed=1)
+    env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    before = env.measurements.poses.copy()
+    info = idle(env, 100)
+    assert np.abs(env.measurements.poses[:, :3] - before[:, :3]).max() < 1e-3
+    assert info["num_fallen"] == info["num_disturbed"] == 0
+
+
+def test_they_have_toppled_when_they_stand_up_and_not_when_they_roll() -> None:
+    env, cylinder = lying_env(), 2
+    env.reset(seed=1)
+    (x, y, z), lying = env.measurements.poses[cylinder, :3], env.measurements.poses[cylinder, 3:]
+    rolled = np.empty(4)
+    mujoco.mju_mulQuat(rolled, lying, np.array([math.cos(1.0), 0.0, 0.0, math.sin(1.0)]))
+    place(env, cylinder, (x, y, z), tuple(rolled))
+    assert idle(env, 10)["num_fallen"] == 0
+    for standing in ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)):
+        env.reset(seed=1)
+        place(env, cylinder, (x, y, TABLE_HEIGHT + 0.1), standing)
+        assert idle(env, 1)["num_fallen"] == 1
+
+
+def test_upright_cylinders_have_toppled_when_they_lie() -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    env.reset(seed=1)
+    x, y, _ = env.measurements.poses[2, :3]
+    place(env, 2, (x, y, TABLE_HEIGHT + 0.05), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+    assert idle(env, 1)["num_fallen"] == 1
+
+
+def test_described_cylinders_lie_where_they_are_told() -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    beside = {**LYING, "position": (0.0, 0.055)}
+    env.reset(options={"objects": [{**LYING, "position": (0.0, 0.0)}, beside, {**BOX, "position": (0.0, -0.055)}]})
+    assert env.world.scene.is_lying.tolist() == [True, True, False]
+    assert env.data.ncon == 0
+    assert np.allclose(env.measurements.poses[:, 2], TABLE_HEIGHT + 0.025)
+
+
+@pytest.mark.parametrize(
+    ("objects", "hint"),
+    [
+        ([{**LYING, "position": (0.0, 0.0), "lying": 1}], "True or False"),
+        ([{**BOX, "position": (0.0, 0.0), "lying": True}], "unknown key 'lying'"),
+        ([{**LYING, "position": (0.0, 0.0)}, {**LYING, "position": (0.1, 0.0)}], "overlap"),
+        ([{**LYING, "position": (0.30, 0.0)}], "edge"),
+    ],
+)
+def test_wrong_descriptions_are_refused(objects: list[dict[str, Any]], hint: str) -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    with pytest.raises(OptionError, match=hint):
+        env.reset(options={"objects": objects})
+
+
+def test_they_are_in_the_way_of_grasps_like_boxes_of_the_same_outline() -> None:
+    target = {"shape": "cylinder", "radius": 0.03, "height": 0.16, "position": (0.1, 0.0)}
+    log = {"shape": "cylinder", "lying": True, "radius": 0.05, "height": 0.12, "yaw": 1.2}
+    box = {"shape": "box", "depth": 0.12, "width": 0.1, "height": 0.1, "yaw": 1.2}
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    found = []
+    for shape in (log, box):
+        env.reset(options={"objects": [target, *({**shape, "position": (0.02, side)} for side in (-0.1, 0.1))]})
+        found.append(count_blockers(side_approaches("fetch"), LAYOUTS["paper"], env.world.scene, FETCH.max_opening))
+    assert found[0].tolist() == found[1].tolist()
+    assert found[0][0] > 0
+
+
+@pytest.mark.parametrize("object_set", ["low", "lying"])
+def test_obstructed_is_refused_for_sets_without_side_grasps(object_set: str) -> None:
+    env = gym.make("clutter_env/Retrieve-o10-v0", object_set=object_set).unwrapped
+    with pytest.raises(OptionError, match=r"too low for side grasps; valid values: 'standard', 'tall', 'heavy'"):
+        env.reset(seed=0, options={"obstructed": True})
+
+
+def test_lying_boxes_of_old_seeds_stay_what_they_were() -> None:
+    digest = hashlib.sha256()
+    for seed in range(20):
+        scene: Any = sample_scene(np.random.default_rng(seed), LAYOUTS["paper"], 12, "box", OBJECT_SETS["lying"])
+        for part in ("half_extents", "is_box", "positions", "yaws", "masses", "base"):
+            digest.update(getattr(scene, part).tobytes())
+    assert digest.hexdigest() == "d3dbd7185c331ef6b1156262665e2c658dcd0c5482bca429a0100c5715293543"
+
+
+def test_a_state_continues_bit_for_bit() -> None:
+    env = lying_env()
+    env.reset(seed=5)
+    actions = np.random.default_rng(0).uniform(-1, 1, (60, env.action_size))
+    for action in actions[:20]:
+        env.step(action)
+    state = env.save_state()
+    first = [env.step(action)[0]["objects"] for action in actions[20:]]
+    other = lying_env()
+    other.reset(seed=0, options={"state": state})
+    second = [other.step(action)[0]["objects"] for action in actions[20:]]
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def rewritten(state: bytes, change: Any) -> bytes:
+    """The state with its scene changed, sealed again."""
+    content = json.loads(zlib.decompress(state[len(MAGIC) + 32 :]))
+    change(content["scene"])
+    body = zlib.compress(json.dumps(content).encode())
+    return MAGIC + hashlib.sha256(body).digest() + body
+
+
+def test_states_from_before_cylinders_could_lie_are_restored() -> None:
+    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    env.reset(seed=2)
+    old = rewritten(env.save_state(), lambda scene: scene.pop("is_lying"))
+    env.reset(seed=3)
+    env.restore_state(old)
+    assert not env.world.scene.is_lying.any()
+
+
+def test_a_lying_box_in_a_state_is_refused() -> None:
+    env = lying_env()
+    env.reset(seed=2)
+    with pytest.raises(StateError, match="is_lying"):
+        env.restore_state(rewritten(env.save_state(), lambda scene: scene.update(is_lying=[True] * 10)))
