@@ -8,7 +8,7 @@ WORKERS ?= 2
 OBJECTS ?= 15
 SOURCES := assets irm planners clutter_env scripts tests
 
-.PHONY: help setup demo test test-slow check format bench clean
+.PHONY: help setup demo test test-slow check format bench soak clean
 
 help:
 	@echo "make setup      virtual environment with the package, its visuals and the development tools"
@@ -16,6 +16,7 @@ help:
 	@echo "make test       the fast tests;  make test-slow: all of them"
 	@echo "make check      format, lint, types, import contracts, fast tests"
 	@echo "make bench      speed, memory and rendering of the environments"
+	@echo "make soak       two million random steps through all environments, about half an hour"
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "Python 3.11, 3.12 or 3.13 is needed; say which with make PYTHON=..."; exit 1; }
@@ -62,6 +63,9 @@ format: $(VENV)/.dev
 
 bench: $(VENV)/.core
 	$(BIN)/python scripts/benchmark.py
+
+soak: $(VENV)/.core
+	$(BIN)/python scripts/soak.py --steps 2000000
 
 clean:
 	rm -rf $(VENV) outputs .pytest_cache .ruff_cache .mypy_cache

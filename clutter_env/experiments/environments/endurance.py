@@ -7,14 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 import clutter_env
-from clutter_env.config import CONTROL_MODES
+from clutter_env.config import CONTROL_MODES, EnvConfig
 from clutter_env.envs.base import BaseEnv
+from clutter_env.errors import ConfigError
+from clutter_env.scene.layout import LAYOUTS
 
 __all__ = ["EnduranceError", "EnduranceResult", "run_endurance"]
 
@@ -23,7 +26,18 @@ IDS = (
     "clutter_env/Reach-v0",
     "clutter_env/Pick-v0",
 )
-LAYOUTS = ("paper", "shelf")
+VARIANTS: tuple[dict[str, Any], ...] = (
+    {},
+    {"object_set": "lying", "shapes": "mixed"},
+    {"obstructed": True},
+    {"object_set": "low", "shapes": "box", "success": "lifted"},
+    {"object_set": "tall", "terminate_on_fallen": True},
+    {"object_set": "heavy", "shapes": "mixed"},
+    {"obstructed": 2, "success": "lifted"},
+)
+"""Further keyword arguments, which the environments of Retrieve take in turn, as far as their objects fit."""
+OBSTRUCTED_OBJECTS = 20
+"""Objects from which obstructed targets are common on every layout."""
 EPISODE_STEPS = 500
 ACTION_STEPS = 5
 """Steps for which a random action is kept, so that the robot gets somewhere."""
@@ -49,15 +63,16 @@ class EnduranceResult:
     def summary(self) -> str:
         """The counts in words."""
         half = len(self.memory_mb) // 2
+        first, second = self.memory_mb[: half + 1], self.memory_mb[half:]
         return (
             f"{self.steps} steps, {self.episodes} episodes\n"
             f"warnings from MuJoCo: {self.warnings}\n"
-            f"resident memory: {self.memory_mb[half]:.0f} MB at half time, {self.memory_mb[-1]:.0f} MB at the end"
+            f"resident memory: at most {max(first):.0f} MB in the first half, {max(second):.0f} MB in the second"
         )
 
 
 def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda _: None) -> EnduranceResult:
-    """Step all ids in both control modes and two layouts, one after the other in this process.
+    """Step all ids in both control modes and all layouts, one after the other in this process.
 
     Args:
         steps: control steps in all, shared equally; rounded up to a whole number for each environment.
@@ -70,15 +85,40 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
     """
     if steps < 1:
         raise ValueError(f"steps={steps} must be at least 1")
-    kinds = list(product(LAYOUTS, IDS, CONTROL_MODES))
+    kinds = _kinds()
     share = -(-steps // len(kinds))
     result = EnduranceResult()
-    for number, (layout, env_id, mode) in enumerate(kinds):
-        env = gym.make(env_id, control_mode=mode, layout=layout, reward_mode="dense", max_episode_steps=EPISODE_STEPS)
+    for number, (env_id, keywords) in enumerate(kinds):
+        env = gym.make(env_id, reward_mode="dense", max_episode_steps=EPISODE_STEPS, **keywords)
         _run_one(env, share, seed + number, result, report)
         env.close()
         result.memory_mb.append(_resident_mb())
     return result
+
+
+def _kinds() -> list[tuple[str, dict[str, Any]]]:
+    """Id and keyword arguments of every environment; those with more objects than fit their table are left out."""
+    kinds, waiting = [], list(VARIANTS)
+    for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
+        keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}
+        if "Retrieve" not in env_id:
+            kinds.append((env_id, keywords))
+            continue
+        fitting = [variant for variant in waiting if _can_be_drawn(keywords | variant)]
+        if fitting:
+            kinds.append((env_id, keywords | fitting[0]))
+            waiting.remove(fitting[0])
+            waiting.append(fitting[0])
+    return kinds
+
+
+def _can_be_drawn(keywords: dict[str, Any]) -> bool:
+    """Whether the objects fit the table, and obstructed targets are common among them."""
+    try:
+        config = EnvConfig.from_keywords(keywords)
+    except ConfigError:
+        return False
+    return not config.obstructed or config.num_objects >= OBSTRUCTED_OBJECTS
 
 
 def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, report: Callable[[int], None]) -> None:
