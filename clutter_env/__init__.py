@@ -4,10 +4,18 @@ from gymnasium.envs.registration import WrapperSpec, register
 
 from clutter_env.suites import suite, suite_names
 
-__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget", "suite", "suite_names"]
+__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget", "suite", "suite_names", "time_limit"]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
+
+
+def time_limit(num_objects: int) -> int:
+    """Control steps in an episode of Retrieve: 20 s, and 11 s for each object.
+
+    About 2.5 times the 95% quantile of the expert's episodes; docs/retrieve.md has the measurement and its command.
+    """
+    return 400 + 220 * num_objects
 
 
 def skill_budget(num_objects: int) -> int:
@@ -20,8 +28,7 @@ for _count in OBJECT_COUNTS:
         id=f"clutter_env/Retrieve-o{_count}-v0",
         entry_point="clutter_env.envs.retrieve:RetrieveEnv",
         kwargs={"num_objects": _count},
-        # 20 s, and 11 s for each object: about 2.5 times the 95% quantile of the expert's episodes, docs/retrieve.md.
-        max_episode_steps=400 + 220 * _count,
+        max_episode_steps=time_limit(_count),
     )
 
 for _name in ("Reach", "Pick"):

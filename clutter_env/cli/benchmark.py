@@ -15,6 +15,7 @@ import mujoco
 from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
+from clutter_env.experiments.environments.batch_scaling import measure_batch
 from clutter_env.experiments.environments.resets import compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
 from clutter_env.experiments.environments.toppled import measure_toppled
@@ -38,6 +39,8 @@ class Arguments:
     """Measure only this: steps per second with 40 objects toppled, over so many episodes."""
     resets: int = 0
     """Measure only this: a reset with 20 objects beside one of FetchPickAndPlace, in so many rounds of 100."""
+    batch: int = 0
+    """Measure only this: so many environments of 20 objects, their physics on one and on two threads of a pool."""
     output: Path = Path("outputs/benchmark.png")
     """File of the plot."""
     json: Path | None = None
@@ -51,6 +54,9 @@ def run(arguments: Arguments) -> None:
         return
     if arguments.resets:
         print(compare_resets(rounds=arguments.resets, seed=arguments.seed).summary())
+        return
+    if arguments.batch:
+        print(measure_batch(num_envs=arguments.batch, seed=arguments.seed).summary())
         return
     # The measuring processes import this module: matplotlib, imported above, would count as their memory.
     from clutter_env.experiments.environments.speed_plot import plot_speed

@@ -11,6 +11,7 @@ from PIL import Image
 from clutter_env.cli import benchmark
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
+from clutter_env.experiments.environments.batch_scaling import BatchScaling, measure_batch
 from clutter_env.experiments.environments.endurance import IDS, EnduranceError, run_endurance
 from clutter_env.experiments.environments.layout_images import layout_column, save_columns
 from clutter_env.experiments.environments.resets import ResetTimes, compare_resets
@@ -46,6 +47,13 @@ def test_resets_are_compared_with_those_of_fetch_pick_and_place() -> None:
     times = compare_resets(rounds=1, num_objects=1)
     assert len(times.ours) == len(times.reference) == 1
     assert ResetTimes((2e-4, 6e-4), (1e-4, 2e-4)).summary().endswith("ratio 2.50 (2.00 to 3.00)")
+
+
+def test_a_batch_steps_the_same_physics() -> None:
+    scaling = measure_batch(num_envs=2, num_objects=3)
+    assert scaling.is_same
+    assert scaling.step > scaling.physics > 0
+    assert BatchScaling(3.0, 2.0, (2.0, 2.0), True).share_of_linear == pytest.approx(0.75)
 
 
 def test_the_benchmark_leaves_the_plotting_library_out_of_its_processes() -> None:
