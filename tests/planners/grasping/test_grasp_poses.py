@@ -13,7 +13,7 @@ from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, UnknownGraspSet, find_grasp_set
 from planners.grasping.grasp_poses import GraspPose, GripperClearances, generate_grasps, gripper_opening
-from planners.placing.locations import PlacementConfig, placement_grid, placement_levels
+from planners.placing.locations import PlacementConfig, placement_grid, placement_levels, stand_at
 from planners.scene import Body, StaticObstacle
 from tests.planners.scenes import HEIGHT, table_scene
 
