@@ -20,7 +20,7 @@ def begun(seed: int, objects: int = 15) -> tuple[gymnasium.Env, TampExpert]:
     """An environment whose target is obstructed, and an expert that has planned in it."""
     env = gymnasium.make(f"clutter_env/Retrieve-o{objects}-v0", obstructed=objects > 1, max_episode_steps=9000)
     _, info = env.reset(seed=seed)
-    expert = TampExpert(env, config=ExpertConfig(with_floor=False))
+    expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False))
     expert.reset(info["target"])
     return env, expert
 
@@ -106,7 +106,7 @@ def test_what_is_carried_strikes_nothing_although_the_arm_lags() -> None:
     """The third object cleared in this scene is carried past another one."""
     env = gymnasium.make("clutter_env/Retrieve-o15-v0", max_episode_steps=9000)
     _, info = env.reset(seed=92099)
-    expert = TampExpert(env, config=ExpertConfig(with_floor=False))
+    expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False))
     expert.reset(info["target"])
     while not expert.done:
         env.step(expert.act())
