@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
 from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.resting import objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.families import SIDE, GraspFamily
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
@@ -63,7 +64,7 @@ class GraspCandidate:
         q: (8,) torso [m] and arm [rad] at the grasp.
         yaw, pitch: [rad] of the gripper in the world; pitch 0 is level, π/2 points down.
         opening: of the gripper [m] before the fingers close.
-        blockers: mask of the objects hit at the grasp, or known to be in the way to or from it.
+        blockers: mask of the objects hit at the grasp, standing on the object, or known to be in the way to or from it.
         quality: larger is better.
     """
 
@@ -166,7 +167,9 @@ class GraspCandidates:
         poses = GripperPoses(bases, wanted[index])
         held = () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
-        found = scan_configurations(self.compiled.world(scene), poses, self._grid(), opening, ignore=ignore)
+        world = self.compiled.world(scene)
+        found = scan_configurations(world, poses, self._grid(), opening, ignore=ignore)
+        found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
         return as_candidates(body.name, poses, opening, found)
 
     def _grid(self) -> ConfigurationGrid:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
+from planners.collision.resting import with_room_below
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import FIXED_BITS, on_base, tcp_pose
 from planners.motion.arm_query import ArmQuery
@@ -130,7 +131,8 @@ def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, i
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
     openings = _openings(world.scene.robot, body, T_world_tcp)
-    return GraspContext(world, world, np.array(base, dtype=float), q, *openings, held, ignore)
+    loaded = with_room_below(world, name)
+    return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore)
 
 
 def release_context(
