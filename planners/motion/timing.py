@@ -74,11 +74,25 @@ def time_parametrise(
     return Trajectory(times, samples[:, :3], samples[:, 3:], fingers, (phase,))
 
 
-def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState) -> Trajectory:
-    """The trajectory of a base path, arm and fingers still; its one phase is "drive"."""
+def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState, homing: ArmPath | None = None) -> Trajectory:
+    """The trajectory of a base path, arm and fingers still: the phase "drive".
+
+    Where the arm moves home before, its motion comes first: the phases "ready" (the fingers open) and "home".
+    """
     held = path.held.name if path.held is not None else ""
     phase = Phase("drive", 0.0, held, path.held)
-    return time_parametrise(path.configurations, robot, state.finger_position, phase, path.held is not None)
+    if homing is None:
+        return time_parametrise(path.configurations, robot, state.finger_position, phase, path.held is not None)
+    open_at = state.finger_position if path.held is not None else robot.finger_position(homing.opening)
+    return join(
+        [
+            _fingers(
+                robot, homing.configurations[0], state.finger_position, open_at, phase._replace(name="ready"), 0.0
+            ),
+            _along(robot, homing, open_at, "home"),
+            time_parametrise(path.configurations, robot, open_at, phase, path.held is not None),
+        ]
+    )
 
 
 def pick_trajectory(robot: RobotSpec, motion: PickMotion, state: RobotState) -> Trajectory:

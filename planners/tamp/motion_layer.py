@@ -18,6 +18,7 @@ from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
+from planners.motion.homing import plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, PlaceMotion, can_leave, plan_pick, plan_place
 from planners.motion.tcp_following import TcpFollower, follow
@@ -150,12 +151,18 @@ class MotionLayer:
         return itertools.islice(itertools.chain(first, others), strategy.placements)
 
     def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
-        """Drive to a base pose in the present configuration."""
-        found = plan_base(self._compiled(scene), scene.state.base, base, scene.state.q, held=scene.held)
+        """Drive to a base pose in the present configuration; where that is not free, the arm moves home first."""
+        world, homing = self._compiled(scene), None
+        found = plan_base(world, scene.state.base, base, scene.state.q, held=scene.held)
+        if isinstance(found, NoPath):
+            home = plan_home(world, scene.state, self.rng)
+            if isinstance(home, NoPath) or not self._is_accepted(scene, [home]):
+                return found
+            found, homing = plan_base(world, scene.state.base, base, home.end, held=scene.held), home
         if isinstance(found, NoPath):
             return found
-        trajectory = drive_trajectory(scene.robot, found, scene.state)
-        state = RobotState(np.asarray(base), scene.state.q, scene.state.finger_position)
+        trajectory = drive_trajectory(scene.robot, found, scene.state, homing)
+        state = RobotState(found.waypoints[-1], found.q, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
@@ -176,14 +183,14 @@ class MotionLayer:
         world = self._compiled(scene)
         for _ in range(_TRIES):
             motion = plan_place(
-                world, placement.base, scene.state.q, placement.q, scene.held, rng=self.rng, find_blockers=False
+                world, scene.state.base, scene.state.q, placement.q, scene.held, rng=self.rng, find_blockers=False
             )
             if not isinstance(motion, PlaceMotion):
                 return motion
             if self._is_accepted(scene, motion.paths[:2]) and self._is_accepted(
                 scene.with_held(None).with_body(motion.placed), motion.paths[2:]
             ):
-                return self._followed(scene, _placed(scene, motion, placement), (scene.held.name,))
+                return self._followed(scene, _placed(scene, motion), (scene.held.name,))
         return NoPath("MuJoCo finds penetration")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
@@ -219,7 +226,7 @@ def _picked(scene: Scene, motion: PickMotion) -> BoundMotion:
     return BoundMotion(trajectory, scene.with_state(state).with_held(motion.held))
 
 
-def _placed(scene: Scene, motion: PlaceMotion, placement: Placement) -> BoundMotion:
+def _placed(scene: Scene, motion: PlaceMotion) -> BoundMotion:
     trajectory = place_trajectory(scene.robot, motion, scene.state)
-    state = RobotState(placement.base, motion.retreat.end, float(trajectory.finger_position[-1]))
-    return BoundMotion(trajectory, scene.with_state(state).with_held(None).with_body(motion.placed))
+    state = RobotState(scene.state.base, motion.retreat.end, float(trajectory.finger_position[-1]))
+    return BoundMotion(trajectory, scene.with_held(None).with_state(state).with_body(motion.placed))

@@ -125,7 +125,7 @@ def test_from_mujoco_reads_what_the_simulation_holds(layout: str) -> None:
     assert np.array_equal(before, data.qpos)
     assert np.allclose(scene.state.base, [-1.0, 0.2, 0.3])
     assert np.allclose(scene.state.q, FETCH.home)
-    assert scene.state.finger_position == pytest.approx(0.02)
+    assert scene.state.finger_position == 0.0, "commanded to close on what is held"
     for body in scene.objects:
         assert np.allclose(body.position, data.geom(body.name).xpos)
         assert np.allclose(body.rotation, data.geom(body.name).xmat.reshape(3, 3))
