@@ -14,7 +14,8 @@ class Cause(StrEnum):
         NO_SELF_CLEARABLE_SET: whatever is removed first, some object that must go before the target blocks itself.
         UNREACHABLE: no free base pose and arm configuration reach the target.
         NO_CLEARANCE_LOCATION: an object must be put down, but no location keeps clear of what remains to be done.
-        MOTION: grasps exist, but motion planning refuted so many that no way to clear and take the target is left.
+        MOTION: grasps exist, but motion planning refuted so many, or objects were put aside so, that no way to clear
+            and take the target is left.
         TIME_LIMIT: the time limit, or the limit on replans or clearances, was reached.
     """
 

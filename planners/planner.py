@@ -29,6 +29,7 @@ from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
 from planners.tamp.algorithm1 import task_and_motion_plan
+from planners.tamp.attempts import best_outcome, is_final
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
@@ -58,7 +59,8 @@ def solve(
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
-            else with the cause "time limit". Compilation on the first run of a machine does not count; see `warmup`.
+            else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
+            run of a machine does not; see `warmup`.
         grasps: name of the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top" or "all".
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
             grasps the first alone, R_plane of the paper, with other grasp sets all.
@@ -102,8 +104,8 @@ def clearance_floor(
 def warmup(robot: RobotSpec = FETCH) -> None:
     """Load or compile every kernel that a solve uses, and load or build the robot's reachability map.
 
-    `solve`, `clearance_floor` and the expert do this themselves before their clocks start. Once done in a process it
-    takes microseconds. The first run on a machine compiles for some minutes and logs a warning that says so.
+    `solve`, `clearance_floor` and the expert do this themselves. Once done in a process it takes microseconds. The
+    first run on a machine compiles for some minutes and logs a warning that says so.
     """
     Planner(robot).warmup()
 
@@ -154,9 +156,11 @@ class Planner:
         """As the function `solve`."""
         scene.index(target)
         chosen = find_strategy(strategy)
-        Deadline.after(time_limit)
-        self.warmup()
-        return self._solve(scene, target, chosen, rng or np.random.default_rng(0), Deadline.after(time_limit))
+        deadline = warm_once(self, self._exercise, Deadline.after(time_limit))
+        if deadline.is_over:
+            detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
+            return Infeasible(Cause.TIME_LIMIT, detail, target=target, strategy=chosen)
+        return self._solve(scene, target, chosen, rng or np.random.default_rng(0), deadline)
 
     def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
         """As the function `clearance_floor`."""
@@ -181,12 +185,14 @@ class Planner:
         compiled = CompiledScenes()
         validate(compiled.world(scene))
         outcomes: list[Solution | Infeasible] = []
+        is_proved = False
         for motion_layer in self._motion_layers(scene, compiled, rng, deadline, strategy.attempts):
             search = Search(target, strategy, self._task_planner, motion_layer)
             outcomes.append(task_and_motion_plan(search, scene))
-            if deadline.is_over or _is_final(outcomes[-1], motion_layer):
+            is_proved = is_final(outcomes[-1], motion_layer)
+            if deadline.is_over or is_proved:
                 break
-        best = min(outcomes, key=_shortcoming)
+        best = best_outcome(outcomes, is_proved, deadline)
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
 
     def _clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None) -> ClearanceFloor:
@@ -214,26 +220,6 @@ class Planner:
     def chain(self) -> ArmChain:
         """The robot's torso and arm."""
         return ArmChain.from_robot(self.robot)
-
-
-def _is_final(outcome: Solution | Infeasible, motion_layer: MotionLayer) -> bool:
-    """Whether another attempt could do no better.
-
-    A plan that clears an object twice can be improved on. A refusal cannot if it follows from the grasps alone, none of
-    them refuted by motion planning and no object moved.
-    """
-    if isinstance(outcome, Solution):
-        return not outcome.duplicated
-    by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
-    is_proved = by_grasps and not outcome.clearances and not motion_layer.has_refuted and motion_layer.follower is None
-    return is_proved or outcome.cause is Cause.TIME_LIMIT
-
-
-def _shortcoming(outcome: Solution | Infeasible) -> tuple[bool, int, int]:
-    """Plans before refusals, then few objects cleared twice, then few clearances."""
-    if isinstance(outcome, Infeasible):
-        return True, 0, 0
-    return False, len(outcome.duplicated), len(outcome.clearances)
 
 
 @dataclass(frozen=True)

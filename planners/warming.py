@@ -1,9 +1,12 @@
-"""Warming up: kernels and maps are compiled, built or loaded before the clock of a solve starts."""
+"""Warming up: kernels and maps are compiled, built or loaded before a solve."""
 
 from __future__ import annotations
 
 import logging
+import math
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +14,7 @@ from numba.core import event
 
 from assets.robots import RobotSpec
 from irm.maps.cache import cache_file
+from planners.clock import NO_DEADLINE, Deadline
 from planners.scene import Body, RobotState, Scene, StaticObstacle
 
 __all__ = ["warm_once"]
@@ -26,6 +30,8 @@ _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 _warm: set[tuple[RobotSpec, type]] = set()
 """What this process has warmed up: robots, with the kind of their follower."""
+_loading: dict[tuple[RobotSpec, type], _Loading] = {}
+"""What it is warming up."""
 
 
 class Warmable(Protocol):
@@ -42,38 +48,92 @@ class Warmable(Protocol):
         ...
 
 
-def warm_once(planner: Warmable, exercise: Callable[[Scene, str], None]) -> None:
+def warm_once(planner: Warmable, exercise: Callable[[Scene, str], None], deadline: Deadline = NO_DEADLINE) -> Deadline:
     """Exercise a planner in a small scene, unless this process has done so; microseconds if it has.
+
+    That is done in a thread, which goes on where the deadline comes first; the next call then waits for it.
 
     Args:
         planner: its robot and follower say what has to be loaded.
         exercise: runs what a solve runs for a target in a scene.
+        deadline: how long to wait. Compilation, once per machine, does not count.
+
+    Returns:
+        the deadline, later by the time that was spent on compilation; if it is over, not all is loaded.
     """
     key = planner.robot, type(planner.follower)
     if key in _warm:
-        return
-    path = cache_file(planner.robot)
-    if not path.exists():
-        _LOG.warning("building the reachability map of %s, once (about a minute); kept in %s", planner.robot.name, path)
-    with event.install_listener("numba:compile", _Announcement()):
-        exercise(warmup_scene(planner.robot), _TARGET)
-    _warm.add(key)
+        return deadline
+    if key not in _loading:
+        _loading[key] = _Loading(planner.robot, exercise)
+    until = _loading[key].wait(deadline)
+    if _loading[key].is_done:
+        _loading.pop(key).check()
+        _warm.add(key)
+    return until
 
 
-class _Announcement(event.Listener):  # type: ignore[misc]  # numba has no type hints
-    """Logs that kernels are being compiled when the first one is; kernels loaded from the cache are not reported."""
+class _Loading:
+    """A thread that loads or compiles what a planner needs. A process does not end before it has ended."""
+
+    def __init__(self, robot: RobotSpec, exercise: Callable[[Scene, str], None]) -> None:
+        """Start it."""
+        self._compilation = _Compilation()
+        executor = ThreadPoolExecutor(max_workers=1)
+        self._future = executor.submit(self._load, robot, exercise)
+        executor.shutdown(wait=False)
+
+    def _load(self, robot: RobotSpec, exercise: Callable[[Scene, str], None]) -> None:
+        path = cache_file(robot)
+        if not path.exists():
+            _LOG.warning("building the reachability map of %s, once (about a minute); kept in %s", robot.name, path)
+        with event.install_listener("numba:compile", self._compilation):
+            exercise(warmup_scene(robot), _TARGET)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has ended."""
+        return self._future.done()
+
+    def check(self) -> None:
+        """Raise what the exercise has raised."""
+        self._future.result()
+
+    def wait(self, deadline: Deadline) -> Deadline:
+        """Wait until it has ended or a deadline is over; the deadline, later by the time spent on compilation."""
+        before = self._compilation.seconds
+        while True:
+            is_done, until = self.is_done, Deadline(deadline.at + self._compilation.seconds - before)
+            if is_done or until.is_over:
+                return until
+            wait([self._future], None if math.isinf(until.at) else until.remaining)
+
+
+class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type hints
+    """Says once that kernels are being compiled, and measures for how long; loading from the cache does not count."""
 
     def __init__(self) -> None:
+        self._begun: list[float] = []
+        self._ended_s = 0.0
         self._said = False
 
+    @property
+    def seconds(self) -> float:
+        """[s] of wall time spent on compilation so far."""
+        return self._ended_s + sum(time.monotonic() - begun for begun in self._begun[:1])
+
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002  the listener's interface
-        """A kernel is being compiled."""
+        """A kernel is being compiled, perhaps inside the compilation of another one."""
+        self._begun.append(time.monotonic())
         if not self._said:
             self._said = True
             _LOG.warning("compiling the planner's kernels, once per machine (some minutes)")
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002  the listener's interface
         """A kernel has been compiled."""
+        if len(self._begun) == 1:
+            self._ended_s = self.seconds
+        self._begun.pop()
 
 
 def warmup_scene(robot: RobotSpec) -> Scene:

@@ -26,10 +26,12 @@ __all__ = ["task_and_motion_plan"]
 
 _CAUSES = {
     "cyclic": Cause.NO_SELF_CLEARABLE_SET,
+    "no grasp": Cause.UNREACHABLE,
     "no location": Cause.NO_CLEARANCE_LOCATION,
+    "unsolvable": Cause.MOTION,
     "gave up": Cause.TIME_LIMIT,
 }
-"""What a task planner's reasons mean for the whole solve; all others mean that something cannot be reached."""
+"""What a task planner's reasons mean for the whole solve."""
 
 
 def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
@@ -81,7 +83,7 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
     if isinstance(found, TaskPlan):
         return found
     detail = f"{found.engine} found no task plan: {found.reason}"
-    return infeasible(search, _CAUSES.get(found.reason, Cause.UNREACHABLE), detail, found.evidence)
+    return infeasible(search, _CAUSES[found.reason], detail, found.evidence)
 
 
 def call_motion_planning(

@@ -17,6 +17,8 @@ from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveS
 
 __all__ = ["PlanState", "Refutation", "Search", "TampLimits", "infeasible", "out_of_time", "stats"]
 
+_BY_GRASPS = (Cause.UNREACHABLE, Cause.NO_SELF_CLEARABLE_SET)
+
 
 @dataclass(frozen=True)
 class TampLimits:
@@ -81,15 +83,22 @@ class Search:
 
 
 def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
-    """The end of the search without a plan."""
+    """The end of the search without a plan.
+
+    A cause that lies in the grasps alone is one only as long as no grasp was refuted and no object moved; it is the
+    motions afterwards.
+    """
     cleared = tuple(search.clearances)
+    if cause in _BY_GRASPS and (search.motion_layer.has_refuted or search.history or cleared):
+        cause = Cause.MOTION
     return Infeasible(cause, detail, objects, cleared, stats(search), search.target, search.strategy)
 
 
 def out_of_time(search: Search) -> Infeasible:
     """The end of the search at the time limit, or after too many replans or clearances."""
     counts = f"{len(search.history)} replans and {len(search.clearances)} clearances"
-    return infeasible(search, Cause.TIME_LIMIT, f"given up after {counts}", ())
+    reason = "the time was up" if search.motion_layer.deadline.is_over else "given up"
+    return infeasible(search, Cause.TIME_LIMIT, f"{reason} after {counts}", ())
 
 
 def stats(search: Search) -> SolveStats:

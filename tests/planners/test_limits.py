@@ -8,6 +8,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from assets.robots import FETCH
 from planners import Cause, Infeasible, NoPlan, Planner, Solution, TaskPlan, solve, warming
 from planners.clearing.minimum_clearances import minimum_clearances, self_clearable_sets
 from planners.clock import Deadline, TimeLimitError, cpu_seconds
-from planners.motion.arm import NoPath
+from planners.motion.arm import BlockedBy, NoPath
 from planners.symbolic.astar import shortest_plan
 from planners.symbolic.engines import FastDownward
 from planners.symbolic.problem import TaskProblem
 from planners.symbolic.transitions import obstruction_problem
 from planners.tamp import motion_layer
+from planners.tamp.attempts import best_outcome
 from tests.planners.clearing.test_minimum_clearances import random_clutter
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
@@ -232,6 +234,91 @@ def test_whoever_waits_for_compilation_is_told_once(
     assert [record.message for record in caplog.records] == [
         "compiling the planner's kernels, once per machine (some minutes)"
     ]
+
+
+def test_a_solve_ends_at_its_time_limit_while_kernels_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A new process took 2.8 s for a solve with a limit of 0.01 s: loading the kernels did not count."""
+    monkeypatch.setattr(warming, "_warm", set())
+    may_end, calls = threading.Event(), []
+
+    def load(*arguments: object) -> None:
+        calls.append(arguments)
+        may_end.wait()
+
+    monkeypatch.setattr(Planner, "_exercise", load)
+    found = solve(FREE, "object_00", time_limit=0.01)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.TIME_LIMIT
+    assert "warmup()" in found.detail
+    may_end.set()
+    assert isinstance(solve(FREE, "object_00", time_limit=60.0), Solution)
+    assert len(calls) == 1, "the second solve waits for what the first one began"
+
+
+def test_what_fails_while_kernels_are_loaded_is_raised_in_the_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warming, "_warm", set())
+    monkeypatch.setattr(Planner, "_exercise", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        solve(FREE, "object_00", time_limit=60.0)
+
+
+def test_compilation_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiling takes longer than the time limit, and one kernel is compiled inside another one."""
+    monkeypatch.setattr(warming, "_warm", set())
+
+    def compile_one(_scene: object, _target: str) -> None:
+        with event.trigger_event("numba:compile"), event.trigger_event("numba:compile"):
+            time.sleep(0.3)
+
+    deadline = Deadline.after(0.1)
+    later = warming.warm_once(Planner(FETCH), compile_one, deadline)
+    assert deadline.is_over
+    assert not later.is_over
+    assert 0.3 <= later.at - deadline.at < 0.5
+
+
+def refusal(cause: Cause) -> Infeasible:
+    return Infeasible(cause, f"evidence of {cause}", target="object_00")
+
+
+@pytest.mark.parametrize(
+    ("causes", "is_proved", "is_late", "expected"),
+    [
+        ([Cause.NO_CLEARANCE_LOCATION], False, True, Cause.TIME_LIMIT),
+        ([Cause.NO_CLEARANCE_LOCATION, Cause.TIME_LIMIT], True, True, Cause.TIME_LIMIT),
+        ([Cause.NO_CLEARANCE_LOCATION, Cause.MOTION], False, False, Cause.MOTION),
+        ([Cause.UNREACHABLE], True, True, Cause.UNREACHABLE),
+        ([Cause.UNREACHABLE, Cause.NO_CLEARANCE_LOCATION], False, False, Cause.NO_CLEARANCE_LOCATION),
+    ],
+)
+def test_a_refusal_that_is_not_proved_is_the_time_limits_once_the_time_is_up(
+    causes: list[Cause], is_proved: bool, is_late: bool, expected: Cause
+) -> None:
+    """9 of 12 refusals for want of a location had used up their time. The fourth is proved by the grasps alone."""
+    found = best_outcome([refusal(cause) for cause in causes], is_proved, Deadline(0.0 if is_late else math.inf))
+    assert isinstance(found, Infeasible)
+    assert found.cause is expected
+    assert f"evidence of {causes[0]}" in found.detail or not is_late
+
+
+class GetsStuck:
+    """Says at every second call that objects wait for one another."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
+        self.calls += 1
+        return Recorder().plan(problem, time_limit) if self.calls % 2 else NoPlan("cyclic", (problem.target,))
+
+
+def test_after_a_refuted_motion_the_grasps_alone_are_not_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The floor was 1 or more there, so a self-clearable set exists."""
+    monkeypatch.setattr(motion_layer, "plan_pick", lambda *_, **__: BlockedBy(frozenset({"object_01"}), "grasp"))
+    scene = table_scene(cylinder("object_00", 0.0, 0.0), cylinder("object_01", 0.0, 0.3))
+    found = Planner(FETCH, engine=GetsStuck()).solve(scene, "object_00", "ngr")
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.MOTION
 
 
 COLD_SOLVE = """
