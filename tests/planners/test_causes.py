@@ -1,0 +1,70 @@
+"""Why a solve ends without a plan: one cause, the true one."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from assets.robots import FETCH
+from planners import Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
+from planners.clock import Deadline
+from planners.motion.arm import BlockedBy, NoPath
+from planners.symbolic.astar import shortest_plan
+from planners.symbolic.problem import TaskProblem
+from planners.tamp import motion_layer
+from planners.tamp.attempts import best_outcome
+from tests.planners.scenes import cylinder, table_scene
+
+
+def test_where_no_motion_leads_to_any_grasp_the_cause_is_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motion_layer, "plan_pick", lambda *_, **__: NoPath("no way"))
+    found = solve(table_scene(cylinder("object_00", 0.3, 0.45)), "object_00", "ngr")
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.MOTION
+    assert "object_00" in found.detail
+
+
+def refusal(cause: Cause) -> Infeasible:
+    return Infeasible(cause, f"evidence of {cause}", target="object_00")
+
+
+@pytest.mark.parametrize(
+    ("causes", "is_proved", "is_late", "expected"),
+    [
+        ([Cause.NO_CLEARANCE_LOCATION], False, True, Cause.TIME_LIMIT),
+        ([Cause.NO_CLEARANCE_LOCATION, Cause.TIME_LIMIT], True, True, Cause.TIME_LIMIT),
+        ([Cause.NO_CLEARANCE_LOCATION, Cause.MOTION], False, False, Cause.MOTION),
+        ([Cause.UNREACHABLE], True, True, Cause.UNREACHABLE),
+        ([Cause.UNREACHABLE, Cause.NO_CLEARANCE_LOCATION], False, False, Cause.NO_CLEARANCE_LOCATION),
+    ],
+)
+def test_a_refusal_that_is_not_proved_is_the_time_limits_once_the_time_is_up(
+    causes: list[Cause], is_proved: bool, is_late: bool, expected: Cause
+) -> None:
+    """9 of 12 refusals for want of a location had used up their time. The fourth is proved by the grasps alone."""
+    found = best_outcome([refusal(cause) for cause in causes], is_proved, Deadline(0.0 if is_late else math.inf))
+    assert isinstance(found, Infeasible)
+    assert found.cause is expected
+    assert f"evidence of {causes[0]}" in found.detail or not is_late
+
+
+class GetsStuck:
+    """Says at every second call that objects wait for one another."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
+        self.calls += 1
+        actions = shortest_plan(problem, time_limit) if self.calls % 2 else None
+        return NoPlan("cyclic", (problem.target,)) if actions is None else TaskPlan(actions)
+
+
+def test_after_a_refuted_motion_the_grasps_alone_are_not_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The floor was 1 or more there, so a self-clearable set exists."""
+    monkeypatch.setattr(motion_layer, "plan_pick", lambda *_, **__: BlockedBy(frozenset({"object_01"}), "grasp"))
+    scene = table_scene(cylinder("object_00", 0.0, 0.0), cylinder("object_01", 0.0, 0.3))
+    found = Planner(FETCH, engine=GetsStuck()).solve(scene, "object_00", "ngr")
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.MOTION
