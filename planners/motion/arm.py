@@ -234,12 +234,13 @@ def _search(
     rng: np.random.Generator,
     config: RRTConfig,
 ) -> NDArray[np.float64] | None:
-    """A verified path (n, 8) that keeps `ROOM`, or else the world's padding, from everything; None if none is found."""
+    """A verified path (n, 8) that keeps `ROOM` from everything but the robot, or else the world's padding; or None."""
     path = _path_within(world, query, start, goals, rng, config)
     if path is None:
         return None
     roomy = world.with_padding(ROOM)
-    if not roomy.path_hits(on_base(query.base, path), query.opening, query.held, query.ignore, first_only=True):
+    ignore = query.ignore | 1 << SELF_BIT
+    if not roomy.path_hits(on_base(query.base, path), query.opening, query.held, ignore, first_only=True):
         return path
     detour = _path_within(roomy, query, start, goals, rng, config)
     return path if detour is None else detour

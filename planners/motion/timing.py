@@ -19,7 +19,14 @@ from planners.motion.pick_and_place import PickMotion, PlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.scene import HeldObject, RobotState
 
-__all__ = ["drive_trajectory", "pick_trajectory", "place_trajectory", "time_parametrise"]
+__all__ = [
+    "drive_trajectory",
+    "finger_ramp",
+    "pick_trajectory",
+    "place_trajectory",
+    "round_corners",
+    "time_parametrise",
+]
 
 SETTLE_TIME = 0.3
 """[s] to wait after the fingers have closed or opened, before the arm moves on."""
@@ -31,6 +38,8 @@ _TINY = 1e-12
 """A smaller change of direction is none."""
 _GRID = 0.04
 """[s] at full speed between the points at which the speed is computed."""
+_FINE_GRID = 0.01
+"""[s] at full speed between the points of a smooth path."""
 _STRETCHES = 30
 """Times that a trajectory may be slowed down until its samples keep the limits."""
 
@@ -72,6 +81,34 @@ def time_parametrise(
     times = np.asarray(CONTROL_STEP * np.arange(len(samples)), np.float64)
     fingers = np.full(len(samples), finger_position)
     return Trajectory(times, samples[:, :3], samples[:, 3:], fingers, (phase,))
+
+
+def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Array, Array]:
+    """A smooth path near a polygon of whole-body configurations, with the same ends.
+
+    The mean over a moving window turns corners into parabolas and removes the noise of finely cut curves; straight
+    segments longer than the window stay straight in their middle.
+
+    Args:
+        X: (k, 11) configurations.
+        robot: whose velocities measure the length of the path.
+        half_width: [s] at full speed from the middle of the window to its edges.
+
+    Returns:
+        configurations (m, 11), and where on the polygon each window has its middle (m,): 1.5 is half-way between X[1]
+        and X[2].
+    """
+    path = np.asarray(X, dtype=float)
+    ends = np.concatenate([[0.0], np.cumsum(_times_at_full_speed(np.diff(path, axis=0), np.array(robot.max_velocity)))])
+    count = max(int(np.ceil(ends[-1] / _FINE_GRID)), 1)
+    half = min(int(half_width / _FINE_GRID), count // 2)
+    length = ends[-1] / count * np.arange(-half, count + half + 1)
+    points = np.column_stack([np.interp(np.clip(length, 0.0, ends[-1]), ends, column) for column in path.T])
+    points[:half] = 2 * path[0] - points[2 * half : half : -1]
+    points[count + half + 1 :] = 2 * path[-1] - points[count + half - 1 : count - 1 : -1]
+    sums = np.cumsum(np.vstack([np.zeros(path.shape[1]), points]), axis=0)
+    means = (sums[2 * half + 1 :] - sums[: count + 1]) / (2 * half + 1)
+    return means, np.interp(length[half : half + count + 1], ends, np.arange(len(path)))
 
 
 def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState, homing: ArmPath | None = None) -> Trajectory:
@@ -157,13 +194,17 @@ def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> T
 
 def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase, settle: float) -> Trajectory:
     """Move the fingers at their own speed while the robot stands, then wait for `settle` [s]."""
-    per_step = HEADROOM * robot.max_finger_velocity * CONTROL_STEP
-    moves = int(np.ceil(abs(end - start) / per_step - 1e-9))
     rests = int(np.ceil(settle / CONTROL_STEP - 1e-9))
-    fingers = np.concatenate([np.linspace(start, end, moves + 1), np.full(rests, end)])
+    fingers = np.concatenate([finger_ramp(robot, start, end), np.full(rests, end)])
     rows = np.tile(x, (len(fingers), 1))
     times = np.asarray(CONTROL_STEP * np.arange(len(fingers)), np.float64)
     return Trajectory(times, rows[:, :3], rows[:, 3:], fingers, (phase,))
+
+
+def finger_ramp(robot: RobotSpec, start: float, end: float) -> Array:
+    """Positions (n,) [m] of a finger at control steps, at its own speed, both ends included."""
+    per_step = HEADROOM * robot.max_finger_velocity * CONTROL_STEP
+    return np.linspace(start, end, int(np.ceil(abs(end - start) / per_step - 1e-9)) + 1)
 
 
 def _without_repeats(path: Array) -> Array:

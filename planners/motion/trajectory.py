@@ -112,11 +112,11 @@ class Trajectory:
 def join(pieces: list[Trajectory]) -> Trajectory:
     """One trajectory after another; each must start with the sample that the one before ends with."""
     first = pieces[0]
-    states, times, phases = [first.states], [first.times], list(first.phases)
+    states, times, phases, start = [first.states], [first.times], list(first.phases), first.duration
     for piece in pieces[1:]:
-        start = times[-1][-1]
         states.append(piece.states[1:])
         times.append(piece.times[1:] + start)
         phases += [phase._replace(start=phase.start + start) for phase in piece.phases]
+        start += piece.duration
     X = np.vstack(states)
     return Trajectory(np.concatenate(times), X[:, :3], X[:, 3:-1], X[:, -1], tuple(phases))

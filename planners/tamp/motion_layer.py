@@ -156,7 +156,7 @@ class MotionLayer:
         found = plan_base(world, scene.state.base, base, scene.state.q, held=scene.held)
         if isinstance(found, NoPath):
             home = plan_home(world, scene.state, self.rng)
-            if isinstance(home, NoPath) or not self._is_accepted(scene, [home]):
+            if isinstance(home, NoPath) or not self.is_accepted(scene, [home]):
                 return found
             found, homing = plan_base(world, scene.state.base, base, home.end, held=scene.held), home
         if isinstance(found, NoPath):
@@ -173,7 +173,7 @@ class MotionLayer:
             motion = plan_pick(world, scene.state.base, scene.state.q, grasp.q, grasp.object, rng=self.rng)
             if not isinstance(motion, PickMotion):
                 return motion
-            if self._is_accepted(scene, motion.paths):
+            if self.is_accepted(scene, motion.paths):
                 return self._followed(scene, _picked(scene, motion), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
 
@@ -187,7 +187,7 @@ class MotionLayer:
             )
             if not isinstance(motion, PlaceMotion):
                 return motion
-            if self._is_accepted(scene, motion.paths[:2]) and self._is_accepted(
+            if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(
                 scene.with_held(None).with_body(motion.placed), motion.paths[2:]
             ):
                 return self._followed(scene, _placed(scene, motion), (scene.held.name,))
@@ -212,7 +212,7 @@ class MotionLayer:
     def _compiled(self, scene: Scene) -> CollisionWorld:
         return self.candidates.compiled.world(scene)
 
-    def _is_accepted(self, scene: Scene, paths: Sequence[ArmPath]) -> bool:
+    def is_accepted(self, scene: Scene, paths: Sequence[ArmPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
         if self._checker is None:
             self._checker = MujocoCollisionChecker(scene)

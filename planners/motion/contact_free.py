@@ -1,0 +1,198 @@
+"""Motions between two contacts made one: without stops, base and arm together, on a shorter way where one is free.
+
+A pick, a drive and a put-down are planned one by one, each from rest to rest, by way of the home configuration. Between
+the release of one object and the grasp of the next nothing is touched, so only the straight lines near the contacts
+have to stay. Between them the straight way in the space of whole-body configurations is taken if it is free, with
+blended corners, timed as one motion.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.collision.world import CollisionWorld
+from planners.motion.arm import ROOM, tcp_pose
+from planners.motion.timing import finger_ramp, round_corners, time_parametrise
+from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
+from planners.scene import SELF_BIT, HeldObject, RobotState
+
+__all__ = ["ContactFree", "merged", "phases_of"]
+
+Array = NDArray[np.float64]
+
+_KEPT = (0.4, 0.7, 1.0)
+"""Shares of a straight line beside a contact that are kept; the smallest that is free is taken."""
+_STRAIGHT = 0.5
+"""Share of what is kept that stays straight; the rest may be rounded off."""
+_MOST_CORNERS = 10
+"""Between two contacts; a way with more of them is left as it is."""
+_HALF_WIDTHS = (0.3, 0.15, 0.07)
+"""[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
+
+
+class ContactFree(NamedTuple):
+    """Consecutive phases of a plan in which nothing is grasped or released, at rest at both ends.
+
+    Attributes:
+        phases: their trajectories, one phase each, in order.
+        begins_in_contact, ends_in_contact: whether the fingers are around an object at the start, at the end.
+    """
+
+    phases: Sequence[Trajectory]
+    begins_in_contact: bool
+    ends_in_contact: bool
+
+    @property
+    def steps(self) -> list[int]:
+        """Control steps of each phase."""
+        return [len(phase.times) - 1 for phase in self.phases]
+
+
+def phases_of(trajectory: Trajectory) -> list[Trajectory]:
+    """The phases of a trajectory; each begins with the sample that the one before ends with."""
+    starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
+    ends = [*starts[1:], len(trajectory.times) - 1]
+    return [
+        _of_states(trajectory.states[start : end + 1], phase)
+        for start, end, phase in zip(starts, ends, trajectory.phases, strict=True)
+    ]
+
+
+def merged(world: CollisionWorld, motion: ContactFree) -> list[Trajectory] | None:
+    """The same phases on a shorter way, timed as one motion; None if none is found that takes less time.
+
+    The phases keep their shares of the time. The fingers move while the robot does.
+
+    Args:
+        world: the scene at this time, compiled.
+        motion: the phases.
+    """
+    path = _shorter_path(world, motion)
+    if path is None:
+        return None
+    robot, held = world.scene.robot, motion.phases[0].phases[0].held
+    start, end = motion.phases[0].finger_position[0], motion.phases[-1].finger_position[-1]
+    timed, ramp = time_parametrise(path, robot, start, Phase("", 0.0), bool(held)), finger_ramp(robot, start, end)
+    last = len(timed.times) - 1
+    if not max(len(ramp) - 1, len(motion.phases)) <= last < sum(motion.steps):
+        return None
+    bounds, states = _bounds(motion.steps, last), timed.states.copy()
+    begin = min(_first_with_moving_fingers(motion, bounds), last + 1 - len(ramp))
+    states[begin : begin + len(ramp), -1] = ramp
+    states[begin + len(ramp) :, -1] = end
+    return [
+        _of_states(states[first : final + 1], phase.phases[0])
+        for (first, final), phase in zip(itertools.pairwise(bounds), motion.phases, strict=True)
+    ]
+
+
+def _first_with_moving_fingers(motion: ContactFree, bounds: Sequence[int]) -> int:
+    """The number of the sample at which the first phase begins in which the fingers move; 0 if there is none."""
+    moving = (k for k, phase in enumerate(motion.phases) if np.ptp(phase.finger_position) > 0.0)
+    return bounds[next(moving, 0)]
+
+
+def _of_states(states: Array, phase: Phase) -> Trajectory:
+    """A trajectory of one phase from samples (n, 12) at control steps."""
+    times = np.asarray(CONTROL_STEP * np.arange(len(states)), np.float64)
+    return Trajectory(times, states[:, :3], states[:, 3:-1], states[:, -1], (phase._replace(start=0.0),))
+
+
+def _bounds(steps: Sequence[int], last: int) -> list[int]:
+    """The numbers of the samples at which phases begin, then `last`: in their shares, one step each at least."""
+    shares = np.cumsum([0, *steps]) / max(sum(steps), 1)
+    bounds = [max(round(share * last), k) for k, share in enumerate(shares)]
+    return [min(bound, last - (len(bounds) - 1 - k)) for k, bound in enumerate(bounds)]
+
+
+def _shorter_path(world: CollisionWorld, motion: ContactFree) -> Array | None:
+    """Whole-body configurations (n, 11) from the start of the motion to its end; None if no shorter way is found.
+
+    The straight way between what is kept of the lines at both ends, or else a polygon of corners on the way as planned.
+    """
+    robot, checks = world.scene.robot, _Checks.of(world, motion)
+    starts = list(_lines(robot, motion.phases[0], motion.begins_in_contact))
+    ends = [line[::-1] for line in _lines(robot, _reversed(motion.phases[-1]), motion.ends_in_contact)]
+    for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
+        if checks.is_free(np.stack([starts[i][-1], ends[j][0]])):
+            path = checks.rounded(robot, starts[i], np.empty((0, starts[i].shape[1])), ends[j])
+            if path is not None:
+                return path
+    corners = _corners(checks, np.vstack([starts[-1][-1:], _between_lines(motion), ends[-1][:1]]))
+    return None if corners is None else checks.rounded(robot, starts[-1], corners[1:-1], ends[-1])
+
+
+class _Checks(NamedTuple):
+    """The collision checks of one motion: the gripper opened by `opening` [m], or `held` in it."""
+
+    world: CollisionWorld
+    opening: float
+    held: HeldObject | None
+
+    @classmethod
+    def of(cls, world: CollisionWorld, motion: ContactFree) -> _Checks:
+        """Those with the widest opening of the motion."""
+        first = motion.phases[0].phases[0]
+        widest = max(float(phase.finger_position.max()) for phase in motion.phases)
+        return cls(world, world.scene.robot.finger_gap_closed + 2 * widest, first.touched if first.held else None)
+
+    def is_free(self, path: Array) -> bool:
+        """Whether a path keeps `ROOM` from all but the robot itself."""
+        roomy = self.world.with_padding(ROOM)
+        return not roomy.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
+
+    def rounded(self, robot: RobotSpec, start: Array, corners: Array, end: Array) -> Array | None:
+        """The path along two lines and by corners between them, its corners rounded; None if it is not free."""
+        polygon = np.vstack([start, corners, end])
+        for half_width in _HALF_WIDTHS:
+            path, at = round_corners(robot, polygon, half_width)
+            middle = path[np.searchsorted(at, len(start) - 1) : np.searchsorted(at, len(polygon) - len(end)) + 1]
+            if self.is_free(middle) and not self.world.path_hits(path, self.opening, self.held, first_only=True):
+                return path
+        return None
+
+
+def _between_lines(motion: ContactFree) -> Array:
+    """The configurations (n, 11) as planned, without the lines at the ends beside contacts."""
+    inner = motion.phases[int(motion.begins_in_contact) : len(motion.phases) - int(motion.ends_in_contact)]
+    return np.vstack([np.empty((0, motion.phases[0].states.shape[1] - 1)), *(phase.states[:, :-1] for phase in inner)])
+
+
+def _corners(checks: _Checks, path: Array) -> Array | None:
+    """Configurations (n, 11) of a path, from its first to its last, the straight ways between them free; or None."""
+    corners, at = [path[0]], 0
+    while at < len(path) - 1:
+        steps = (len(path) - 1 - at) >> np.arange(len(path).bit_length())
+        free = (at + step for step in steps if step and checks.is_free(path[[at, at + step]]))
+        found = next(free, None)
+        if found is None or len(corners) > _MOST_CORNERS:
+            return None
+        corners.append(path[found])
+        at = found
+    return np.array(corners)
+
+
+def _reversed(trajectory: Trajectory) -> Trajectory:
+    return _of_states(trajectory.states[::-1], trajectory.phases[0])
+
+
+def _lines(robot: RobotSpec, phase: Trajectory, in_contact: bool) -> Iterator[Array]:
+    """What of a phase beside a contact may be kept: configurations (n, 11), the contact first, the shortest first.
+
+    The last configuration is the corner. Without contact nothing but the first configuration is kept.
+    """
+    X = phase.states[:, :-1]
+    if not in_contact:
+        yield X[:1]
+        return
+    points = np.array([tcp_pose(robot, RobotState(x[:3], x[3:], 0.0))[:3, 3] for x in X])
+    away = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    for share in _KEPT:
+        straight, corner = np.searchsorted(away, np.array([_STRAIGHT, 1.0]) * share * away[-1] - 1e-9)
+        yield np.vstack([X[: straight + 1], X[corner]])
