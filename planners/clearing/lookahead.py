@@ -30,9 +30,10 @@ from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import tcp_pose
-from planners.placing.negative_goal_region import SupportGrid
+from planners.placing.negative_goal_region import SupportGrid, swept_mask
 from planners.placing.placements import Placement, PlacementSearch
-from planners.placing.surfaces import keep_clear_mask
+from planners.placing.surfaces import KeepClear
+from planners.placing.swept_volume import standing_volume
 from planners.scene import HeldObject, RobotState, Scene, StaticObstacle
 from planners.strategies import Strategy
 
@@ -157,7 +158,10 @@ def _alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitme
 
 
 def _swept_cells(world: CollisionWorld, supports: Sequence[StaticObstacle]) -> Callable[[GraspCandidate], int]:
-    """What each grasp sweeps of the space that objects stand in, as bits, one for each cell of a support; cached."""
+    """What the robot occupies at each grasp of the space that objects stand in, as bits, one for each cell; cached.
+
+    It stands for what the grasp sweeps, which would take too long to work out for all grasps that are compared.
+    """
     grids = [SupportGrid.over(support, _CELL) for support in supports]
     tallest = max(body.top - body.bottom for body in world.scene.objects)
     known: dict[tuple[str, bytes, bytes], int] = {}
@@ -165,20 +169,23 @@ def _swept_cells(world: CollisionWorld, supports: Sequence[StaticObstacle]) -> C
     def swept_cells(grasp: GraspCandidate) -> int:
         """The cells that one grasp sweeps."""
         if grasp.key not in known:
-            cells = np.concatenate([keep_clear_mask(world, grid, [grasp], tallest).ravel() for grid in grids])
+            volume = standing_volume(world, grasp)
+            cells = np.concatenate([swept_mask(grid, volume, tallest).ravel() for grid in grids])
             known[grasp.key] = int.from_bytes(np.packbits(cells).tobytes(), "big")
         return known[grasp.key]
 
     return swept_cells
 
 
-def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> list[GraspCandidate]:
-    """The grasps whose volume a cleared object must stay out of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
+def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> KeepClear:
+    """The grasps that a cleared object must keep clear of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
     if strategy.region == "none":
-        return []
+        return KeepClear()
+    target = commitments.grasps[commitments.target]
     if strategy.region == "ngr1":
-        return [commitments.grasps[commitments.target]]
-    return [grasp for name, grasp in commitments.grasps.items() if name != moving]
+        return KeepClear(target)
+    others = (grasp for name, grasp in commitments.grasps.items() if name not in (moving, commitments.target))
+    return KeepClear(target, tuple(others))
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:

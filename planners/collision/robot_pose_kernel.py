@@ -14,7 +14,7 @@ from planners.collision.compilation import leaf_kernel
 from planners.collision.geometry import Solids
 from planners.collision.robot_model import BASE, RobotArrays
 
-__all__ = ["Attached", "Scratch", "make_scratch", "place_robot"]
+__all__ = ["Attached", "Scratch", "make_scratch", "place_along", "place_robot"]
 
 Array = NDArray[np.float64]
 
@@ -134,3 +134,23 @@ def place_robot(
     if attached.bit >= 0:
         for row in range(2):
             _compose(R, p, tcp, attached.position, attached.rotation, row, solids, count + row)
+
+
+@njit(cache=True)
+def place_along(robot: RobotArrays, attached: Attached, X: Array, opening: float) -> tuple[Array, Array]:
+    """World poses of all p primitives, then of the held object, at each of n configurations.
+
+    Args:
+        robot, attached: see their types; without a held object its poses mean nothing.
+        X: (n, 3 + j) whole-body configurations.
+        opening: of the gripper [m].
+
+    Returns:
+        positions (n, p + 1, 3) [m] and rotations (n, p + 1, 3, 3).
+    """
+    scratch, last = make_scratch(robot, attached), robot.core.shape[0] + 1
+    positions, rotations = np.empty((X.shape[0], last, 3)), np.empty((X.shape[0], last, 3, 3))
+    for k in range(X.shape[0]):
+        place_robot(robot, attached, scratch, X[k, :3], X[k, 3:], opening)
+        positions[k], rotations[k] = scratch.solids.position[:last], scratch.solids.rotation[:last]
+    return positions, rotations

@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import CollisionWorld
-from planners.drawing.region import ClearancePicture
+from planners.drawing.region import ClearancePicture, DrawnSurface
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import (
     SupportGrid,
     SweptVolume,
-    clearance_candidates,
+    clearance_order,
     dilated,
-    footprint_mask,
+    join_volumes,
     negative_goal_region,
 )
-from planners.placing.static_footprint import static_mask
-from planners.placing.swept_volume import configuration_volume
-from planners.scene import Body, HeldObject, RobotState, Scene
+from planners.placing.surfaces import Surface
+from planners.placing.swept_volume import path_volume
+from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
 from planners.tamp.solution import BoundAction, Solution
 
 __all__ = ["Choice", "choices_of", "last_picture"]
@@ -37,8 +37,8 @@ _WORK_TORSOS, _WORK_ROLLS = 3, 9
 """Gripper yaws, torso heights and upper-arm rolls tried for each of them."""
 _ON_TOP = 0.001
 """[m] above the support; lower obstacles do not stand out of it."""
-_MARGIN = 0.006
-"""[m] between the object put down and the objects around it."""
+_STRAIGHT = ("approach", "close", "lift")
+"""Phases of a pick-up between its free motions."""
 _SAME_BASE = 1e-3
 """[m], [rad] below which two base poses are the same."""
 
@@ -81,7 +81,7 @@ def choices_of(solution: Solution) -> list[Choice]:
 
 
 def last_picture(solution: Solution) -> ClearancePicture:
-    """The table when everything has been cleared, and NGR1: what taking the target sweeps.
+    """The supports when everything has been cleared, and NGR1: what taking the target sweeps.
 
     Raises:
         ValueError: the plan does not take the target, because it is in the gripper from the start.
@@ -89,18 +89,23 @@ def last_picture(solution: Solution) -> ClearancePicture:
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     taken = solution.actions[-1]
-    scene = taken.scene
-    grid = SupportGrid.over(scene.support)
+    scene, volume = taken.scene, _swept(taken)
     last = scene.body(solution.clearances[-1] if solution.clearances else solution.target)
+    grids = [SupportGrid.over(support) for support in _supports(solution)]
     return ClearancePicture(
-        grid,
-        negative_goal_region(grid, last.top - last.bottom, scene.body(solution.target), _swept(taken)),
+        [DrawnSurface(grid, negative_goal_region(grid, last.top - last.bottom, volume)) for grid in grids],
         scene.objects,
         solution.target,
         cleared=solution.clearances,
         stands=taken.trajectory.base[-1:, :2],
         outlines=_outlines_on_support(scene),
     )
+
+
+def _supports(solution: Solution) -> Sequence[StaticObstacle]:
+    """The supports that the plan could put objects on."""
+    put = next((action for action in solution.actions if action.surfaces), None)
+    return (solution.actions[-1].scene.support,) if put is None else [surface.support for surface in put.surfaces]
 
 
 def _outlines_on_support(scene: Scene) -> list[Array]:
@@ -116,7 +121,7 @@ def _choice(
     later: Sequence[BoundAction],
     cleared: Sequence[str],
 ) -> Choice:
-    """The regions and candidates behind the location of a put-down.
+    """The regions and candidates behind the location of a put-down; the regions are those that the planner kept clear.
 
     Args:
         solution: the plan.
@@ -126,36 +131,29 @@ def _choice(
         cleared: names of the objects put aside before.
     """
     scene = put.scene if picked is None else picked.scene
-    grid, body, left = SupportGrid.over(scene.support), scene.body(put.target), _hold(put, "open")
+    body, left = scene.body(put.target), _hold(put, "open")
     start = put.scene.state.base if picked is None else _hold(picked, "close").state.base
-    obstacles = [step for step in later if step.target != solution.target and solution.strategy.region == "ngr"]
-    height = body.top - body.bottom
-    region = negative_goal_region(
-        grid,
-        height,
-        scene.body(solution.target),
-        _swept(later[-1]),
-        [scene.body(step.target) for step in obstacles],
-        [_swept(step) for step in obstacles],
+    world, radius = CollisionWorld.from_scene(scene), body.radius
+    in_work = [_work_mask(world, surface, start, left.touched, body) for surface in put.surfaces]
+    candidates = [placement_grid(surface.support) for surface in put.surfaces]
+    allowed = np.concatenate(
+        [each.free(grid, radius)[:, :2] for each, grid in zip(put.surfaces, candidates, strict=True)]
     )
-    others = [other for other in scene.objects if other.name != body.name]
-    occupied = footprint_mask(grid, others, _MARGIN) | static_mask(scene, scene.support, grid, height, _MARGIN)
-    in_work = _work_mask(CollisionWorld.from_scene(scene), grid, start, left.touched, body)
-    candidates = placement_grid(scene.support)
-    forbidden = grid.empty() if solution.strategy.region == "none" else region.mask
-    reached = _at(grid, in_work, candidates)
+    reached = np.any(
+        [_at(surface.grid, mask, allowed) for surface, mask in zip(put.surfaces, in_work, strict=True)], axis=0
+    )
     released = put.released
     picture = ClearancePicture(
-        grid,
-        region,
+        [
+            DrawnSurface(surface.grid, surface.region, mask, dilated(surface.grid, surface.blocked, radius))
+            for surface, mask in zip(put.surfaces, in_work, strict=True)
+        ],
         scene.objects,
         solution.target,
-        [step.target for step in obstacles],
-        in_work,
-        candidates,
-        clearance_candidates(grid, forbidden, occupied, body.radius, candidates, reached, start[:2]),
+        [step.target for step in later if step.target != solution.target],
+        np.concatenate(candidates),
+        allowed[clearance_order(allowed, reached, start[:2])],
         chosen=None if released is None else released.position[:2],
-        grown=dilated(grid, forbidden | occupied, body.radius),
         moved=body.name,
         cleared=cleared,
         stands=np.array([start[:2], left.state.base[:2]]),
@@ -165,10 +163,17 @@ def _choice(
 
 
 def _swept(picked: BoundAction) -> SweptVolume:
-    """What the robot occupies when it grasps the object of a pick-up."""
-    hold = _hold(picked, "close")
-    world = CollisionWorld.from_scene(picked.scene)
-    return configuration_volume(world, hold.state.base, hold.state.q, hold.opening)
+    """What a pick-up sweeps on its straight lines: robot, and from the lift on the object."""
+    trajectory, world = picked.trajectory, CollisionWorld.from_scene(picked.scene)
+    ends = [*(phase.start for phase in trajectory.phases[1:]), np.inf]
+    volumes = []
+    for phase, end in zip(trajectory.phases, ends, strict=True):
+        during = (trajectory.times >= phase.start) & (trajectory.times <= end)
+        if phase.name in _STRAIGHT and during.any():
+            X = np.hstack((trajectory.base[during], trajectory.q[during]))
+            opening = 2 * float(trajectory.finger_position[during].max())
+            volumes.append(path_volume(world, X, opening, phase.touched if phase.held else None))
+    return join_volumes(volumes)
 
 
 def _hold(action: BoundAction, phase_name: str) -> _Hold:
@@ -180,11 +185,9 @@ def _hold(action: BoundAction, phase_name: str) -> _Hold:
     return _Hold(RobotState(sample.base, sample.q, sample.finger_position), 2 * sample.finger_position, phase.touched)
 
 
-def _work_mask(
-    world: CollisionWorld, grid: SupportGrid, base: Array, held: HeldObject, body: Body
-) -> NDArray[np.bool_]:
+def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldObject, body: Body) -> NDArray[np.bool_]:
     """R_work: cells at which the arm can put the object down without driving, other objects ignored."""
-    cells = SupportGrid.over(world.scene.support, _WORK_CELL)
+    grid, cells = surface.grid, SupportGrid.over(surface.support, _WORK_CELL)
     centres = cells.centres().reshape(-1, 2)
     yaws = np.arange(_WORK_YAWS) * (2 * np.pi / _WORK_YAWS)
     height = grid.height + (body.top - body.bottom) / 2 - held.T_tcp_object[2, 3]
@@ -206,8 +209,9 @@ def _work_mask(
 
 
 def _at(grid: SupportGrid, mask: NDArray[np.bool_], points: Array) -> NDArray[np.bool_]:
-    """The mask's values at points (n, 2)."""
-    cells = ((points - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+    """The mask's values at points (n, 2), False beyond the grid."""
+    cells = np.floor((points - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+    is_inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
     cells = np.clip(cells, 0, np.array(grid.shape) - 1)
-    values: NDArray[np.bool_] = mask[cells[:, 0], cells[:, 1]]
+    values: NDArray[np.bool_] = mask[cells[:, 0], cells[:, 1]] & is_inside
     return values

@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Patch, Polygon
+from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
 
-__all__ = ["COLOURS", "ClearancePicture", "draw_clearance", "draw_legend", "outline"]
+__all__ = ["COLOURS", "ClearancePicture", "DrawnSurface", "draw_clearance", "draw_legend", "outline"]
 
 COLOURS = {
     "table": "#faf6ef",
@@ -39,40 +39,58 @@ _RANKED = 9
 
 
 @dataclass(frozen=True, eq=False)
-class ClearancePicture:
-    """The table when one clearance location is chosen.
+class DrawnSurface:
+    """The top face of one support.
 
     Attributes:
-        grid: cells of the support plane.
+        grid: cells of its plane.
         region: where the object must not be put.
-        bodies: all objects on the table.
+        in_work: mask of R_work over the grid; None if it is not to be drawn.
+        grown: where the object's centre must not be; None if it is not to be outlined.
+    """
+
+    grid: SupportGrid
+    region: NegativeGoalRegion
+    in_work: NDArray[np.bool_] | None = None
+    grown: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ClearancePicture:
+    """The supports when one clearance location is chosen.
+
+    Attributes:
+        surfaces: their top faces.
+        bodies: all objects on them.
         target: name of the target.
         obstacles: names of the objects still to be cleared after this one.
-        in_work: mask of R_work over the grid; None if it is not to be drawn.
         candidates: (n, 2) placement locations [m].
         ordered: (m, 2) those allowed, best first.
         chosen: (2,) the location taken, or None.
-        grown: where the object's centre must not be; None if it is not to be outlined.
         moved: name of the object to be put aside, "" for none.
         cleared: names of the objects put aside before.
         stands: (k, 2) base positions [m], first to take the object, then to put it down.
         outlines: (k, 2) corners [m] of each static obstacle on the support.
     """
 
-    grid: SupportGrid
-    region: NegativeGoalRegion
+    surfaces: Sequence[DrawnSurface]
     bodies: Sequence[Body]
     target: str
     obstacles: Sequence[str] = ()
-    in_work: NDArray[np.bool_] | None = None
     candidates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     ordered: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     chosen: NDArray[np.float64] | None = None
-    grown: NDArray[np.bool_] | None = None
     moved: str = ""
     cleared: Sequence[str] = ()
     stands: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     outlines: Sequence[NDArray[np.float64]] = ()
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """(x low, x high, y low, y high) [m] of all surfaces together."""
+        low = np.min([surface.grid.extent for surface in self.surfaces], axis=0)
+        high = np.max([surface.grid.extent for surface in self.surfaces], axis=0)
+        return float(low[0]), float(high[1]), float(low[2]), float(high[3])
 
     def kind(self, body: Body) -> str:
         """What an object is in this picture."""
@@ -87,9 +105,10 @@ class ClearancePicture:
 
 def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> None:
     """Draw the picture as the robot sees the table, itself at the bottom: y to the left, x upwards."""
-    x_low, x_high, y_low, y_high = picture.grid.extent
+    x_low, x_high, y_low, y_high = picture.extent
     axes.set_facecolor(COLOURS["table"])
-    _draw_regions(axes, picture)
+    for surface in picture.surfaces:
+        _draw_surface(axes, surface)
     for corners in picture.outlines:
         axes.add_patch(Polygon(corners[:, ::-1], facecolor=COLOURS["refused"], edgecolor=COLOURS["ink"], zorder=4))
     for body in picture.bodies:
@@ -135,22 +154,25 @@ def draw_legend(figure: Figure, columns: int = 6) -> None:
     )
 
 
-def _draw_regions(axes: Axes, picture: ClearancePicture) -> None:
-    x_low, x_high, y_low, y_high = picture.grid.extent
+def _draw_surface(axes: Axes, surface: DrawnSurface) -> None:
+    """Draw the edges of one support, and the regions on it."""
+    x_low, x_high, y_low, y_high = surface.grid.extent
     extent = (y_low, y_high, x_low, x_high)
-    for name, mask in (("NGR2", picture.region.ngr2), ("NGR1", picture.region.ngr1)):
+    edges: dict[str, Any] = {"fill": False, "edgecolor": COLOURS["refused"], "linewidth": 0.8, "zorder": 2}
+    axes.add_patch(Rectangle((y_low, x_low), y_high - y_low, x_high - x_low, **edges))
+    for name, mask in (("NGR2", surface.region.ngr2), ("NGR1", surface.region.ngr1)):
         image = np.empty((*mask.shape, 4))
         image[..., :3] = to_rgb(COLOURS[name])
         image[..., 3] = 0.5 * mask
         axes.imshow(image, origin="lower", extent=extent, interpolation="nearest", zorder=1)
-    if picture.in_work is not None and not picture.in_work.all():
-        outside = np.where(picture.in_work, 0.0, 1.0)
+    if surface.in_work is not None and not surface.in_work.all():
+        outside = np.where(surface.in_work, 0.0, 1.0)
         hatched = axes.contourf(outside, levels=[0.5, 1.5], colors="none", hatches=["////"], extent=extent, zorder=2)
         hatched.set(edgecolor=COLOURS["outside"], linewidth=0)
         axes.contour(outside, levels=[0.5], colors=COLOURS["outside"], extent=extent, linewidths=1, zorder=2)
-    if picture.grown is not None and picture.grown.any():
+    if surface.grown is not None and surface.grown.any():
         style: dict[str, Any] = {"colors": COLOURS["ink"], "linewidths": 0.6, "linestyles": ":"}
-        axes.contour(picture.grown.astype(float), levels=[0.5], extent=extent, zorder=2, **style)
+        axes.contour(surface.grown.astype(float), levels=[0.5], extent=extent, zorder=2, **style)
 
 
 def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
@@ -190,7 +212,7 @@ def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
 
 def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
     """Mark the base positions in front of the table at the picture's lower edge."""
-    x_low, _, y_low, y_high = picture.grid.extent
+    x_low, _, y_low, y_high = picture.extent
     colours = (COLOURS["moved"], COLOURS["location"]) if len(picture.stands) > 1 else (COLOURS["target"],)
     for (_, y), colour in zip(picture.stands, colours, strict=False):
         at = float(np.clip(y, y_low, y_high))

@@ -29,7 +29,7 @@ from planners.motion.arm import ArmPath, BlockedBy, NoPath, plan_arm, unwrap_joi
 from planners.motion.arm_query import DEFAULT_EFFORT, RRTConfig
 from planners.scene import Body, HeldObject
 
-__all__ = ["PickMotion", "PlaceMotion", "can_leave", "can_put_down", "plan_pick", "plan_place"]
+__all__ = ["PickMotion", "PlaceMotion", "can_leave", "can_put_down", "plan_pick", "plan_place", "planned_approach"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,15 +165,27 @@ def plan_place(
     return PlaceMotion(placed, pattern, transit.reversed(), loaded.reversed(), empty, retreat.reversed(), held)
 
 
-def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper could lift that object from a grasp (8,) if no other object were there.
+def planned_approach(
+    world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str
+) -> tuple[GraspContext, Approach] | None:
+    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other object were there.
 
     Raises:
         UnknownObject: no such object.
     """
     others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
     context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, others)
-    return any(isinstance(trace(context, pattern), Approach) for pattern in approach_patterns(world))
+    traced = (trace(context, pattern) for pattern in approach_patterns(world))
+    return next(((context, approach) for approach in traced if isinstance(approach, Approach)), None)
+
+
+def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
+    """Whether the gripper could lift that object from a grasp (8,) if no other object were there.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    return planned_approach(world, base, q_grasp, name) is not None
 
 
 def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:

@@ -6,7 +6,7 @@ so that it can be drawn as it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -21,7 +21,6 @@ __all__ = [
     "NegativeGoalRegion",
     "SupportGrid",
     "SweptVolume",
-    "clearance_candidates",
     "clearance_order",
     "dilated",
     "footprint_mask",
@@ -91,18 +90,20 @@ class SweptVolume:
 
     Attributes:
         spheres: (k, 4) x, y, z, radius [m] in the world.
+        cylinders: (c, 5) upright ones: x, y, radius, lowest and highest z [m].
         box_centres: (m, 3) [m].
         box_axes: (m, 3, 3), a box's axes as columns.
         box_half_extents: (m, 3) [m].
     """
 
     spheres: Array = field(default_factory=lambda: _rows(4))
+    cylinders: Array = field(default_factory=lambda: _rows(5))
     box_centres: Array = field(default_factory=lambda: _rows(3))
     box_axes: Array = field(default_factory=lambda: _rows(3, 3))
     box_half_extents: Array = field(default_factory=lambda: _rows(3))
 
     def __post_init__(self) -> None:
-        shapes = {"spheres": (4,), "box_centres": (3,), "box_axes": (3, 3), "box_half_extents": (3,)}
+        shapes = {"spheres": (4,), "cylinders": (5,), "box_centres": (3,), "box_axes": (3, 3), "box_half_extents": (3,)}
         for name, shape in shapes.items():
             array = np.array(getattr(self, name), dtype=np.float64)
             if array.shape[1:] != shape or (name.startswith("box") and len(array) != len(self.box_centres)):
@@ -116,6 +117,7 @@ def join_volumes(volumes: Iterable[SweptVolume]) -> SweptVolume:
     parts = [SweptVolume(), *volumes]
     return SweptVolume(
         np.concatenate([part.spheres for part in parts]),
+        np.concatenate([part.cylinders for part in parts]),
         np.concatenate([part.box_centres for part in parts]),
         np.concatenate([part.box_axes for part in parts]),
         np.concatenate([part.box_half_extents for part in parts]),
@@ -130,10 +132,29 @@ def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
     marks = _new_marks(grid)
     z_low, z_high = grid.height, grid.height + height
     place = (grid.x0, grid.y0, grid.resolution)
-    mark_spheres(marks, volume.spheres, z_low, z_high, *place)
-    mark_boxes(marks, volume.box_centres, volume.box_axes, volume.box_half_extents, z_low, z_high, *place)
+    spheres, cylinders = volume.spheres, volume.cylinders
+    boxes = _is_near(grid, volume.box_centres, np.linalg.norm(volume.box_half_extents, axis=1), z_high)
+    mark_spheres(marks, spheres[_is_near(grid, spheres[:, :3], spheres[:, 3], z_high)], z_low, z_high, *place)
+    mark_discs(marks, cylinders[(cylinders[:, 3] < z_high) & (cylinders[:, 4] > z_low), :3], *place)
+    mark_boxes(
+        marks,
+        volume.box_centres[boxes],
+        volume.box_axes[boxes],
+        volume.box_half_extents[boxes],
+        z_low,
+        z_high,
+        *place,
+    )
     cells: Mask = cells_of_marks(marks)
     return cells
+
+
+def _is_near(grid: SupportGrid, centres: Array, radii: Array, z_high: float) -> Mask:
+    """Which balls, given by centres (k, 3) and radii (k,) [m], can reach the grid from above, below `z_high`: (k,)."""
+    x_low, x_high, y_low, y_high = grid.extent
+    x, y, z = centres.T
+    near: Mask = (x + radii > x_low) & (x - radii < x_high) & (y + radii > y_low) & (y - radii < y_high)
+    return near & (z - radii < z_high) & (z + radii > grid.height)
 
 
 def footprint_mask(grid: SupportGrid, bodies: Iterable[Body], clearance: float = 0.0) -> Mask:
@@ -162,8 +183,8 @@ class NegativeGoalRegion:
     """Where a cleared object must not be put.
 
     Attributes:
-        ngr1: what taking the target needs (eq. 1); Dogar & Srinivasa use this alone.
-        ngr2: what taking the obstacles still to be cleared needs (eq. 2).
+        ngr1: what taking the target sweeps (eq. 1); Dogar & Srinivasa use this alone.
+        ngr2: what taking the obstacles still to be cleared sweeps (eq. 2).
     """
 
     ngr1: Mask
@@ -178,25 +199,19 @@ class NegativeGoalRegion:
 def negative_goal_region(
     grid: SupportGrid,
     height: float,
-    target: Body | None,
-    target_motion: SweptVolume,
-    obstacles: Sequence[Body] = (),
-    obstacle_motions: Sequence[SweptVolume] = (),
+    target: SweptVolume,
+    obstacles: Iterable[SweptVolume] = (),
 ) -> NegativeGoalRegion:
     """Equations 1-3: the volumes of robot and objects that later steps need free, projected onto the plane.
 
     Args:
         grid: cells of the support plane.
         height: [m] of the object to be put down; what passes above it does not count.
-        target: the object to take in the end; None if it is not on the table.
-        target_motion: Volume(robot, τ_tar).
-        obstacles: the objects still to be cleared, other than the one to be put down.
-        obstacle_motions: Volume(robot, τ_obs) of each.
+        target: Volume(robot, τ_tar) + Volume(target, v_tar); an empty volume without a target.
+        obstacles: Volume(robot, τ_obs) + Volume(obstacle, v_obs) of each object still to be cleared, other than the one
+            to be put down.
     """
-    ngr1 = swept_mask(grid, target_motion, height)
-    if target is not None:
-        ngr1 |= footprint_mask(grid, [target])
-    ngr2 = swept_mask(grid, join_volumes(obstacle_motions), height) | footprint_mask(grid, obstacles)
+    ngr1, ngr2 = swept_mask(grid, target, height), swept_mask(grid, join_volumes(obstacles), height)
     for mask in (ngr1, ngr2):
         mask.setflags(write=False)
     return NegativeGoalRegion(ngr1, ngr2)
@@ -223,52 +238,22 @@ def is_free(grid: SupportGrid, mask: Mask, locations: Array, radius: float) -> M
     return free
 
 
-def clearance_candidates(
-    grid: SupportGrid,
-    ngr: Mask,
-    occupied: Mask,
-    radius: float,
-    candidates: Array,
-    in_work: Mask,
-    reference_point: Array,
-) -> Array:
-    """Clearance locations, best first (section 3.3, Fig. 10).
+def clearance_order(locations: Array, in_work: Mask, reference_point: Array) -> NDArray[np.intp]:
+    """The order in which clearance locations are tried (section 3.3, Fig. 10).
 
     First those of R_work ∩ R_plane, farthest from the reference point first, so that nearer ones remain for objects
     grasped later; then those of R_plane - R_work, for which the base must drive, nearest first.
 
     Args:
-        grid: cells of the support plane.
-        ngr: the Negative Goal Region; an empty mask places anywhere (Srivastava et al.).
-        occupied: cells that standing objects leave no room at: `footprint_mask` with a clearance for open fingers.
-        radius: [m] of a circle that contains the object to be put down, and its margin.
-        candidates: (n, 2) placement locations [m].
+        locations: (n, 2) or (n, 3) placement locations [m] outside the Negative Goal Region.
         in_work: (n,) whether the arm can put the object there without driving: R_work.
         reference_point: (2,) [m] from where distances are measured: the base, or the object grasped.
 
     Returns:
-        (m, 2) [m], m ≤ n.
+        indices of the locations (n,).
     """
-    order = clearance_order(grid, ngr, occupied, radius, candidates, in_work, reference_point)
-    return np.asarray(candidates)[order]
-
-
-def clearance_order(
-    grid: SupportGrid,
-    ngr: Mask,
-    occupied: Mask,
-    radius: float,
-    candidates: Array,
-    in_work: Mask,
-    reference_point: Array,
-) -> NDArray[np.intp]:
-    """As `clearance_candidates`, but the indices of the candidates (m,)."""
-    candidates = np.asarray(candidates, dtype=np.float64)
-    allowed = np.flatnonzero(is_free(grid, ngr | occupied, candidates, radius))
-    distance = np.linalg.norm(candidates[allowed] - np.asarray(reference_point, dtype=np.float64), axis=1)
-    near = np.asarray(in_work, dtype=np.bool_)[allowed]
-    order = np.lexsort((np.where(near, -distance, distance), ~near))
-    return allowed[order]
+    distance = np.linalg.norm(locations[:, :2] - reference_point, axis=1)
+    return np.lexsort((np.where(in_work, -distance, distance), ~in_work))
 
 
 def _new_marks(grid: SupportGrid) -> NDArray[np.int32]:

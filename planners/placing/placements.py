@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,13 @@ from irm.arm.kinematics import ArmChain
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.candidates import BasePlacer, GraspCandidate
+from planners.grasping.candidates import BasePlacer
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels
 from planners.placing.release import put_down, release_pitch, rotated
-from planners.placing.surfaces import Surface
+from planners.placing.surfaces import KeepClear, Surface
+from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
 from planners.strategies import Strategy
 
@@ -44,6 +45,7 @@ class Placement:
         yaw, pitch: [rad] of the gripper.
         opening: of the gripper [m] after the release.
         drives: whether the base has to move there first.
+        surfaces: the supports that were looked at, with the regions that the object keeps out of.
     """
 
     body: Body
@@ -53,6 +55,7 @@ class Placement:
     pitch: float
     opening: float
     drives: bool
+    surfaces: tuple[Surface, ...] = field(default=(), repr=False)
 
     @property
     def location(self) -> Array:
@@ -72,6 +75,7 @@ class PlacementSearch:
         torsos, rolls: values of torso height and upper-arm roll tried for each.
         near_home: only the configuration nearest to home, for robots that are told TCP poses.
         supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
+        volumes: what grasps sweep, as far as it is known already.
     """
 
     placer: BasePlacer
@@ -82,6 +86,7 @@ class PlacementSearch:
     rolls: int = 12
     near_home: bool = False
     supports: tuple[str, ...] = ()
+    volumes: GraspVolumes = field(default_factory=GraspVolumes, repr=False, compare=False)
 
     def supports_in(self, scene: Scene) -> tuple[StaticObstacle, ...]:
         """The supports on which objects are put; raises `SceneError` if one is missing."""
@@ -90,7 +95,7 @@ class PlacementSearch:
     def find(
         self,
         world: CollisionWorld,
-        keep_clear: Sequence[GraspCandidate],
+        keep_clear: KeepClear,
         strategy: Strategy,
         rng: np.random.Generator,
         deadline: Deadline = NO_DEADLINE,
@@ -103,7 +108,7 @@ class PlacementSearch:
 
         Args:
             world: the scene, compiled, with an object held.
-            keep_clear: grasps whose volume the object must stay out of.
+            keep_clear: grasps that the object must not stand in the way of.
             strategy: whether locations come in order of priority or at random, and how many are tried.
             rng: for the finer grids.
             deadline: when to stop.
@@ -112,13 +117,15 @@ class PlacementSearch:
         assert scene.held is not None
         body = scene.body(scene.held.name)
         height = body.top - body.bottom + 2 * _GAP
-        surfaces = [Surface.of(world, support, body, height, keep_clear) for support in self.supports_in(scene)]
+        surfaces = tuple(
+            Surface.of(world, support, body, height, keep_clear, self.volumes) for support in self.supports_in(scene)
+        )
         levels = _free_levels(surfaces, body.radius + _GAP, scene.state.base, rng, self.config)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             for location in _until(deadline, from_here):
-                yield from self._from_here(world, location)
+                yield from (replace(found, surfaces=surfaces) for found in self._from_here(world, location))
             for location in _until(deadline, after_a_drive):
-                yield from self._after_a_drive(world, location)
+                yield from (replace(found, surfaces=surfaces) for found in self._after_a_drive(world, location))
 
     def _locations(
         self,

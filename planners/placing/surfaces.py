@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
-from planners.placing.negative_goal_region import SupportGrid, footprint_mask, is_free, swept_mask
+from planners.placing.negative_goal_region import (
+    NegativeGoalRegion,
+    SupportGrid,
+    SweptVolume,
+    footprint_mask,
+    is_free,
+    negative_goal_region,
+)
 from planners.placing.static_footprint import static_mask
-from planners.placing.swept_volume import grasp_volume
+from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
 
-__all__ = ["Supports", "Surface", "UnknownSupport", "find_supports", "keep_clear_mask"]
+__all__ = ["KeepClear", "Supports", "Surface", "UnknownSupport", "find_supports"]
 
 Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
@@ -47,13 +54,17 @@ def find_supports(scene: Scene, choice: Supports) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def keep_clear_mask(
-    world: CollisionWorld, grid: SupportGrid, grasps: Sequence[GraspCandidate], height: float
-) -> NDArray[np.bool_]:
-    """Cells where an object `height` [m] tall would stand in the way of these grasps."""
-    if not grasps:
-        return grid.empty()
-    return swept_mask(grid, grasp_volume(world, grasps), height)
+@dataclass(frozen=True)
+class KeepClear:
+    """The grasps that an object must not stand in the way of.
+
+    Attributes:
+        target: through which the target is taken in the end, the source of NGR1; None if nothing is kept clear.
+        obstacles: through which the objects still to be cleared are taken, the sources of NGR2.
+    """
+
+    target: GraspCandidate | None = None
+    obstacles: tuple[GraspCandidate, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +74,13 @@ class Surface:
     Attributes:
         support: the support.
         grid: cells of its plane.
-        forbidden: cells that later steps need free.
+        region: the Negative Goal Region: cells that later steps sweep (eq. 1-3).
         occupied: cells taken by standing objects and static obstacles, a margin included.
     """
 
     support: StaticObstacle
     grid: SupportGrid
-    forbidden: NDArray[np.bool_]
+    region: NegativeGoalRegion
     occupied: NDArray[np.bool_]
 
     @classmethod
@@ -79,7 +90,8 @@ class Surface:
         support: StaticObstacle,
         body: Body,
         height: float,
-        keep_clear: Sequence[GraspCandidate],
+        keep_clear: KeepClear,
+        volumes: GraspVolumes,
     ) -> Surface:
         """The surface of a support for an object.
 
@@ -88,14 +100,22 @@ class Surface:
             support: whose top face is meant.
             body: the object to be put down.
             height: [m] of the object, and what it needs above it.
-            keep_clear: grasps whose volume the object must stay out of.
+            keep_clear: grasps that the object must not stand in the way of.
+            volumes: what grasps sweep, as far as it is known already.
         """
         scene, grid = world.scene, SupportGrid.over(support)
         standing = [other for other in scene.objects if other.name != body.name]
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, support, grid, height, _MARGIN)
-        return cls(support, grid, keep_clear_mask(world, grid, keep_clear, height), occupied)
+        target = SweptVolume() if keep_clear.target is None else volumes.of(world, keep_clear.target)
+        obstacles = [volumes.of(world, grasp) for grasp in keep_clear.obstacles]
+        return cls(support, grid, negative_goal_region(grid, height, target, obstacles), occupied)
+
+    @property
+    def blocked(self) -> NDArray[np.bool_]:
+        """Cells that the object must not touch."""
+        return self.region.mask | self.occupied
 
     def free(self, locations: Array, radius: float) -> Array:
         """Those of locations (n, 2) at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
-        inside = is_free(self.grid, self.forbidden | self.occupied, locations, radius)
+        inside = is_free(self.grid, self.blocked, locations, radius)
         return np.column_stack((locations[inside], np.full(np.count_nonzero(inside), self.support.top)))

@@ -1,64 +1,123 @@
-"""Volume(robot, τ) of eq. 1 and 2: shapes that cover the robot in some of its configurations."""
+"""Volume(robot, τ) and Volume(object, v) of eq. 1 and 2: shapes that cover the robot, and what it holds, on a path."""
 
 from __future__ import annotations
-
-from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.geometry import Solids
 from planners.collision.robot_model import BASE
-from planners.collision.robot_pose_kernel import make_scratch, place_robot
+from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
+from planners.motion.arm import on_base
+from planners.motion.pick_and_place import planned_approach
 from planners.placing.negative_goal_region import SweptVolume, join_volumes
+from planners.scene import HeldObject
+from planners.scene.bodies import UPRIGHT_TILT
 
-__all__ = ["configuration_volume", "grasp_volume"]
+__all__ = ["GraspVolumes", "grasp_volume", "path_volume", "standing_volume"]
 
 Array = NDArray[np.float64]
 
 _SPACING = 0.02
 """[m] between spheres along a capsule; each is grown so that together they cover it."""
+_STEP = 0.01
+"""[m] that the base may move between two configurations of a path that is covered."""
 
 
-def grasp_volume(world: CollisionWorld, grasps: Iterable[GraspCandidate]) -> SweptVolume:
-    """What the robot occupies at these grasps, the gripper open.
+def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
+    """What taking an object through a grasp sweeps: Volume(robot, τ) + Volume(object, v) of eq. 1 and 2.
 
-    The arm comes from above and leaves upwards, so that it is never lower at the same place.
+    τ is the way of the open gripper to the grasp along the approach that is planned for it, then the lift and the
+    retreat with the object in hand, v the object's own way. The free motions before and after, which may go anywhere,
+    are left out. A grasp without an approach sweeps what it occupies.
     """
-    return join_volumes(configuration_volume(world, grasp.base, grasp.q, grasp.opening) for grasp in grasps)
+    planned = planned_approach(world, grasp.base, grasp.q, grasp.object)
+    if planned is None:
+        return standing_volume(world, grasp)
+    context, approach = planned
+    empty = path_volume(world, on_base(grasp.base, approach.empty), context.opening)
+    loaded = path_volume(world, on_base(grasp.base, approach.loaded), context.grip, context.held)
+    return join_volumes((empty, loaded))
 
 
-def configuration_volume(world: CollisionWorld, base: Array, q: Array, opening: float) -> SweptVolume:
-    """Shapes that cover torso and arm at one configuration, grown by the padding of the collision world."""
+def standing_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
+    """What the robot occupies when the fingers close: part of what the grasp sweeps, and quicker to work out."""
+    return path_volume(world, on_base(grasp.base, grasp.q[None]), grasp.opening)
+
+
+class GraspVolumes:
+    """The volumes of grasps, each worked out when it is first asked for. Created once in a solve and handed down."""
+
+    def __init__(self) -> None:
+        """Start with nothing known."""
+        self._known: dict[tuple[str, bytes, bytes], SweptVolume] = {}
+
+    def of(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
+        """As `grasp_volume`; the other objects of the world do not matter."""
+        if grasp.key not in self._known:
+            self._known[grasp.key] = grasp_volume(world, grasp)
+        return self._known[grasp.key]
+
+
+def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObject | None = None) -> SweptVolume:
+    """Shapes that cover torso and arm, and the held object, in each configuration of a path.
+
+    They are grown by the padding of the collision world. The base is left out: it stays below the supports.
+
+    Args:
+        world: whose robot.
+        X: (n, 11) whole-body configurations; more are put in between where the base moves.
+        opening: of the gripper [m].
+        held: the held object.
+    """
     robot = world.robot
-    nothing = world.attached(None)
-    scratch = make_scratch(robot, nothing)
-    place_robot(robot, nothing, scratch, np.array(base), np.array(q), opening)
-    spheres: list[Array] = []
-    boxes: list[int] = []
-    for i in range(len(robot.core)):
-        if robot.link[i] == BASE:
-            continue
-        if robot.radius[i] > 0:
-            spheres.append(_along_capsule(scratch.solids, i, float(robot.radius[i]) + world.padding))
-        else:
-            boxes.append(i)
-    rotation, position = np.array(scratch.solids.rotation), np.array(scratch.solids.position)
-    return SweptVolume(
+    position, rotation = place_along(robot, world.attached(held), _densified(X), opening)
+    moving, round_ = robot.link != BASE, robot.radius > 0
+    spheres = [
+        _along_capsule(position[:, i], rotation[:, i, :, 2], float(robot.half[i, 2]), robot.radius[i] + world.padding)
+        for i in np.flatnonzero(moving & round_)
+    ]
+    boxes = np.flatnonzero(moving & ~round_)
+    half_extents = np.tile(robot.half[boxes] + world.padding, (len(position), 1))
+    of_robot = SweptVolume(
         spheres=np.concatenate(spheres) if spheres else np.zeros((0, 4)),
-        box_centres=position[boxes],
-        box_axes=rotation[boxes],
-        box_half_extents=robot.half[boxes] + world.padding,
+        box_centres=position[:, boxes].reshape(-1, 3),
+        box_axes=rotation[:, boxes].reshape(-1, 3, 3),
+        box_half_extents=half_extents,
     )
+    if held is None:
+        return of_robot
+    return join_volumes((of_robot, _object_volume(world, held, position[:, -1], rotation[:, -1])))
 
 
-def _along_capsule(solids: Solids, i: int, radius: float) -> Array:
-    """Spheres (k, 4) that cover a capsule along its z axis."""
-    half = float(solids.half[i, 2])
+def _object_volume(world: CollisionWorld, held: HeldObject, positions: Array, rotations: Array) -> SweptVolume:
+    """The held object at poses (n, 3) and (n, 3, 3); one that leans counts as the box around it."""
+    body = world.scene.body(held.name)
+    half = body.half_extents + world.padding
+    if body.shape == "cylinder" and (np.abs(rotations[:, 2, 2]) > np.cos(UPRIGHT_TILT)).all():
+        z = positions[:, 2]
+        reach = np.abs(rotations[:, 2, 2]) * half[2] + np.sqrt(1 - rotations[:, 2, 2].clip(-1, 1) ** 2) * half[0]
+        radius = half[0] + np.hypot(rotations[:, 0, 2], rotations[:, 1, 2]) * half[2]
+        return SweptVolume(cylinders=np.column_stack((positions[:, :2], radius, z - reach, z + reach)))
+    return SweptVolume(box_centres=positions, box_axes=rotations, box_half_extents=np.tile(half, (len(positions), 1)))
+
+
+def _densified(X: Array) -> Array:
+    """The same path (m, 11) with more configurations where the base moves."""
+    counts = np.ceil(np.linalg.norm(np.diff(X[:, :2], axis=0), axis=1) / _STEP).astype(int).clip(min=1)
+    if (counts == 1).all():
+        return np.ascontiguousarray(X)
+    pieces = [
+        start + (end - start) * np.arange(n)[:, None] / n for start, end, n in zip(X, X[1:], counts, strict=False)
+    ]
+    return np.vstack([*pieces, X[-1:]])
+
+
+def _along_capsule(centres: Array, axes: Array, half: float, radius: float) -> Array:
+    """Spheres (k, 4) that cover capsules at centres (n, 3) along axes (n, 3), `half` [m] long to each side."""
     count = 1 + int(np.ceil(2 * half / _SPACING))
     along = np.linspace(-half, half, count)
-    centres = solids.position[i] + along[:, None] * solids.rotation[i][:, 2]
+    points = centres[:, None] + along[:, None] * axes[:, None]
     grown = np.hypot(radius, half / max(count - 1, 1))
-    return np.column_stack((centres, np.full(count, grown)))
+    return np.column_stack((points.reshape(-1, 3), np.full(points.size // 3, grown)))

@@ -25,6 +25,7 @@ from planners.grasping.candidates import (
 )
 from planners.grasping.grasp_poses import generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.surfaces import KeepClear
 from planners.planner import map_placer
 from planners.scene import Scene
 from planners.strategies import find_strategy
@@ -127,14 +128,14 @@ class SkillGeometry:
         state = replace(in_hand.state, base=place.base)
         return in_hand.with_held(None).with_body(place.body).with_state(state)
 
-    def _wanted_grasp(self, scene: Scene, target: str) -> list[GraspCandidate]:
+    def _wanted_grasp(self, scene: Scene, target: str) -> KeepClear:
         assert scene.held is not None
         if scene.held.name == target:
-            return []
+            return KeepClear()
         held = scene.mask({scene.held.name})
         options = self.options(scene, Skill(target))
         ranked = sorted(options, key=lambda o: ((o.blockers & ~held).bit_count(), -o.quality))
-        return ranked[:1]
+        return KeepClear(ranked[0]) if ranked else KeepClear()
 
     @property
     def _grid(self) -> ConfigurationGrid:

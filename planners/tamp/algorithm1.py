@@ -101,7 +101,8 @@ def call_motion_planning(
 
 def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
     """F ← F + action, its references bound in the scene before it."""
-    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, action.object or ""))
+    moved = action.object or ""
+    search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, moved, motion.surfaces))
     if action.name.startswith("PutDown"):
         search.clearances.append(action.args[0])
 

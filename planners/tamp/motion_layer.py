@@ -25,6 +25,7 @@ from planners.motion.tcp_following import TcpFollower, follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory
 from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
 from planners.strategies import Strategy
 
@@ -43,6 +44,7 @@ class BoundMotion:
     Attributes:
         trajectory: the verified motion.
         scene: the scene after it.
+        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
         location: where a base motion leads to a put-down: the symbol of the location.
         put_down: and the put-down itself, which is planned before the base moves there.
     """
@@ -51,6 +53,7 @@ class BoundMotion:
     scene: Scene
     location: str = ""
     put_down: BoundMotion | None = None
+    surfaces: tuple[Surface, ...] = ()
 
 
 @dataclass
@@ -143,7 +146,7 @@ class MotionLayer:
             self.ban(scene, grasp)
 
     def placements(
-        self, scene: Scene, keep_clear: Sequence[GraspCandidate], strategy: Strategy, planned: Placement | None
+        self, scene: Scene, keep_clear: KeepClear, strategy: Strategy, planned: Placement | None
     ) -> Iterator[Placement]:
         """Where the held object may be put: the placement planned for it, then others."""
         first = () if planned is None else (planned,)
@@ -190,7 +193,7 @@ class MotionLayer:
             if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(
                 scene.with_held(None).with_body(motion.placed), motion.paths[2:]
             ):
-                return self._followed(scene, _placed(scene, motion), (scene.held.name,))
+                return self._followed(scene, _placed(scene, motion, placement), (scene.held.name,))
         return NoPath("MuJoCo finds penetration")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
@@ -226,7 +229,8 @@ def _picked(scene: Scene, motion: PickMotion) -> BoundMotion:
     return BoundMotion(trajectory, scene.with_state(state).with_held(motion.held))
 
 
-def _placed(scene: Scene, motion: PlaceMotion) -> BoundMotion:
+def _placed(scene: Scene, motion: PlaceMotion, placement: Placement) -> BoundMotion:
     trajectory = place_trajectory(scene.robot, motion, scene.state)
     state = RobotState(scene.state.base, motion.retreat.end, float(trajectory.finger_position[-1]))
-    return BoundMotion(trajectory, scene.with_held(None).with_state(state).with_body(motion.placed))
+    placed = scene.with_held(None).with_state(state).with_body(motion.placed)
+    return BoundMotion(trajectory, placed, surfaces=placement.surfaces)

@@ -20,7 +20,7 @@ __all__ = ["PlanFileError", "is_same", "read_plan", "write_plan"]
 T = TypeVar("T")
 
 FORMAT = "clutter-env plan"
-VERSION = 1
+VERSION = 2
 """Increased whenever the meaning of what is stored changes."""
 
 _DAMAGED = (

@@ -12,6 +12,7 @@ from typing import Any
 from planners.cause import Cause
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Trajectory
+from planners.placing.surfaces import Surface
 from planners.scene import Body, RobotState, Scene
 from planners.strategies import Strategy
 from planners.tamp.plan_file import PlanFileError, is_same, read_plan, write_plan
@@ -32,6 +33,7 @@ class BoundAction:
         trajectory: the verified motion behind the references.
         scene: the world in which the motion was planned, as the actions before it leave it.
         target: the object that is moved or approached, "" for a base motion.
+        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
     """
 
     name: str
@@ -39,6 +41,7 @@ class BoundAction:
     trajectory: Trajectory = field(repr=False)
     scene: Scene = field(repr=False)
     target: str = ""
+    surfaces: tuple[Surface, ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         return f"{self.name.upper()} ({' '.join(self.args).upper()})"

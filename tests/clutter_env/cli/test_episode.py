@@ -24,7 +24,7 @@ from clutter_env.experiments.episodes.many import Episode, counts_text
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
 from clutter_env.rendering.film import Film
 from planners.cause import Cause
-from planners.drawing.region import ClearancePicture, draw_clearance
+from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance
 from planners.execution.expert import EpisodeReport
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
@@ -96,10 +96,10 @@ def test_a_clearance_picture_draws_every_object_and_rank() -> None:
         Body(f"object_{i:02d}", "cylinder", np.array([0.03, 0.03, 0.08]), np.array([0.0, 0.1 * i, 0.83]), upright)
         for i in range(3)
     ]
-    region = NegativeGoalRegion(grid.empty(), grid.empty())
+    surface = DrawnSurface(grid, NegativeGoalRegion(grid.empty(), grid.empty()))
     spots = np.array([[0.2, 0.2], [0.1, -0.2]])
     picture = ClearancePicture(
-        grid, region, bodies, "object_00", candidates=spots, ordered=spots[:1], chosen=spots[0], moved="object_01"
+        [surface], bodies, "object_00", candidates=spots, ordered=spots[:1], chosen=spots[0], moved="object_01"
     )
     axes = Figure().subplots()
     draw_clearance(axes, picture, "title")

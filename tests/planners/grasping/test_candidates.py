@@ -106,7 +106,7 @@ def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
     assert world.hits(placement.base, placement.q, placement.opening, held=in_hand.held) == 0
     after = CollisionWorld.from_scene(scene.with_body(placement.body))
     bit = scene.mask([first])
-    for grasp in guarded:
+    for grasp in filter(None, (guarded.target, *guarded.obstacles)):
         assert not after.hits(grasp.base, grasp.q, grasp.opening) & bit
 
 

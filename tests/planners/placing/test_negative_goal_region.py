@@ -12,7 +12,6 @@ from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import (
     SupportGrid,
     SweptVolume,
-    clearance_candidates,
     clearance_order,
     dilated,
     footprint_mask,
@@ -127,17 +126,27 @@ def test_footprints_are_discs_and_rectangles_grown_by_the_clearance() -> None:
         assert distance.max() <= body.radius + 0.02 * math.sqrt(2) + GRID.resolution
 
 
-def test_ngr_is_ngr1_and_ngr2_and_each_holds_its_object() -> None:
-    target, obstacle = cylinder(0.1, 0.1), cylinder(-0.1, -0.2, name="object_01")
-    motion = SweptVolume(spheres=np.array([[0.0, 0.1, 0.8, 0.04]]))
-    other = SweptVolume(spheres=np.array([[-0.2, -0.2, 0.8, 0.04]]))
-    region = negative_goal_region(GRID, 0.16, target, motion, [obstacle], [other])
+def test_ngr_is_ngr1_and_ngr2() -> None:
+    target, obstacles = (
+        SweptVolume(
+            spheres=random_spheres(np.random.default_rng(seed), 3), cylinders=np.array([[x, 0.1, 0.03, 0.75, 0.91]])
+        )
+        for seed, x in ((0, 0.1), (1, -0.2))
+    )
+    region = negative_goal_region(GRID, 0.16, target, [obstacles, SweptVolume()])
     np.testing.assert_array_equal(region.mask, region.ngr1 | region.ngr2)
-    np.testing.assert_array_equal(region.ngr1, swept_mask(GRID, motion, 0.16) | footprint_mask(GRID, [target]))
-    np.testing.assert_array_equal(region.ngr2, swept_mask(GRID, other, 0.16) | footprint_mask(GRID, [obstacle]))
-    without = negative_goal_region(GRID, 0.16, target, motion)
-    np.testing.assert_array_equal(without.mask, region.ngr1)
+    np.testing.assert_array_equal(region.ngr1, swept_mask(GRID, target, 0.16))
+    np.testing.assert_array_equal(region.ngr2, swept_mask(GRID, obstacles, 0.16))
+    np.testing.assert_array_equal(negative_goal_region(GRID, 0.16, target).mask, region.ngr1)
+    assert not negative_goal_region(GRID, 0.16, SweptVolume()).mask.any()
     assert not region.ngr1.flags.writeable
+
+
+def test_cylinders_are_discs_between_their_ends() -> None:
+    standing = SweptVolume(cylinders=np.array([[0.05, -0.1, 0.03, 0.80, 0.96]]))
+    np.testing.assert_array_equal(swept_mask(GRID, standing, 0.1), footprint_mask(GRID, [cylinder(0.05, -0.1)]))
+    assert not swept_mask(GRID, standing, 0.04).any()
+    assert not swept_mask(GRID, SweptVolume(cylinders=np.array([[0.0, 0.0, 0.03, 0.4, 0.7]])), 0.1).any()
 
 
 def slow_is_free(grid: SupportGrid, mask: np.ndarray, locations: np.ndarray, radius: float) -> np.ndarray:
@@ -181,7 +190,7 @@ def test_order_is_far_first_within_the_workspace_then_near_first_beyond_it() -> 
     candidates = placement_grid(TABLE)
     base = np.array([-0.9, 0.0])
     in_work = candidates[:, 0] < 0.0
-    order = clearance_order(GRID, GRID.empty(), GRID.empty(), 0.04, candidates, in_work, base)
+    order = clearance_order(candidates, in_work, base)
     assert sorted(order) == list(range(25))
     first, rest = order[: in_work.sum()], order[in_work.sum() :]
     assert in_work[first].all()
@@ -189,19 +198,6 @@ def test_order_is_far_first_within_the_workspace_then_near_first_beyond_it() -> 
     distance = np.linalg.norm(candidates - base, axis=1)
     assert (np.diff(distance[first]) <= 1e-12).all()
     assert (np.diff(distance[rest]) >= -1e-12).all()
-
-
-def test_candidates_keep_clear_of_region_objects_and_edges() -> None:
-    candidates = placement_grid(TABLE)
-    occupied = footprint_mask(GRID, [cylinder(0.0, 0.0)], clearance=0.02)
-    ngr = swept_mask(GRID, SweptVolume(spheres=np.array([[-0.29, 0.0, 0.8, 0.05]])), 0.16)
-    everywhere = np.ones(len(candidates), dtype=bool)
-    chosen = clearance_candidates(GRID, ngr, occupied, 0.04, candidates, everywhere, np.zeros(2))
-    assert len(chosen) == 23
-    assert (np.linalg.norm(chosen, axis=1) > 0.09).all()
-    anywhere = clearance_candidates(GRID, GRID.empty(), GRID.empty(), 0.04, candidates, everywhere, np.zeros(2))
-    assert {tuple(c) for c in chosen} <= {tuple(c) for c in anywhere}
-    assert clearance_candidates(GRID, GRID.empty(), GRID.empty(), 0.5, candidates, everywhere, np.zeros(2)).size == 0
 
 
 def test_misshapen_volumes_are_refused() -> None:

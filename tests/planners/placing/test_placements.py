@@ -17,7 +17,7 @@ from planners.grasping.candidates import GraspCandidates
 from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
-from planners.placing.surfaces import UnknownSupport, find_supports
+from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
 from planners.planner import map_placer
 from planners.scene import Scene, StaticObstacle
 from planners.strategies import STRATEGIES, Strategy, StrategyError
@@ -63,7 +63,7 @@ def locations_tried(
         monkeypatch.setattr(PlacementSearch, name, recorder(name))
     world = CollisionWorld.from_scene(scene)
     finder = replace(search(scene), supports=supports)
-    assert next(finder.find(world, [], strategy, np.random.default_rng(0)), None) is None
+    assert next(finder.find(world, KeepClear(), strategy, np.random.default_rng(0)), None) is None
     return {name: [np.array(level) for level in levels] for name, levels in tried.items()}
 
 
@@ -162,7 +162,7 @@ def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Sce
     for name in names:
         support = scene.support_named(name)
         finder = replace(search(scene), supports=(name,))
-        found = finder.find(world, [], STRATEGIES["srivastava"], np.random.default_rng(0))
+        found = finder.find(world, KeepClear(), STRATEGIES["srivastava"], np.random.default_rng(0))
         for placement in itertools.islice(found, 5):
             body = placement.body
             away = np.abs(body.position[:2] - support.position[:2])

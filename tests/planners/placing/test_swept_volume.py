@@ -1,0 +1,172 @@
+"""What taking an object sweeps, against sample points on robot and object; the region that is drawn is the one used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners.collision.robot_model import BASE
+from planners.collision.robot_pose_kernel import make_scratch, place_robot
+from planners.collision.world import CollisionWorld
+from planners.drawing.choices import choices_of
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.motion.approaches import APPROACH_PATTERNS, grasp_context, trace
+from planners.motion.arm import on_base, tcp_pose
+from planners.motion.pick_and_place import planned_approach
+from planners.placing import surfaces, swept_volume
+from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, is_free, swept_mask
+from planners.placing.swept_volume import GraspVolumes, grasp_volume, path_volume, standing_volume
+from planners.planner import Planner, map_placer
+from planners.scene import HeldObject, Scene, StaticObstacle
+from planners.tamp.solution import Solution
+from tests.planners.motion_scenes import CHAIN
+from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
+
+TALL = 0.2
+BOARD = StaticObstacle("board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0.35, 0.5, 0.01]))
+
+
+def grasps(scene: Scene, name: str) -> list[GraspCandidate]:
+    """Grasps of an object along which it can be taken."""
+    world = CollisionWorld.from_scene(scene)
+    found = GraspCandidates(map_placer(scene), CHAIN).for_object(scene, name)
+    return [grasp for grasp in found if planned_approach(world, grasp.base, grasp.q, name) is not None]
+
+
+def points_of_robot(world: CollisionWorld, x: np.ndarray, opening: float, rng: np.random.Generator) -> np.ndarray:
+    """Points (n, 3) inside the arm and the torso, from the poses of single solids."""
+    robot, nothing = world.robot, world.attached(None)
+    scratch = make_scratch(robot, nothing)
+    place_robot(robot, nothing, scratch, x[:3], x[3:], opening)
+    points = []
+    for i in np.flatnonzero(robot.link != BASE):
+        inside = rng.uniform(-1, 1, (60, 3)) * robot.half[i]
+        around = rng.normal(size=(60, 3))
+        inside += robot.radius[i] * around / np.linalg.norm(around, axis=1, keepdims=True)
+        points.append(scratch.solids.position[i] + inside @ scratch.solids.rotation[i].T)
+    return np.concatenate(points)
+
+
+def points_of_object(world: CollisionWorld, x: np.ndarray, held: HeldObject, rng: np.random.Generator) -> np.ndarray:
+    """Points (n, 3) on the surface of the held cylinder."""
+    half, angle = world.scene.body(held.name).half_extents, rng.uniform(0, 2 * np.pi, 200)
+    local = np.column_stack((half[0] * np.cos(angle), half[0] * np.sin(angle), rng.uniform(-half[2], half[2], 200)))
+    chain_pose = world.scene.with_state(replace(world.scene.state, base=x[:3], q=x[3:])).state
+    T = tcp_pose(FETCH, chain_pose) @ held.T_tcp_object
+    return local @ T[:3, :3].T + T[:3, 3]
+
+
+def missed(grid: SupportGrid, mask: np.ndarray, points: np.ndarray) -> int:
+    """Points above the plane and below `TALL` whose cells are not set."""
+    low = points[(points[:, 2] > grid.height) & (points[:, 2] < grid.height + TALL)]
+    index = np.floor((low[:, :2] - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+    index = index[((index >= 0) & (index < grid.shape)).all(axis=1)]
+    return int((~mask[index[:, 0], index[:, 1]]).sum())
+
+
+@pytest.mark.parametrize("covered", [False, True])
+def test_the_volume_of_a_grasp_covers_robot_and_object_on_the_whole_way(covered: bool) -> None:
+    scene, rng = random_scene(8, 4), np.random.default_rng(0)
+    if covered:
+        scene = replace(scene, static_obstacles=(*scene.static_obstacles, BOARD))
+    world, grid, tried = CollisionWorld.from_scene(scene), SupportGrid.over(scene.support), 0
+    for name in scene.names:
+        for grasp in grasps(scene, name)[:: 40 if not covered else 1][:3]:
+            planned = planned_approach(world, grasp.base, grasp.q, name)
+            assert planned is not None
+            context, approach = planned
+            mask = swept_mask(grid, grasp_volume(world, grasp), TALL)
+            for x in on_base(grasp.base, approach.empty):
+                assert missed(grid, mask, points_of_robot(world, x, context.opening, rng)) == 0
+            for x in on_base(grasp.base, approach.loaded):
+                assert missed(grid, mask, points_of_robot(world, x, context.grip, rng)) == 0
+                assert missed(grid, mask, points_of_object(world, x, context.held, rng)) == 0
+            standing = swept_mask(grid, standing_volume(world, grasp), TALL)
+            assert not (standing & ~mask).any()
+            tried += 1
+    assert tried > (2 if covered else 6)
+
+
+def test_the_way_of_an_object_that_is_drawn_out_is_kept_clear(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = table_scene(cylinder("object_00", 0.2, -0.2))
+    world, grid, tried = CollisionWorld.from_scene(scene), SupportGrid.over(scene.support), 0
+    for grasp in grasps(scene, "object_00"):
+        context = grasp_context(world, grasp.base, grasp.q, "object_00", 0)
+        approach = trace(context, APPROACH_PATTERNS[-1])
+        if isinstance(approach, str):
+            continue
+        monkeypatch.setattr(swept_volume, "planned_approach", lambda *_, found=(context, approach): found)
+        swept = swept_mask(grid, grasp_volume(world, grasp), TALL)
+        standing = swept_mask(grid, standing_volume(world, grasp), TALL)
+        away = np.array([np.cos(grasp.yaw), np.sin(grasp.yaw)])
+        on_the_way = scene.objects[0].position[:2] - np.linspace(0.0, 0.14, 8)[:, None] * away
+        sideways = on_the_way[:, None] + np.array([[-1.0], [1.0]]) * 0.025 * np.array([-away[1], away[0]])
+        cells = np.floor((sideways.reshape(-1, 2) - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+        assert swept[cells[:, 0], cells[:, 1]].all()
+        assert (swept & ~standing).any()
+        tried += 1
+    assert tried > 3
+
+
+def test_where_the_torso_lifts_the_arm_nothing_is_swept_besides_what_the_grasp_and_the_object_occupy() -> None:
+    scene = random_scene(12, 5)
+    world, grid, tried = CollisionWorld.from_scene(scene), SupportGrid.over(scene.support), 0
+    for name in scene.names:
+        for grasp in grasps(scene, name)[::2]:
+            planned = planned_approach(world, grasp.base, grasp.q, name)
+            assert planned is not None
+            context, approach = planned
+            if approach.pattern.by_torso:
+                ends = on_base(grasp.base, grasp.q[None])
+                parts = (standing_volume(world, grasp), path_volume(world, ends, context.grip, context.held))
+                alone = np.any([swept_mask(grid, part, TALL) for part in parts], axis=0)
+                np.testing.assert_array_equal(swept_mask(grid, grasp_volume(world, grasp), TALL), alone)
+                tried += 1
+    assert tried > 3
+
+
+def test_volumes_are_worked_out_once() -> None:
+    scene = table_scene(cylinder("object_00", -0.2, 0.1))
+    world, volumes, grasp = CollisionWorld.from_scene(scene), GraspVolumes(), grasps(scene, "object_00")[0]
+    assert volumes.of(world, grasp) is volumes.of(world, grasp)
+
+
+@pytest.mark.parametrize("supports", [None, "all"])
+def test_the_region_drawn_is_the_region_used(monkeypatch: pytest.MonkeyPatch, supports: str | None) -> None:
+    """Every region drawn was made by the planner, and the locations that it tried were compared with that region."""
+    made: list[NegativeGoalRegion] = []
+    compared: list[np.ndarray] = []
+    make, compare = surfaces.negative_goal_region, surfaces.is_free
+
+    def making(*args: object) -> NegativeGoalRegion:
+        made.append(make(*args))  # type: ignore[arg-type] # as the planner calls it
+        return made[-1]
+
+    def comparing(grid: SupportGrid, mask: np.ndarray, locations: np.ndarray, radius: float) -> np.ndarray:
+        compared.append(mask)
+        return compare(grid, mask, locations, radius)
+
+    monkeypatch.setattr(surfaces, "negative_goal_region", making)
+    monkeypatch.setattr(surfaces, "is_free", comparing)
+    scene = replace(random_scene(25, 3), supports=("table_top", "counter_left", "counter_right"))
+    planner = Planner(FETCH, supports=supports)
+    target = next(name for name in scene.names if (planner.clearance_floor(scene, name).count or 0) > 1)
+    plan = planner.solve(scene, target)
+    assert isinstance(plan, Solution)
+    used = list(compared)
+    puts = [action for action in plan.actions if action.is_clearance]
+    for put, choice in zip(puts, choices_of(plan), strict=True):
+        assert len(choice.picture.surfaces) == (1 if supports is None else 3)
+        assert choice.picture.surfaces[0].region.ngr1.any()
+        free = []
+        for drawn, surface in zip(choice.picture.surfaces, put.surfaces, strict=True):
+            assert any(drawn.region is region for region in made)
+            assert any(np.array_equal(surface.blocked, mask) for mask in used)
+            assert not (drawn.region.mask & ~surface.blocked).any()
+            assert put.released is not None
+            location = put.released.position[None, :2]
+            free.append(bool(is_free(drawn.grid, drawn.region.mask, location, put.released.radius)[0]))
+        assert any(free)
