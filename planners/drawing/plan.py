@@ -13,7 +13,10 @@ from planners.tamp.solution import Solution
 
 __all__ = ["draw_plan"]
 
-_COLUMNS = 3
+_COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
+"""Pictures side by side, and how many of them where one is so many times as wide as it is high."""
+_PAGE, _TITLE, _LEGEND = 13.8, 0.45, 0.7
+"""[inch] Width of all pictures, heights of a title and of the legend."""
 _MOST = 11
 """Clearances drawn at most; of a longer plan the first ones are drawn."""
 
@@ -27,9 +30,12 @@ def draw_plan(solution: Solution, path: Path) -> None:
     choices = choices_of(solution)
     pictures = [(_title(number, choice), choice.picture) for number, choice in enumerate(choices[:_MOST], start=1)]
     pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
-    columns = min(_COLUMNS, len(pictures))
+    x_low, x_high, y_low, y_high = pictures[0][1].extent
+    aspect = (y_high - y_low) / (x_high - x_low)
+    most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE
+    columns, width = min(most, len(pictures)), _PAGE / most
     rows = -(-len(pictures) // columns)
-    figure = Figure(figsize=(4.6 * columns, 3.4 * rows + 0.5), layout="constrained")
+    figure = Figure(figsize=(width * columns, (width / aspect + _TITLE) * rows + _LEGEND), layout="constrained")
     all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for axes, (title, picture) in zip(all_axes, pictures, strict=False):
         draw_clearance(axes, picture, title)
