@@ -152,7 +152,7 @@ def test_the_region_drawn_is_the_region_used(monkeypatch: pytest.MonkeyPatch, su
     monkeypatch.setattr(surfaces, "negative_goal_region", making)
     monkeypatch.setattr(surfaces, "is_free", comparing)
     scene = replace(random_scene(25, 3), supports=("table_top", "counter_left", "counter_right"))
-    planner = Planner(FETCH, supports=supports)
+    planner = Planner(FETCH, grasps="side", supports=supports)
     target = next(name for name in scene.names if (planner.clearance_floor(scene, name).count or 0) > 1)
     plan = planner.solve(scene, target)
     assert isinstance(plan, Solution)
