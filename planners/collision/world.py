@@ -18,6 +18,7 @@ from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.robot_pose_kernel import Attached
 from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, with_object
 from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene
+from planners.scene.resting import release_pitch, up_axis
 
 __all__ = ["PADDING", "STEP", "CollisionWorld"]
 
@@ -96,16 +97,33 @@ class CollisionWorld:
         body = self.scene.body(held.name)
         bound = body_bound(body)
         position, rotation = held.T_tcp_object[:3, 3], held.T_tcp_object[:3, :3]
-        raised = 0.5 * (self.padding + SUPPORT_SLACK)
+        shrunk, up = self._raised_bottom(body, held)
         return Attached(
             bit=self.scene.index(held.name),
             core=body_core(body),
-            half=np.stack([body.half_extents, body.half_extents - [0.0, 0.0, raised]]),
+            half=np.stack([body.half_extents, body.half_extents - shrunk]),
             bound=bound,
-            position=np.stack([position, position + raised * rotation[:, 2]]),
+            position=np.stack([position, position + rotation @ up]),
             rotation=np.stack([rotation, rotation]),
             reach=np.maximum(self.robot.reach, self.robot.tip_reach + np.linalg.norm(position) + bound),
         )
+
+    def _raised_bottom(self, body: Body, held: HeldObject) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """By how much half extents shrink and the centre rises, in the object's frame, for a copy off the support.
+
+        What points up is what does where the object rests in the scene, or, held already, where it is put down.
+        """
+        if self.scene.held is not None and self.scene.held.name == body.name:
+            pitch = release_pitch(body, held)
+            up = held.T_tcp_object[:3, :3].T @ (-np.sin(pitch), 0.0, np.cos(pitch))
+        else:
+            up = body.rotation.T @ up_axis(body)
+        raised, axis = 0.5 * (self.padding + SUPPORT_SLACK), int(np.abs(up).argmax())
+        if body.shape == "cylinder" and axis != 2:
+            across = np.array((up[0], up[1], 0.0))
+            return np.array((raised, raised, 0.0)), raised * across / np.linalg.norm(across)
+        step = raised * np.eye(3)[axis]
+        return step, step * np.sign(up[axis])
 
     def query(
         self, opening: float, held: HeldObject | None = None, ignore: int = 0, first_only: bool = False

@@ -18,10 +18,11 @@ from planners.grasping.candidates import BasePlacer
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels
-from planners.placing.release import put_down, release_pitch, rotated
+from planners.placing.release import put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.resting import release_pitch
 from planners.strategies import Strategy
 
 __all__ = ["Placement", "PlacementSearch"]

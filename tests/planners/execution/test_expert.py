@@ -14,6 +14,7 @@ from assets.robots import FETCH
 from planners import EpisodeReport, Planner, Scene, TampExpert
 from planners.execution.controlled_env import num_disturbances
 from planners.execution.errors import ExpertError
+from planners.grasping.families import UnknownGraspSet
 from planners.placing.surfaces import UnknownSupport
 from planners.strategies import UnknownStrategy
 
@@ -148,7 +149,36 @@ def test_an_environment_that_counts_nothing_leaves_the_judgement_open() -> None:
     assert EpisodeReport().clean is None
 
 
-FAULTS = {"push": push_the_target, "knock": knock_out_of_the_hand, "topple": topple_another}
+def topple_the_target(env: gymnasium.Env, expert: TampExpert) -> bool:
+    """Onto its side, towards where most room is."""
+    if "transit" not in expert.phase:
+        return False
+    data, name = env.unwrapped.data, expert.target
+    joint, others = data.joint(f"{name}_joint"), [o for o in env.unwrapped.world.names if o != name]
+    radius, half = map(float, env.unwrapped.model.geom(name).size[:2])
+
+    def room(angle: float) -> float:
+        """[m] from the axis of the object laid down that way to the nearest other object, or to the table's edge."""
+        heading = np.array([np.cos(angle), np.sin(angle)])
+        points = [joint.qpos[:2] + share * half * heading for share in (0.0, 1.0, 2.0)]
+        to_edge = min((np.array([0.35, 0.5]) - np.abs(point)).min() for point in points)
+        return min([to_edge, *(np.linalg.norm(data.body(o).xpos[:2] - point) for o in others for point in points)])
+
+    angle = max(np.linspace(0, 2 * np.pi, 16, endpoint=False), key=room)
+    joint.qpos[:2] += half * np.array([np.cos(angle), np.sin(angle)])
+    joint.qpos[2] += radius - half + 0.002
+    joint.qpos[3:] = np.sqrt(0.5) * np.array([1.0, -np.sin(angle), np.cos(angle), 0.0])
+    joint.qvel[:] = 0.0
+    mujoco.mj_forward(env.unwrapped.model, data)
+    return True
+
+
+FAULTS = {
+    "push": push_the_target,
+    "knock": knock_out_of_the_hand,
+    "topple": topple_another,
+    "topple the target": topple_the_target,
+}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -171,8 +201,10 @@ def test_eight_of_ten_faults_are_recovered_from(fault: str, objects: int) -> Non
     assert sum(report.scored for report, _, _ in outcomes) >= 8
 
 
-def test_an_unknown_strategy_is_refused() -> None:
+def test_an_unknown_strategy_or_grasp_set_is_refused() -> None:
     env = gymnasium.make("clutter_env/Retrieve-o1-v0")
     with pytest.raises(UnknownStrategy, match="lookahead"):
         TampExpert(env, strategy="magic")
+    with pytest.raises(UnknownGraspSet, match="side, tilted, top, all"):
+        TampExpert(env, grasps="back")
     env.close()
