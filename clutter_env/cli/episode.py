@@ -52,7 +52,7 @@ class Arguments:
     control_mode: Literal["joint", "ee"] = "joint"
     """Joint targets, or TCP poses."""
     obstructed: bool = True
-    """Take the first seed, from --seed on, whose target no grasp of the set reaches before something is cleared."""
+    """Take the first seed, from --seed on, whose target no level grasp reaches before something is cleared."""
     episodes: int = 1
     """With more than one, episodes are counted, not shown."""
     jobs: int = os.cpu_count() or 1

@@ -31,7 +31,7 @@ class Arguments:
     scenes: int = 100
     """Scenes for each number of objects."""
     obstructed: bool = True
-    """Leave out scenes in which nothing has to be cleared."""
+    """Leave out scenes in which a level gripper takes the target at once."""
     seed: int = 100_000
     """First seed of the scenes."""
     layout: str = "paper"

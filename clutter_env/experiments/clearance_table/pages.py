@@ -43,7 +43,7 @@ def write_page(
     picture = picture_path(page)
     plot(scenes, rows, picture)
     kind = f'in physics, "{settings.control_mode}" mode' if settings.physics else "plans only"
-    which = ", whose target is obstructed" if settings.only_obstructed else ""
+    which = ", whose target no level grasp reaches at once" if settings.only_obstructed else ""
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(
         f"# Clearance table ({kind})\n\n```sh\n{command}\n```\n\n"

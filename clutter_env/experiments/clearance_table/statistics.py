@@ -25,8 +25,8 @@ class Scenes:
     Attributes:
         objects: number of objects on the table.
         seeds: number of resets that were assessed.
-        obstructed: scenes with a floor of at least 1.
-        free: scenes whose target nothing obstructs.
+        obstructed: scenes in which something has to be cleared before a level gripper takes the target.
+        free: scenes in which nothing has to be.
         without_set: scenes for which it is proved that no self-clearable set exists.
         unreachable: scenes whose target no grasp reaches.
         crashed: scenes that could not be assessed.
@@ -114,7 +114,7 @@ def summarise_scenes(objects: int, found: Sequence[Assessment], seed: int) -> Sc
         objects=objects,
         seeds=len(found),
         obstructed=len(obstructed),
-        free=sum(scene.floor == 0 for scene in found),
+        free=sum(scene.side_floor == 0 for scene in found),
         without_set=causes.total(),
         unreachable=unreachable,
         crashed=crashed,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -58,7 +58,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Assessment:
-    """A scene and its floor, the minimum number of clearances.
+    """A scene and its floor, the minimum number of clearances with the trial's grasp set.
 
     Attributes:
         objects: number of objects on the table.
@@ -71,6 +71,7 @@ class Assessment:
         detail: traceback of a crash.
         floor_s: CPU time [s] of the computation.
         strategy: `ASSESSMENT`.
+        side_floor: the floor with side grasps, whatever the grasp set: it says whether the target is obstructed.
     """
 
     objects: int
@@ -83,11 +84,12 @@ class Assessment:
     detail: str = ""
     floor_s: float = 0.0
     strategy: str = ASSESSMENT
+    side_floor: int | None = None
 
     @property
     def is_obstructed(self) -> bool:
-        """Whether something has to be cleared, and can be."""
-        return bool(self.floor)
+        """Whether something has to be cleared before a level gripper takes the target, and can be."""
+        return bool(self.side_floor)
 
 
 @dataclass(frozen=True)
@@ -152,8 +154,17 @@ def _assess(trial: Trial) -> Assessment:
     before = time.process_time()
     floor = planner.clearance_floor(scene, target)
     spent = time.process_time() - before
+    side = floor if trial.grasps == "side" else replace(planner, grasps="side").clearance_floor(scene, target)
     return Assessment(
-        trial.objects, trial.seed, target, floor.count, floor.lower_bound, floor.proved, floor.cause, floor_s=spent
+        trial.objects,
+        trial.seed,
+        target,
+        floor.count,
+        floor.lower_bound,
+        floor.proved,
+        floor.cause,
+        floor_s=spent,
+        side_floor=side.count,
     )
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import planners.strategies
@@ -57,9 +58,9 @@ def test_a_crash_is_not_a_failure_to_solve() -> None:
 
 def test_scenes_are_told_apart_by_what_the_floor_says() -> None:
     found = [
-        Assessment(15, 1, floor=0, proved=True),
-        Assessment(15, 2, floor=3, proved=True),
-        Assessment(15, 3, floor=5, proved=False),
+        Assessment(15, 1, floor=0, proved=True, side_floor=0),
+        Assessment(15, 2, floor=3, proved=True, side_floor=3),
+        Assessment(15, 3, floor=5, proved=False, side_floor=5),
         Assessment(15, 4, proved=True, cause="no self-clearable set"),
         Assessment(15, 5, proved=True, cause="unreachable"),
         Assessment(15, 6, cause=CRASH),
@@ -67,6 +68,16 @@ def test_scenes_are_told_apart_by_what_the_floor_says() -> None:
     row = summarise_scenes(15, found, seed=0)
     assert (row.seeds, row.free, row.obstructed, row.without_set, row.unreachable) == (6, 1, 2, 1, 1)
     assert (row.crashed, row.unproved, row.floor.mean) == (1, 1, 3)
+
+
+def test_obstructed_means_that_no_level_grasp_reaches_the_target_whatever_the_grasp_set() -> None:
+    found = [Assessment(40, seed, floor=0, proved=True, side_floor=4) for seed in (1, 2)]
+    row = summarise_scenes(40, found, seed=0)
+    assert (row.obstructed, row.free, row.floor.mean) == (2, 0, 0.0)
+    own = table(attempt(1, 0), attempt(2, 1))
+    attempts = make_row(own, own, {1: 0, 2: 0}, cap=10, seed=0)
+    assert attempts.at_floor == 0.5
+    assert np.isnan(attempts.ratio.mean), "nothing is divided by a floor of 0"
 
 
 def test_records_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
