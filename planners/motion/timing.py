@@ -28,11 +28,11 @@ __all__ = [
     "time_parametrise",
 ]
 
-SETTLE_TIME = 0.3
+SETTLE_TIME = 0.15
 """[s] to wait after the fingers have closed or opened, before the arm moves on."""
 HEADROOM = 0.97
 """Share of the limits that is used; rounding and the turning base frame need the rest."""
-_CORNER_SHARE = 0.45
+_CORNER_SHARE = 0.75
 """Share of the acceleration spent on corners; the rest is for speeding up and slowing down."""
 _TINY = 1e-12
 """A smaller change of direction is none."""
@@ -256,11 +256,13 @@ def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
     squared = np.minimum(squared, 1.0)
     squared[0] = squared[-1] = 0.0
     taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
-    thrust = (1.0 - np.minimum(taken, _CORNER_SHARE)) / _in_units_of(acceleration, direction)
+    gain = 2 * steps / _in_units_of(acceleration, direction)
     for i in range(len(steps)):
-        squared[i + 1] = min(squared[i + 1], squared[i] + 2 * thrust[i] * steps[i])
+        spare = 1.0 - min(taken[i] * squared[i], _CORNER_SHARE)
+        squared[i + 1] = min(squared[i + 1], squared[i] + spare * gain[i])
     for i in range(len(steps) - 1, -1, -1):
-        squared[i] = min(squared[i], squared[i + 1] + 2 * thrust[i] * steps[i])
+        spare = 1.0 - min(taken[i] * squared[i + 1], _CORNER_SHARE)
+        squared[i] = min(squared[i], squared[i + 1] + spare * gain[i])
     return np.sqrt(squared)
 
 
