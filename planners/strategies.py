@@ -28,8 +28,8 @@ class StrategyError(ValueError):
 class Strategy:
     """A way to clear: three choices, planning ahead or not, and a budget.
 
-    The strategies of `STRATEGIES` have the same budget; `sets`, `slack` and `variations` are part of planning ahead,
-    which is the idea of "lookahead".
+    The strategies of `STRATEGIES` have the same budget; `sets`, `slack`, `variations` and `second_moves` are part of
+    planning ahead, which is the idea of "lookahead".
 
     Attributes:
         name: what it is called.
@@ -44,6 +44,8 @@ class Strategy:
             grasps yield one.
         slack: sets with so many objects more than the fewest are looked at too.
         variations: other orders and grasps tried for each set.
+        second_moves: objects put aside provisionally, to be moved again, where no plan is found that moves each object
+            once; only for strategies that plan ahead.
         leaves_cleared: whether an object that was cleared before is cleared again only if nothing else helps.
         attempts: runs of Algorithm 1, with other random choices, before a solve ends without a plan or with a plan that
             clears an object twice.
@@ -63,6 +65,7 @@ class Strategy:
     sets: int = 1
     slack: int = 0
     variations: int = 0
+    second_moves: int = 0
     leaves_cleared: bool = True
     attempts: int = 3
     locations_per_level: int = 120
@@ -81,13 +84,23 @@ class Strategy:
         return f"strategy {self.name!r}: {name}={getattr(self, name)!r}"
 
 
-_LEAST = {"sets": 1, "slack": 0, "variations": 0, "attempts": 1, "locations_per_level": 1, "placements": 1}
+_LEAST = {
+    "sets": 1,
+    "slack": 0,
+    "variations": 0,
+    "second_moves": 0,
+    "attempts": 1,
+    "locations_per_level": 1,
+    "placements": 1,
+}
 """Smallest valid values."""
 
 STRATEGIES = {
     entry.name: entry
     for entry in (
-        Strategy("lookahead", "smallest", "ngr", "priority", plans_ahead=True, sets=12, slack=2, variations=6),
+        Strategy(
+            "lookahead", "smallest", "ngr", "priority", plans_ahead=True, sets=12, slack=2, variations=6, second_moves=2
+        ),
         Strategy("ngr", "greedy", "ngr", "priority"),
         Strategy("dogar", "greedy", "ngr1", "priority"),
         Strategy("srivastava", "greedy", "none", "random"),

@@ -40,11 +40,14 @@ from planners.strategies import Strategy
 __all__ = [
     "ClearancePlan",
     "ClearingProblem",
+    "IsUsable",
     "OrderByTaskPlan",
     "RejectedGrasps",
+    "alternatives",
     "commitments_for",
     "grasped",
     "keep_clear",
+    "simulate_clearance",
 ]
 
 _CELL = 0.02
@@ -52,6 +55,8 @@ _CELL = 0.02
 
 OrderByTaskPlan: TypeAlias = Callable[[Commitments], Commitments]
 """Puts the objects to clear in the order in which a task plan clears them."""
+IsUsable: TypeAlias = Callable[[Scene, GraspCandidate], bool]
+"""Whether a grasp in a scene can be used at all: whether the gripper can leave again."""
 
 
 @dataclass(frozen=True)
@@ -90,19 +95,30 @@ class RejectedGrasps:
 
 @dataclass(frozen=True)
 class ClearancePlan:
-    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead."""
+    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead.
+
+    Attributes:
+        commitments: a grasp for the target and for every object that must go before it.
+        placements: where objects are put.
+        provisional: the object that is put where it will be in the way later; once it stands there, commitments are
+            chosen anew. "" for none.
+        moves: put-downs until the target can be taken, as far as they are planned.
+    """
 
     commitments: Commitments
     placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+    provisional: str = ""
+    moves: int = 0
 
     def without(self, name: str) -> ClearancePlan:
         """What remains once that object has been cleared."""
         placements = {other: placement for other, placement in self.placements.items() if other != name}
-        return ClearancePlan(self.commitments.without(name), MappingProxyType(placements))
+        kept = MappingProxyType(placements)
+        return ClearancePlan(self.commitments.without(name), kept, self.provisional, max(self.moves - 1, 0))
 
 
 def commitments_for(
-    problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan, is_usable: Callable[[GraspCandidate], bool]
+    problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan, is_usable: IsUsable
 ) -> ClearancePlan | NoCommitment | RejectedGrasps:
     """The first commitments of the strategy, or, planned ahead, the first whose objects all find placements.
 
@@ -116,26 +132,26 @@ def commitments_for(
         the plan; the grasps to take out of the candidates; or why there is no plan.
     """
     without_placement = problem.target
-    for commitments in _alternatives(problem):
+    for commitments in alternatives(problem):
         if problem.deadline.is_over:
             break
         if isinstance(commitments, NoCommitment):
             return commitments
-        if unusable := tuple(grasp for grasp in commitments.grasps.values() if not is_usable(grasp)):
+        if unusable := tuple(grasp for grasp in commitments.grasps.values() if not is_usable(problem.scene, grasp)):
             return RejectedGrasps(unusable)
         if not problem.strategy.plans_ahead:
             return ClearancePlan(commitments)
         commitments = order_by_task_plan(commitments)
         placements = _simulate_clearances(problem, commitments)
         if not isinstance(placements, str):
-            return ClearancePlan(commitments, placements)
+            return ClearancePlan(commitments, placements, moves=len(placements))
         without_placement = placements
     if problem.deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (problem.target,), proved=False)
     return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_placement,), proved=False)
 
 
-def _alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:
+def alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:
     """Commitments to one set of objects after another, each followed by other orders and grasps for the same objects.
 
     Greedy strategies yield one.
@@ -198,23 +214,35 @@ def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
 
 def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> Mapping[str, Placement] | str:
     """A placement for every object to clear, found by simulating the clearances in order; or the object without one."""
-    strategy, scene, remaining = problem.strategy, problem.scene, commitments
+    scene, remaining = problem.scene, commitments
     placements: dict[str, Placement] = {}
     held = () if scene.held is None else (scene.held.name,)
     for name in (*held, *commitments.order):
-        in_hand = scene if name in held else grasped(scene, commitments.grasps[name])
-        found = problem.placements.find(
-            problem.compiled.world(in_hand),
-            keep_clear(strategy, remaining, name),
-            strategy,
-            problem.rng,
-            problem.deadline,
-        )
-        placement = next(found, None)
-        if placement is None:
+        done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
+        if done is None:
             return name
-        placements[name] = placement
+        placements[name], scene = done
         remaining = remaining.without(name)
-        state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
-        scene = in_hand.with_held(None).with_body(placement.body).with_state(state)
     return MappingProxyType(placements)
+
+
+def simulate_clearance(
+    problem: ClearingProblem, scene: Scene, commitments: Commitments, name: str, keep: KeepClear
+) -> tuple[Placement, Scene] | None:
+    """The first placement of an object that is taken through the grasp committed to, and the scene after it.
+
+    Args:
+        problem: where placements come from.
+        scene: before the clearance; the object may be held already.
+        commitments: its grasp is one of them.
+        name: of the object.
+        keep: what the object must not stand in the way of.
+    """
+    is_held = scene.held is not None and scene.held.name == name
+    in_hand = scene if is_held else grasped(scene, commitments.grasps[name])
+    world = problem.compiled.world(in_hand)
+    placement = next(problem.placements.find(world, keep, problem.strategy, problem.rng, problem.deadline), None)
+    if placement is None:
+        return None
+    state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
+    return placement, in_hand.with_held(None).with_body(placement.body).with_state(state)

@@ -139,6 +139,10 @@ class GraspCandidates:
         self._known[name] = _Known(known, unseen)
         return known
 
+    def afresh(self) -> GraspCandidates:
+        """The same without what is known of any scene."""
+        return GraspCandidates(self.placer, self.chain, self.config, self.compiled, self.families)
+
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
         self._keep(grasp, [other for other in self.for_object(scene, grasp.object) if other.key != grasp.key])

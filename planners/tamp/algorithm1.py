@@ -51,7 +51,10 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
             motion = call_motion_planning(search, state, action)
             if isinstance(motion, BoundMotion):
                 bind_references(search, state.scene, action, motion)
-                state = update_initial_state_from_action(state, action, motion)
+                before, state = state, update_initial_state_from_action(state, action, motion)
+                if is_provisional(before, action):
+                    state = rebind_grasps(search, state.symbols, state.scene)
+                    break
             else:
                 before, state = state, update_initial_state_from_error(search, state, motion)
                 record(search, plan, verified, motion, before, state)
@@ -67,6 +70,11 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     held = scene.held.name if scene.held else None
     problem = obstruction_problem(search.target, {}, objects=scene.names, held=held, held_obstructs=search.target)
     return bind_grasps(search, problem.state, scene)
+
+
+def is_provisional(state: PlanState, action: GroundAction) -> bool:
+    """Whether an action puts an object where it will be in the way later: what follows is then chosen anew."""
+    return action.name.startswith("PutDown") and action.args[0] == state.clearance_plan.provisional
 
 
 def is_goal(search: Search, state: PlanState) -> bool:

@@ -13,6 +13,7 @@ from planners.cause import Cause
 from planners.clearing.commitments import ExcludingObjects, NoCommitment
 from planners.clearing.lookahead import ClearancePlan, ClearingProblem, OrderByTaskPlan, commitments_for
 from planners.clearing.minimum_clearances import FloorLimits
+from planners.clearing.second_moves import plan_with_second_moves
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -105,17 +106,25 @@ class MotionLayer:
         )
         found = self._choose_grasps(problem, order_by_task_plan)
         if isinstance(found, NoCommitment) and left_alone and not self.deadline.is_over:
-            return self._choose_grasps(replace(problem, candidates=self.candidates), order_by_task_plan)
-        return found
+            problem = replace(problem, candidates=self.candidates)
+            found = self._choose_grasps(problem, order_by_task_plan)
+        if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
+            return found
+        second_moves = strategy.second_moves - (len(cleared) - len(set(cleared)))
+        non_monotone = plan_with_second_moves(
+            problem, order_by_task_plan, self._is_usable, self.candidates.afresh, second_moves
+        )
+        return non_monotone or found
+
+    def _is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
+        """Whether the gripper can leave a grasp again."""
+        return can_leave(self._compiled(scene), grasp.base, grasp.q, grasp.object)
 
     def _choose_grasps(
         self, problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan
     ) -> ClearancePlan | NoCommitment:
-        world = self.candidates.compiled.world(problem.scene)
         while True:
-            found = commitments_for(
-                problem, order_by_task_plan, lambda grasp: can_leave(world, grasp.base, grasp.q, grasp.object)
-            )
+            found = commitments_for(problem, order_by_task_plan, self._is_usable)
             if isinstance(found, NoCommitment):
                 return self._with_cause(found)
             if isinstance(found, ClearancePlan):

@@ -25,7 +25,7 @@ from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import cylinder, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
-PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations")
+PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "second_moves")
 
 
 @pytest.fixture(scope="module")
