@@ -28,6 +28,8 @@ class Arguments:
     """Numbers of objects on the table, the target among them."""
     strategies: tuple[str, ...] = STRATEGIES
     """Strategies; the others are compared with the first one."""
+    ablations: bool = False
+    """Add rows of "lookahead" without one of its parts: look-ahead, tilted and top grasps, counters, second moves."""
     scenes: int = 100
     """Scenes for each number of objects."""
     obstructed: bool = True
@@ -65,11 +67,12 @@ def run(arguments: Arguments) -> None:
     from clutter_env.experiments.clearance_table.pages import markdown, write_page
     from clutter_env.experiments.clearance_table.records import Records
     from clutter_env.experiments.clearance_table.table import TableSettings, run_trials, summarise_table
+    from clutter_env.experiments.clearance_table.variants import ABLATIONS
     from clutter_env.reporting.json_file import write_json
 
     settings = TableSettings(
         objects=arguments.objects,
-        strategies=arguments.strategies,
+        strategies=(*arguments.strategies, *(ABLATIONS if arguments.ablations else ())),
         scenes=arguments.scenes,
         seed=arguments.seed,
         layout=arguments.layout,

@@ -219,6 +219,9 @@ class BlockerMasks(Protocol):
 class ClearanceFloor:
     """The fewest objects any plan must clear before it can hold the target, for the declared options.
 
+    It holds for plans that move objects twice too: each object's first move begins where it stands now. A plan that
+    moves each object once, and reaches it, needs a location for every object; whether there is one is not looked at.
+
     Attributes:
         count: how many; None if no plan exists (see `cause`).
         objects: their names, in an order in which they can be removed.
@@ -236,6 +239,11 @@ class ClearanceFloor:
     options: tuple[int, ...] = ()
     cause: str = ""
     expansions: int = 0
+
+    @property
+    def is_infeasible(self) -> bool:
+        """Whether it is proved that no plan exists for this robot and these options, even if objects move twice."""
+        return self.count is None and self.proved
 
 
 def clearance_floor(

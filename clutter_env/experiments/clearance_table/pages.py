@@ -12,6 +12,7 @@ from matplotlib.ticker import LogLocator
 
 from clutter_env.experiments.clearance_table.statistics import Row, Scenes
 from clutter_env.experiments.clearance_table.table import TableSettings
+from clutter_env.experiments.clearance_table.variants import ABLATIONS
 from clutter_env.reporting.statistics import Interval, Times
 from clutter_env.reporting.tables import NOTHING, markdown_section, number_text
 
@@ -24,6 +25,7 @@ PAPER = {
 }
 """Table 1 of Lee & Kim 2019, by strategy, for `PAPER_OBJECTS`."""
 COLOURS = {"lookahead": "#0072b2", "ngr": "#009e73", "dogar": "#cc79a7", "srivastava": "#d55e00"}
+COLOURS |= dict(zip(ABLATIONS, ("#56b4e9", "#e69f00", "#f0e442", "#999999"), strict=False))
 """Of the palette of Okabe & Ito (2008), which colour-blind readers can tell apart as well."""
 GREY = "#777777"
 

@@ -16,6 +16,7 @@ from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
+from clutter_env.experiments.clearance_table.variants import VARIANTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
 from planners.grasping.families import GRASP_SETS
 from planners.strategies import STRATEGIES
@@ -38,7 +39,7 @@ class TableSettings:
 
     Attributes:
         objects: numbers of objects on the table, the target among them.
-        strategies: names; the others are compared with the first one.
+        strategies: names of strategies or ablations; the others are compared with the first one.
         scenes: number of scenes for each number of objects.
         seed: first seed of the scenes.
         layout: its name.
@@ -69,8 +70,8 @@ class TableSettings:
         if self.grasps not in GRASP_SETS:
             raise ConfigError(f"grasps={self.grasps!r} is not valid; valid grasp sets: {', '.join(GRASP_SETS)}")
         for name in self.strategies:
-            if name not in STRATEGIES:
-                raise ConfigError(f"no strategy {name!r}; known strategies: {', '.join(STRATEGIES)}")
+            if name not in VARIANTS:
+                raise ConfigError(f"no strategy {name!r}; known strategies: {', '.join(VARIANTS)}")
         for count in self.objects:
             if count not in OBJECT_COUNTS:
                 raise ConfigError(f"objects={count} is not valid; valid numbers: {', '.join(map(str, OBJECT_COUNTS))}")

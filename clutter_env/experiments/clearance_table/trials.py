@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 import clutter_env  # noqa: F401 - registers the environments
+from clutter_env.experiments.clearance_table.variants import VARIANTS
 from planners.execution.expert import ExpertConfig, TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
@@ -33,7 +34,7 @@ class Trial:
     Attributes:
         objects: number of objects on the table.
         seed: of the environment's reset.
-        strategy: `ASSESSMENT`, or the name of a strategy of the planner.
+        strategy: `ASSESSMENT`, or a name of `VARIANTS`.
         layout: its name.
         control_mode: "joint" or "ee".
         physics: whether the expert executes the plan in physics.
@@ -172,7 +173,8 @@ def _solve(trial: Trial) -> Attempt:
     planner, scene, target = _scene(trial)
     before = time.perf_counter()
     rng = np.random.default_rng(trial.seed)
-    outcome = planner.solve(scene, target, trial.strategy, rng, trial.time_limit)
+    variant = VARIANTS[trial.strategy]
+    outcome = variant.planner(planner, scene).solve(scene, target, variant.strategy, rng, trial.time_limit)
     wall_s = time.perf_counter() - before
     failed = isinstance(outcome, Infeasible)
     stats = outcome.stats
@@ -194,12 +196,14 @@ def _solve(trial: Trial) -> Attempt:
 
 def _execute(trial: Trial) -> Attempt:
     """Let the expert execute its plans in physics."""
+    planner, scene, target = _scene(trial)
     env = _environment(trial.objects, trial.layout, trial.control_mode)
-    _, info = env.reset(seed=trial.seed)
+    unwrapped: Any = env.unwrapped
+    info = unwrapped.info
     before = time.perf_counter()
-    config = ExpertConfig(planning_s=trial.time_limit, with_floor=False)
-    expert = TampExpert(env, trial.strategy, grasps=trial.grasps, config=config)
-    expert.reset(info["target"])
+    config, variant = ExpertConfig(planning_s=trial.time_limit, with_floor=False), VARIANTS[trial.strategy]
+    expert = TampExpert(env, variant.strategy, planner=variant.planner(planner, scene), config=config)
+    expert.reset(target)
     over, steps, lifted = expert.done, 0, False
     while not over:
         _, _, terminated, truncated, info = env.step(expert.act())

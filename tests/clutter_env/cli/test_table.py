@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import planners.strategies
+from assets.robots import FETCH
 from clutter_env.cli.table import STRATEGIES, main
 from clutter_env.experiments.clearance_table.records import OtherSettings, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
+from clutter_env.experiments.clearance_table.variants import ABLATIONS
+from planners.planner import Planner
+from tests.planners.scenes import table_scene
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -105,6 +110,20 @@ def test_strategies_that_solve_all_are_not_certain_to() -> None:
 
 def test_the_command_knows_all_strategies() -> None:
     assert tuple(planners.strategies.STRATEGIES) == STRATEGIES
+
+
+def test_ablations_differ_from_the_planner_in_one_thing_each() -> None:
+    scene = replace(table_scene(), supports=("table_top", "counter_left"))
+    whole = Planner(FETCH, grasps="all")
+    variants = {name.removeprefix("lookahead - "): variant for name, variant in ABLATIONS.items()}
+    assert set(variants) == {"look-ahead", "tilt", "counters", "second moves"}
+    made = {name: variant.planner(whole, scene) for name, variant in variants.items()}
+    assert made["look-ahead"] == made["second moves"] == whole
+    assert (made["tilt"].grasps, made["tilt"].supports) == ("side", "all")
+    assert (made["counters"].grasps, made["counters"].supports) == ("all", ("table_top",))
+    assert not variants["look-ahead"].strategy.plans_ahead
+    assert variants["second moves"].strategy.second_moves == 0
+    assert variants["tilt"].strategy == variants["counters"].strategy == planners.strategies.STRATEGIES["lookahead"]
 
 
 @pytest.mark.slow
