@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
@@ -109,13 +110,16 @@ class MapPlacer:
         return np.ascontiguousarray(np.concatenate(bases)[order]), np.concatenate(index)[order]
 
     def _bases_at_pitch(self, gripper_poses: Array, pitch: float) -> tuple[Array, NDArray[np.int64]]:
-        """As `bases`, for gripper poses of one pitch [rad]: the map's ring nearest to it answers."""
+        """As `bases`, for gripper poses of one pitch [rad]: the map's ring nearest to it answers.
+
+        An object that has slipped in the gripper may have to be released a little beyond straight down.
+        """
         yaws = gripper_poses[:, 3]
         ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
         found = self.map.query_batch(
             gripper_poses[:, :3],
             yaw_ranges=ranges,
-            pitch=pitch,
+            pitch=min(max(pitch, -math.pi / 2), math.pi / 2),
             free_space=self.open_floor if pitch else self.floor,
             k=self.per_gripper_pose,
         )

@@ -59,6 +59,15 @@ def test_configurations_reach_the_gripper_pose_and_hits_are_those_of_the_collisi
         assert by_gripper & ~(1 << SELF_BIT) & ~int(hits) == 0
 
 
+@pytest.mark.parametrize("pitch", [1.571, 1.7, -0.1])
+def test_a_pitch_beyond_straight_down_or_above_level_has_bases(scene: Scene, pitch: float) -> None:
+    """Release pitches are rounded, and what has slipped in the gripper is released at a pitch of its own."""
+    poses = poses_over(scene, pitch)
+    bases, index = map_placer(scene).bases(poses)
+    found = scan_configurations(CollisionWorld.from_scene(scene), GripperPoses(bases, poses[index]), GRID, OPENING)
+    assert len(found.q) > 0
+
+
 def test_bases_of_poses_with_several_pitches_are_those_of_each_pitch_alone(scene: Scene) -> None:
     placer = map_placer(scene)
     mixed = np.concatenate([poses_over(scene, pitch)[:3] for pitch in PITCHES])[::-1]
