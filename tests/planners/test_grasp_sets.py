@@ -39,7 +39,7 @@ def pitch_of(action: BoundAction) -> float:
     phase = next(phase for phase in action.trajectory.phases if phase.name in ("close", "open"))
     sample = action.trajectory.sample(phase.start)
     T = tcp_pose(FETCH, RobotState(sample.base, sample.q, 0.0))
-    return math.asin(-T[2, 0])
+    return math.atan2(-T[2, 0], T[2, 2])
 
 
 def assert_free(solution: Solution) -> None:
