@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from enum import Enum, auto
 from typing import NamedTuple
@@ -22,7 +21,7 @@ from planners.execution.monitor import (
 )
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
-from planners.motion.trajectory import CONTROL_STEP, Trajectory
+from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState
 from planners.tamp.solution import BoundAction
 
@@ -32,6 +31,8 @@ Array = NDArray[np.float64]
 
 _GRIP_DELAY = 4
 """Control steps after the fingers have closed, before the position of the object in the gripper is recorded."""
+_RATE_CHANGE = 0.1
+"""Per control step: by how much of its speed the robot slows down after a deviation, or turns back; 0.5 s to a stop."""
 _TIME_TOLERANCE = 1e-9
 """[s] of rounding in multiples of the control step."""
 
@@ -62,8 +63,8 @@ class Step(NamedTuple):
 class Executor:
     """Follows the trajectories of a plan one control step at a time.
 
-    A deviation stops the plan. The arm first moves to the end of the present trajectory, or back to its beginning,
-    whichever does not lead down among the objects again. Then the outcome is `ABORTED`.
+    A deviation stops the plan. Beside a contact the gripper first leaves the objects along its straight line, forwards
+    or back in time; then the robot slows down on its path. At rest the outcome is `ABORTED`.
 
     Attributes:
         deviation: the deviation that stops the plan, None while there is none.
@@ -95,8 +96,8 @@ class Executor:
         self._names = names
         self._config = config
         self._action = 0
-        self._tick = 0
-        self._direction = 1
+        self._tick = 0.0
+        self._rate = 1.0
         self._expected = start
         self._grip: Array | None = None
         self._closed_for = 0
@@ -118,11 +119,9 @@ class Executor:
         """Compare the world with the plan, and return the next command."""
         if self.deviation is None and self._action < len(self._actions):
             self.deviation = self._compare(now)
-            if self.deviation is not None:
-                self._direction = self._retreat_direction()
         if not self._has_to_wait(now):
             self._move_on(now)
-        if self.deviation is not None and self._has_retreated():
+        if self.deviation is not None and self._has_stopped():
             return Step(self._command(), Outcome.ABORTED, self.deviation)
         outcome = Outcome.FINISHED if self._action >= len(self._actions) else Outcome.RUNNING
         return Step(self._command(), outcome, self.deviation)
@@ -139,12 +138,14 @@ class Executor:
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
 
     def _move_on(self, now: Snapshot) -> None:
-        """Go to the next sample, or to the first sample of the next action."""
-        self._tick += self._direction
+        """Go to the next sample, or to the first one of the next action; after a deviation, slow down or turn back."""
+        if self.deviation is not None:
+            self._rate += min(max(self._retreat_direction() - self._rate, -_RATE_CHANGE), _RATE_CHANGE)
+        self._tick += self._rate
         while self.deviation is None and self._action < len(self._actions) and self._is_over():
             self._finish(self._actions[self._action], now)
             self._action += 1
-            self._tick = 1
+            self._tick = 1.0
 
     def _has_to_wait(self, now: Snapshot) -> bool:
         """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` steps."""
@@ -164,8 +165,9 @@ class Executor:
     def _is_over(self) -> bool:
         return (self._tick - 1) * CONTROL_STEP >= self._trajectory.duration - _TIME_TOLERANCE
 
-    def _has_retreated(self) -> bool:
-        return self._tick <= 0 or self._is_over()
+    def _has_stopped(self) -> bool:
+        is_at_rest = self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2
+        return is_at_rest or self._tick <= 0 or self._is_over()
 
     def _finish(self, action: BoundAction, now: Snapshot) -> None:
         self._expected = now
@@ -181,7 +183,7 @@ class Executor:
         drive = np.concatenate((sample.base, sample.q))
         opening = self._robot.finger_gap_closed + 2 * sample.finger_position
         if self.deviation is not None:
-            is_empty_retreat = self._direction < 0 and not sample.phase.held
+            is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held
             if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
                 opening = self._robot.max_opening
         self._last = Command(drive, opening)
@@ -224,7 +226,14 @@ class Executor:
         return Deviation(DeviationKind.OBJECT_MOVED, action.target) if distance > self._config.displacement else None
 
     def _retreat_direction(self) -> int:
-        """-1, back in time, before the gripper closes or opens at the lowest point of the trajectory; 1 afterwards."""
+        """Where in time the gripper leaves the objects: -1 back, before it closes or opens; 1 forwards, afterwards.
+
+        0 where it is not beside a contact.
+        """
         phases = self._trajectory.phases
-        changes = [later.start for before, later in itertools.pairwise(phases) if before.held != later.held]
-        return -1 if changes and self._time < changes[0] else 1
+        at = phases.index(self._trajectory.phase(self._time))
+        if is_contact(phases[at]):
+            return 1 if at > 0 and phases[at - 1].held else -1
+        if at + 1 < len(phases) and is_contact(phases[at + 1]):
+            return -1
+        return int(at > 0 and is_contact(phases[at - 1]))

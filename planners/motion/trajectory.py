@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planners.scene import HeldObject
 
-__all__ = ["CONTROL_STEP", "Phase", "Trajectory", "TrajectorySample", "join"]
+__all__ = ["CONTROL_STEP", "Phase", "Trajectory", "TrajectorySample", "is_contact", "join"]
 
 CONTROL_STEP = 0.05
 """[s] between commands."""
@@ -30,6 +30,11 @@ class Phase(NamedTuple):
     start: float
     held: str = ""
     touched: HeldObject | None = None
+
+
+def is_contact(phase: Phase) -> bool:
+    """Whether the fingers close on an object or let it go."""
+    return phase.touched is not None and not phase.held
 
 
 class TrajectorySample(NamedTuple):

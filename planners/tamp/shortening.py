@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.motion.contact_free import ContactFree, merged, phases_of
-from planners.motion.trajectory import Trajectory, join
+from planners.motion.trajectory import Trajectory, is_contact, join
 from planners.scene import RobotState, Scene
 from planners.tamp.solution import BoundAction
 
@@ -29,11 +29,11 @@ def shortened(
         is_accepted: whether motions in a scene are accepted by the second collision checker, MuJoCo.
     """
     parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
-    runs = [list(run) for _, run in itertools.groupby(parts, key=lambda part: _is_contact(part[1]))]
+    runs = [list(run) for _, run in itertools.groupby(parts, key=lambda part: is_contact(part[1].phases[0]))]
     shorter: list[list[Trajectory]] = [[] for _ in actions]
     for k, run in enumerate(runs):
         phases = [phase for _, phase in run]
-        if not _is_contact(phases[0]):
+        if not is_contact(phases[0].phases[0]):
             motion = ContactFree(phases, begins_in_contact=k > 0, ends_in_contact=k + 1 < len(runs))
             scene = actions[run[-1][0]].scene
             found = merged(compiled.world(scene), motion)
@@ -41,11 +41,6 @@ def shortened(
         for (index, _), phase in zip(run, phases, strict=True):
             shorter[index].append(phase)
     return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))
-
-
-def _is_contact(phase: Trajectory) -> bool:
-    """Whether the fingers close on an object or let it go."""
-    return phase.phases[0].touched is not None and not phase.phases[0].held
 
 
 def _with_trajectory(action: BoundAction, trajectory: Trajectory) -> BoundAction:
