@@ -86,7 +86,8 @@ def clearance_floor(
     """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
 
     Exact for the grasps of that set, and for the base poses and arm configurations that all strategies choose from, and
-    for every path to them: only what the final grasp configuration hits is counted.
+    for every path to them: only what the final grasp configuration hits is counted. Under a board the base drives
+    straight in and out, and what is in the way of that counts too.
 
     Args:
         scene: as for `solve`.

@@ -28,7 +28,7 @@ from clutter_env.simulation.world import Measurements, World
 __all__ = ["CHORD", "DISTURBED_PATH", "HOLD_STEPS", "LIFT_HEIGHT", "RELEASE_STEPS", "Judge", "JudgeMemory"]
 
 LIFT_HEIGHT = 0.10
-"""[m] above the table at which the target's lowest point counts as lifted."""
+"""[m] above what it stood on at which the target's lowest point counts as lifted."""
 HOLD_TIME = 0.5
 """[s] for which it must stay there, held."""
 HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
@@ -79,7 +79,7 @@ class Judge:
     """Follows the objects of one episode, from its first state on; call `update` after every control step.
 
     Attributes:
-        lift: [m] height of the target's lowest point above the table; 0 without a target.
+        lift: [m] height of the target's lowest point above what it stood on at reset; 0 without a target.
         is_target_held: whether both fingers touch the target.
         is_target_lost: whether the target is below the table top.
         steps_held: control steps in a row with the target held and lifted.
@@ -200,7 +200,12 @@ class Judge:
         target = self._target
         self.is_target_held = target >= 0 and measurements.held == target
         self.is_target_lost = target >= 0 and bool(measurements.is_off[target])
-        self.lift = self._world.lowest_point(measurements, target) - TABLE_HEIGHT if target >= 0 else 0.0
+        self.lift = self._world.lowest_point(measurements, target) - self._support_height() if target >= 0 else 0.0
+
+    def _support_height(self) -> float:
+        """[m] of the surface on which the target stood at reset."""
+        assert self._world.scene is not None
+        return float(TABLE_HEIGHT + self._world.scene.levels[self._target])
 
     def _derive(self) -> None:
         """What follows from paths and falls: the counts, and the square (n,) [m²] of the motion that ends a chord.

@@ -20,7 +20,7 @@ from clutter_env.scene.table_scene import TableScene, object_name
 __all__ = ["ResetOptions", "explicit_scene"]
 
 OPTION_NAMES = ("target", "objects", "state", "obstructed")
-_COMMON_KEYS = ("shape", "position", "height", "yaw", "mass")
+_COMMON_KEYS = ("shape", "position", "height", "yaw", "mass", "row")
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("depth", "width")}
 _OPTIONAL_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("lying",), "box": ()}
 HALF_WIDTH_LIMITS = (0.01, 0.10)
@@ -105,8 +105,9 @@ def explicit_scene(
     """The scene that the option `objects` describes; the base pose and the target are drawn from `rng`.
 
     Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
-    "width", "height", "position"}, all in metres, with optional "yaw" [rad] and "mass" [kg]. A cylinder with "lying":
-    True lies on its side, its axis along its yaw; its height is then its length.
+    "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row": 0 for the table, 1
+    for the board above it in a layout with two rows. A cylinder with "lying": True lies on its side, its axis along
+    its yaw; its height is then its length.
 
     Raises:
         OptionError: an invalid description, too many objects, an object over the table's edge or too high for the
@@ -114,7 +115,7 @@ def explicit_scene(
     """
     if not 1 <= len(descriptions) <= max_objects:
         raise OptionError(f"option 'objects' holds {len(descriptions)} objects; it must be 1 to {max_objects}")
-    parsed = [_parse(index, entry) for index, entry in enumerate(descriptions)]
+    parsed = [_parse(index, entry, layout) for index, entry in enumerate(descriptions)]
     scene = TableScene(
         half_extents=np.array([p.half_extents for p in parsed]),
         is_box=np.array([p.is_box for p in parsed]),
@@ -124,11 +125,12 @@ def explicit_scene(
         base=sample_base(rng, layout),
         target=int(rng.integers(len(parsed))),
         is_lying=np.array([p.is_lying for p in parsed]),
+        levels=np.array([p.level for p in parsed]),
     )
     footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
     _check_on_table(layout, footprints)
     _check_headroom(layout, scene)
-    _check_apart(footprints)
+    _check_apart(footprints, scene.levels)
     return scene
 
 
@@ -140,9 +142,10 @@ class _Parsed:
     yaw: float
     mass: float
     is_lying: bool
+    level: float
 
 
-def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
+def _parse(index: int, entry: Mapping[str, Any], layout: Layout) -> _Parsed:
     place = f"option 'objects'[{index}]"
     shape = entry.get("shape", "cylinder")
     if not isinstance(shape, str) or shape not in _SHAPE_KEYS:
@@ -168,6 +171,7 @@ def _parse(index: int, entry: Mapping[str, Any]) -> _Parsed:
         yaw=_number(place, "yaw", entry.get("yaw", 0.0), -2 * math.pi, 2 * math.pi),
         mass=_number(place, "mass", entry.get("mass", DEFAULT_MASS), *MASS_LIMITS),
         is_lying=is_lying,
+        level=_level(place, entry.get("row", 0), layout),
     )
 
 
@@ -175,6 +179,15 @@ def _number(place: str, key: str, value: object, lowest: float, highest: float) 
     if not _is_number(value) or not lowest <= float(value) <= highest:
         raise OptionError(f"{place}: {key}={value!r} must be a number from {lowest:.4g} to {highest:.4g}")
     return float(value)
+
+
+def _level(place: str, row: object, layout: Layout) -> float:
+    """[m] of a row of objects above the table."""
+    rows = range(len(layout.levels))
+    if isinstance(row, bool) or not isinstance(row, int | np.integer) or row not in rows:
+        valid = ", ".join(map(str, rows))
+        raise OptionError(f"{place}: row={row!r} is not valid in layout {layout.name!r}; valid rows: {valid}")
+    return layout.levels[row]
 
 
 def _is_number(value: object) -> TypeGuard[Real]:
@@ -225,14 +238,14 @@ def _check_headroom(layout: Layout, scene: TableScene) -> None:
         if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
             raise OptionError(
                 f"{object_name(index)} is {height:.3g} m high; layout {layout.name!r} has {layout.headroom:.3g} m "
-                f"above its table, of which {HEADROOM_MARGIN} m stay free"
+                f"above it, of which {HEADROOM_MARGIN} m stay free"
             )
 
 
-def _check_apart(footprints: Sequence[_Footprint]) -> None:
+def _check_apart(footprints: Sequence[_Footprint], levels: NDArray[np.float64]) -> None:
     for second, b in enumerate(footprints):
         for first, a in enumerate(footprints[:second]):
-            if _separation(a, b) < -TOUCH_TOLERANCE:
+            if levels[first] == levels[second] and _separation(a, b) < -TOUCH_TOLERANCE:
                 raise OptionError(f"{object_name(first)} and {object_name(second)} overlap; move one of them")
 
 

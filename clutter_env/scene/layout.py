@@ -21,6 +21,7 @@ TABLE_HEIGHT = 0.75
 
 TABLE = "table_top"
 """Name of the box on which objects stand at the start."""
+_BOARD = "shelf_board"
 _COUNTERS = ("counter_left", "counter_right")
 _TOP_THICKNESS = 0.04
 _LEG_HALF_WIDTH = 0.025
@@ -81,6 +82,8 @@ class Layout:
     """More furniture, in the world frame: obstacles for the robot and for the planner."""
     supports: tuple[str, ...] | None = None
     """Names of the boxes on whose top faces objects may be put, the table's first; None for table and counters."""
+    second_board_height: float | None = None
+    """[m] from the shelf board to a second one above it, None without: objects stand below both."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -92,6 +95,10 @@ class Layout:
             raise ConfigError(f"{place}: is_front_only={self.is_front_only!r} must be True or False")
         if self.board_height is not None:
             _check_number(place, "board_height", self.board_height, *HEADROOM_RANGE)
+        if self.second_board_height is not None:
+            _check_number(place, "second_board_height", self.second_board_height, *HEADROOM_RANGE)
+            if self.board_height is None:
+                raise ConfigError(f"{place}: second_board_height={self.second_board_height!r} needs a board_height")
         object.__setattr__(self, "boxes", _checked_boxes(place, self.boxes))
         names = [box.name for box in furniture(self)]
         for name in names:
@@ -103,10 +110,18 @@ class Layout:
             object.__setattr__(self, "supports", _checked_supports(place, self.supports, furniture(self)))
 
     @property
+    def levels(self) -> tuple[float, ...]:
+        """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the board's."""
+        if self.board_height is None or self.second_board_height is None:
+            return (0.0,)
+        return 0.0, self.board_height + _PANEL_THICKNESS
+
+    @property
     def headroom(self) -> float:
-        """[m] from the table top to the lowest thing above it; infinite without one."""
+        """[m] from a surface on which objects stand to the lowest thing above it; infinite without one."""
         above = [box for box in furniture(self) if _overlaps(box, *self._table_volume(math.inf))]
-        return min((box.position[2] - box.half_extents[2] - TABLE_HEIGHT for box in above), default=math.inf)
+        over_table = min((box.position[2] - box.half_extents[2] - TABLE_HEIGHT for box in above), default=math.inf)
+        return min(over_table, self.second_board_height or math.inf)
 
     @property
     def start_region(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -206,7 +221,7 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
             ),
         ]
     if layout.board_height is not None:
-        boxes += _shelf(x, y, layout.board_height)
+        boxes += _shelf(x, y, (layout.board_height, layout.second_board_height))
     return (*boxes, *layout.boxes)
 
 
@@ -214,17 +229,21 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
     """Names of the boxes on whose top faces objects may be put, the table's first."""
     if layout.supports is not None:
         return layout.supports
-    return tuple(box.name for box in furniture(layout) if box.name in (TABLE, *_COUNTERS))
+    names = (TABLE, *_COUNTERS) if len(layout.levels) == 1 else (TABLE, *_COUNTERS, _BOARD)
+    return tuple(box.name for box in furniture(layout) if box.name in names)
 
 
-def _shelf(x: float, y: float, board_height: float) -> list[Box]:
-    """Side panels just outside the table and a board across them."""
+def _shelf(x: float, y: float, board_heights: tuple[float, float | None]) -> list[Box]:
+    """Side panels just outside the table and one or two boards across them, each at its height above what is below."""
     panel = _PANEL_THICKNESS / 2
-    z = TABLE_HEIGHT + board_height / 2
+    first, second = board_heights
+    height = first if second is None else first + _PANEL_THICKNESS + second
+    z = TABLE_HEIGHT + height / 2
+    boards = [(_BOARD, first)] if second is None else [(_BOARD, first), ("shelf_board_upper", height)]
     return [
-        Box("shelf_left", (0.0, y + panel, z), (x, panel, board_height / 2)),
-        Box("shelf_right", (0.0, -y - panel, z), (x, panel, board_height / 2)),
-        Box("shelf_board", (0.0, 0.0, TABLE_HEIGHT + board_height + panel), (x, y + 2 * panel, panel)),
+        Box("shelf_left", (0.0, y + panel, z), (x, panel, height / 2)),
+        Box("shelf_right", (0.0, -y - panel, z), (x, panel, height / 2)),
+        *(Box(name, (0.0, 0.0, TABLE_HEIGHT + at + panel), (x, y + 2 * panel, panel)) for name, at in boards),
     ]
 
 
@@ -234,6 +253,8 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         "wide": Layout("wide", depth=0.8, width=1.2),
         "dense": Layout("dense", depth=0.6, width=0.8),
         "shelf": Layout("shelf", depth=0.7, width=1.0, board_height=0.40),
+        "two_boards": Layout("two_boards", depth=0.7, width=1.0, board_height=0.35, second_board_height=0.35),
+        "cabinet": Layout("cabinet", depth=0.45, width=0.8, board_height=0.40),
         "island": Layout("island", depth=0.8, width=1.2, is_front_only=False),
     }
 )

@@ -95,4 +95,5 @@ def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["stan
     diameter = {"cylinder": cylinder, "box": box, "mixed": (cylinder + box) / 2}[shapes] + OBJECT_GAP
     overhang = diameter / 2 - objects.edge_margin
     area = (layout.depth + 2 * overhang) * (layout.width + 2 * overhang)
-    return min(int(_PACKING * area / (math.pi / 4 * diameter**2)), MAX_OBJECTS)
+    in_one_row = int(_PACKING * area / (math.pi / 4 * diameter**2))
+    return min(in_one_row * len(layout.levels), MAX_OBJECTS)

@@ -137,6 +137,7 @@ def count_blockers(
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
     own, direction = np.nonzero(is_offered)
     hits = _hits(approaches, scene, tcp[own, direction], approach[own, direction], opening[own, direction])
+    hits &= scene.levels[own, None] == scene.levels
     hits[np.arange(len(own)), own] = False
     fewest = np.full(scene.num_objects, scene.num_objects)
     np.minimum.at(fewest, own, hits.sum(axis=1))

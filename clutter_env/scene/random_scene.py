@@ -46,15 +46,17 @@ def sample_scene(
     half_height = np.where(is_lying, half_width, half_height)
     radii = np.where(is_angular, np.hypot(half_depth, half_width), half_width)
     standing_extents = np.column_stack((half_depth, half_width, half_height))
+    rows = np.arange(num_objects) % len(layout.levels)
     return TableScene(
         half_extents=np.where(is_lying[:, None], standing_extents[:, ::-1], standing_extents),
         is_box=is_box,
-        positions=_place(rng, layout, radii, objects.edge_margin),
+        positions=_place_rows(rng, layout, radii, rows, objects.edge_margin),
         yaws=np.where(is_angular, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
         masses=rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
         target=int(rng.integers(num_objects)) if num_objects else -1,
         is_lying=is_lying,
+        levels=np.array(layout.levels)[rows],
     )
 
 
@@ -64,6 +66,16 @@ def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]
     low, high = np.array(((low_x, low_y, -START_YAW), (high_x, high_y, START_YAW)))
     base: NDArray[np.float64] = low + (high - low) * rng.random(3)
     return base
+
+
+def _place_rows(
+    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], rows: NDArray[np.int64], margin: float
+) -> NDArray[np.float64]:
+    """Positions (n, 2) of circles that keep apart from those in the same of the rows one above the other, (n,)."""
+    positions = np.zeros((len(radii), 2))
+    for row in range(len(layout.levels)):
+        positions[rows == row] = _place(rng, layout, radii[rows == row], margin)
+    return positions
 
 
 def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float) -> NDArray[np.float64]:

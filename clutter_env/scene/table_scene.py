@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,8 @@ class TableScene:
 
     `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
     table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, `is_lying`
-    (n,) whether an object is a cylinder on its side, its axis along its yaw.
+    (n,) whether an object is a cylinder on its side, its axis along its yaw, `levels` (n,) [m] the height above the
+    table of the surface that each object stands on: 0, the default, for the table itself.
     """
 
     half_extents: NDArray[np.float64]
@@ -28,10 +29,13 @@ class TableScene:
     base: NDArray[np.float64]
     target: int
     is_lying: NDArray[np.bool_]
+    levels: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        arrays = (self.half_extents, self.is_box, self.positions, self.yaws, self.masses, self.base, self.is_lying)
-        for array in arrays:
+        if not len(self.levels):
+            object.__setattr__(self, "levels", np.zeros(len(self.yaws)))
+        measures = (self.half_extents, self.positions, self.yaws, self.masses, self.base, self.levels)
+        for array in (*measures, self.is_box, self.is_lying):
             array.setflags(write=False)
 
     @property

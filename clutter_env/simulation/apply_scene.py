@@ -82,10 +82,10 @@ def _inertias(scene: TableScene) -> NDArray[np.float64]:
 
 
 def _start_poses(scene: TableScene) -> NDArray[np.float64]:
-    """Free-joint positions (n, 7): on the table, exactly touching it; a lying cylinder's z axis is horizontal."""
+    """Free-joint positions (n, 7): exactly touching table or board; a lying cylinder's z axis is horizontal."""
     poses = np.zeros((scene.num_objects, 7))
     poses[:, :2] = scene.positions
-    poses[:, 2] = TABLE_HEIGHT + scene.standing_extents[:, 2]
+    poses[:, 2] = TABLE_HEIGHT + scene.levels + scene.standing_extents[:, 2]
     poses[:, 3], poses[:, 6] = cosine, sine = np.cos(scene.yaws / 2), np.sin(scene.yaws / 2)
     if scene.is_lying.any():
         tipped = math.sqrt(0.5) * np.column_stack((cosine, -sine, cosine, sine))

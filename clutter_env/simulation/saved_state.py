@@ -117,11 +117,10 @@ def _refuse_constant(name: str) -> NoReturn:
 def _read_scene(value: object, most_objects: int) -> TableScene:
     """The scene in a state of an environment with at most so many objects.
 
-    States that were saved before cylinders could lie have no entry `is_lying`.
+    States that were saved before cylinders could lie, or objects stand on boards, lack these entries.
     """
-    names = [entry.name for entry in fields(TableScene)]
-    has_lying = isinstance(value, dict) and "is_lying" in value
-    read = Fields(value, "scene", names if has_lying else [name for name in names if name != "is_lying"])
+    missing = [name for name in ("is_lying", "levels") if isinstance(value, dict) and name not in value]
+    read = Fields(value, "scene", [entry.name for entry in fields(TableScene) if entry.name not in missing])
     count = len(read.items("yaws"))
     if not min(most_objects, 1) <= count <= most_objects:
         raise StateError(
@@ -135,7 +134,8 @@ def _read_scene(value: object, most_objects: int) -> TableScene:
         masses=read.numbers("masses", (count,), *_MASS_RANGE),
         base=read.numbers("base", (3,), -_PLACE_RANGE, _PLACE_RANGE),
         target=read.integer("target", 0, count - 1) if count else read.integer("target", -1, -1),
-        is_lying=read.flags("is_lying", count) if has_lying else np.zeros(count, np.bool_),
+        is_lying=np.zeros(count, np.bool_) if "is_lying" in missing else read.flags("is_lying", count),
+        levels=np.zeros(count) if "levels" in missing else read.numbers("levels", (count,), 0.0, _PLACE_RANGE),
     )
     if (scene.is_lying & scene.is_box).any():
         raise StateError("scene: is_lying of the state must be false for a box")

@@ -35,6 +35,7 @@ from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear
 from planners.placing.swept_volume import standing_volume
 from planners.scene import HeldObject, RobotState, Scene, StaticObstacle
+from planners.scene.cover import drive_out
 from planners.strategies import Strategy
 
 __all__ = [
@@ -205,10 +206,11 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> Kee
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
-    """The scene after a grasp: the object is held, the robot is at the base pose of the grasp, its arm at home."""
+    """The scene after a grasp: the object is held, the robot where it took it or drove out to, its arm at home."""
     T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
     T_tcp_object = np.linalg.inv(T_world_tcp) @ scene.body(grasp.object).pose
-    state = RobotState(grasp.base, np.array(scene.robot.home), scene.state.finger_position)
+    base = drive_out(scene.support, grasp.base, T_world_tcp)[-1] if grasp.drives else grasp.base
+    state = RobotState(base, np.array(scene.robot.home), scene.state.finger_position)
     return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
 
 

@@ -263,8 +263,11 @@ def scan(
     torsos: Array,
     rolls: Array,
     nearest_home: bool,
+    needs_home: bool,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.uint64], Array]:
     """The loop of `scan_configurations`: gripper poses that hit fewest objects come first.
+
+    With `needs_home` a base pose counts only if the robot in its `home` (n,) configuration hits nothing static there.
 
     `known` (k,) is what the gripper alone hits. With `query.first_only` the pairs keep their order, and the scan stops
     after the first pair for which some configuration hits nothing.
@@ -283,7 +286,7 @@ def scan(
         by_gripper, base = known[pair], bases[pair]
         if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
             continue
-        if configuration_hits(query, query.active & _STATIC, memory.scratch, base, home) != _NONE:
+        if needs_home and configuration_hits(query, query.active & _STATIC, memory.scratch, base, home) != _NONE:
             continue
         _pose_in_base(gripper_poses[pair], base, R, p)
         _scan_pair(query, memory, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)

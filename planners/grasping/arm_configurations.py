@@ -88,10 +88,12 @@ def scan_configurations(
     held: HeldObject | None = None,
     ignore: int = 0,
     first_free: bool = False,
+    driven: CollisionWorld | None = None,
 ) -> ArmConfigurations:
     """Arm configurations that hit no static obstacle, not the robot itself, and as few objects as possible.
 
-    A base pose is left out if the robot in its home configuration would hit a static obstacle there. A configuration is
+    A base pose is left out if the robot in its home configuration would hit a static obstacle there, unless the base
+    drives to it with the arm in its final configuration, which must then be free on the whole drive. A configuration is
     left out if another one hits only a part of what it hits. Of those with the same hits, the best are kept by quality:
     manipulability, more for a high elbow, less for travel from the home configuration.
 
@@ -103,11 +105,16 @@ def scan_configurations(
         held: the held object.
         ignore: mask of bits that do not count.
         first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
+        driven: where the base drives to its pose with the arm rigid, `driven_world` of that drive. What is hit on it
+            counts; of what the arm hits at its start, and not on the way, only what the gripper hits is known.
     """
     bases, gripper_poses = _rows(poses.bases), _rows(poses.gripper_poses)
     known = gripper_hits(world, gripper_poses, opening, held=held, ignore=ignore)
-    query, home = world.query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
-    found = scan(query, home, bases, gripper_poses, known, grid.torsos, grid.rolls, grid.nearest_home)
+    if driven is not None:
+        known |= gripper_hits(driven, gripper_poses, opening, held=held, ignore=ignore)
+    query, home = (driven or world).query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
+    needs_home = driven is None
+    found = scan(query, home, bases, gripper_poses, known, grid.torsos, grid.rolls, grid.nearest_home, needs_home)
     return ArmConfigurations(*found)
 
 

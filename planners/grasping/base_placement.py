@@ -98,18 +98,18 @@ class MapPlacer:
         """Base poses among the static obstacles of a scene."""
         return cls(inverse_map, free_floor(scene), free_floor(scene, with_shadows=True), per_gripper_pose)
 
-    def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
+    def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
         """As `BasePlacer.bases`."""
         bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
         for pitch in np.unique(gripper_poses[:, 4]):
             rows = np.flatnonzero(gripper_poses[:, 4] == pitch)
-            found = self._bases_at_pitch(gripper_poses[rows], float(pitch))
+            found = self._bases_at_pitch(gripper_poses[rows], float(pitch), most)
             bases.append(found[0])
             index.append(rows[found[1]])
         order = np.argsort(np.concatenate(index), kind="stable")
         return np.ascontiguousarray(np.concatenate(bases)[order]), np.concatenate(index)[order]
 
-    def _bases_at_pitch(self, gripper_poses: Array, pitch: float) -> tuple[Array, NDArray[np.int64]]:
+    def _bases_at_pitch(self, gripper_poses: Array, pitch: float, most: int) -> tuple[Array, NDArray[np.int64]]:
         """As `bases`, for gripper poses of one pitch [rad]: the map's ring nearest to it answers.
 
         An object that has slipped in the gripper may have to be released a little beyond straight down.
@@ -121,7 +121,7 @@ class MapPlacer:
             yaw_ranges=ranges,
             pitch=min(max(pitch, -math.pi / 2), math.pi / 2),
             free_space=self.open_floor if pitch else self.floor,
-            k=self.per_gripper_pose,
+            k=max(self.per_gripper_pose, most),
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)

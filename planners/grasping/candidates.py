@@ -13,14 +13,19 @@ from irm.arm.kinematics import ArmChain
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.resting import objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, GraspFamily
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
+from planners.scene.cover import is_covered
 
 __all__ = ["BasePlacer", "GraspCandidate", "GraspCandidates", "SamplingConfig", "as_candidates", "gripper_poses"]
 
 Array = NDArray[np.float64]
 
+_BASES = (0, 8)
+"""Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a board, no
+grasp with nothing in its way."""
 OFF_TABLE = 0.02
 """[m] An object whose lowest point is this far below the table top does not stand on it."""
 
@@ -42,11 +47,12 @@ class SamplingConfig:
 class BasePlacer(Protocol):
     """Says where the base may stand."""
 
-    def bases(self, gripper_poses: Array) -> tuple[Array, NDArray[np.int64]]:
+    def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
         """Base poses from which gripper poses can be reached.
 
         Args:
             gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
+            most: base poses for each gripper pose, if that is more than the placer returns otherwise.
 
         Returns:
             base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
@@ -66,6 +72,8 @@ class GraspCandidate:
         opening: of the gripper [m] before the fingers close.
         blockers: mask of the objects hit at the grasp, standing on the object, or known to be in the way to or from it.
         quality: larger is better.
+        drives: whether the base drives straight in and out with the arm rigid, as under a board; what is in the way of
+            that is among the blockers.
     """
 
     object: str
@@ -76,6 +84,7 @@ class GraspCandidate:
     opening: float
     blockers: int
     quality: float
+    drives: bool = False
 
     @property
     def key(self) -> tuple[str, bytes, bytes]:
@@ -167,12 +176,26 @@ class GraspCandidates:
             return ()
         wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        bases, index = self.placer.bases(wanted)
-        poses = GripperPoses(bases, wanted[index])
-        held = () if scene.held is None else (scene.held.name,)
+        covered = is_covered(scene, (*body.position[:2], body.bottom))
+        candidates: list[GraspCandidate] = []
+        for most in _BASES:
+            bases, index = self.placer.bases(wanted, most)
+            found = self._scan(scene, body, GripperPoses(bases, wanted[index]), opening, covered)
+            candidates = [replace(grasp, drives=covered) for grasp in found]
+            if any(not grasp.blockers for grasp in candidates) if covered else candidates:
+                break
+        return candidates
+
+    def _scan(
+        self, scene: Scene, body: Body, poses: GripperPoses, opening: float, covered: bool
+    ) -> Iterator[GraspCandidate]:
+        """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
+        world, held = self.compiled.world(scene), () if scene.held is None else (scene.held.name,)
         ignore = scene.mask({body.name, *held})
-        world = self.compiled.world(scene)
-        found = scan_configurations(world, poses, self._grid(), opening, ignore=ignore)
+        if covered:
+            found = driven_configurations(world, body, poses, self._grid(), opening, ignore=ignore)
+        else:
+            found = scan_configurations(world, poses, self._grid(), opening, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
         return as_candidates(body.name, poses, opening, found)
 

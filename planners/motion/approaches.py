@@ -1,7 +1,7 @@
 """Approach patterns: straight lines of the gripper to and from a grasp or release configuration.
 
-A pattern is traced from that configuration outwards. The question is whether the arm can follow it, without and with
-the object, and which objects are in the way.
+A pattern is traced from that configuration outwards. The question is whether the robot can follow it, without and with
+the object, and which objects are in the way. Under a board the base drives straight out with the arm rigid.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from planners.collision.world import CollisionWorld
 from planners.motion.arm import FIXED_BITS, on_base, tcp_pose
 from planners.motion.arm_query import ArmQuery
 from planners.motion.straight_lines import trace_by_torso, trace_straight
-from planners.scene import Body, HeldObject, RobotState
+from planners.scene import Body, HeldObject, RobotState, Scene
+from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
 
 __all__ = [
     "APPROACH_PATTERNS",
@@ -28,14 +29,14 @@ __all__ = [
     "approach_patterns",
     "free_approach",
     "grasp_context",
+    "likely_patterns",
     "release_context",
+    "stand_off",
     "trace",
 ]
 
 SIDE_CLEARANCE = 0.012
 """[m] between each finger of the open gripper and the object."""
-_HEADROOM = 0.8
-"""[m] A static obstacle higher above the table does not matter."""
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ class ApproachPattern(NamedTuple):
         back, up: [m] The empty, open gripper moves `back` against its approach direction, then `up`.
         held_up, held_back: [m] With the object the gripper moves `held_up`, then `held_back`.
         by_torso: vertical lines are left to the torso: slow, but the arm then hits only what is above it.
+        drives: afterwards the base drives straight out from under the board, the arm rigid; see `stand_off`.
     """
 
     name: str
@@ -56,6 +58,7 @@ class ApproachPattern(NamedTuple):
     held_up: float
     held_back: float
     by_torso: bool = False
+    drives: bool = False
 
 
 APPROACH_PATTERNS = (
@@ -68,6 +71,13 @@ APPROACH_PATTERNS = (
     ApproachPattern("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
 )
 """Tried in this order: from above little more room is needed than at the grasp; from the front boards do not matter."""
+_DRIVES = (
+    ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, by_torso=True, drives=True),
+    ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, drives=True),
+    ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, by_torso=True, drives=True),
+    ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, drives=True),
+)
+"""Tried first under a board: the object is lifted where it stands, as high as counts as lifted if the board allows."""
 
 
 class GraspContext(NamedTuple):
@@ -82,6 +92,7 @@ class GraspContext(NamedTuple):
         grip: [m] of the gripper closed on the object.
         held: the object, as it is held.
         ignore: mask of objects that are not obstacles.
+        is_covered: whether a board hangs over the object.
     """
 
     empty: CollisionWorld
@@ -92,6 +103,7 @@ class GraspContext(NamedTuple):
     grip: float
     held: HeldObject
     ignore: int
+    is_covered: bool
 
     @property
     def empty_query(self) -> ArmQuery:
@@ -109,7 +121,7 @@ class Approach(NamedTuple):
 
     Attributes:
         pattern: which.
-        empty, loaded: waypoints (n, 8) outwards, without and with the object.
+        empty, loaded: whole-body configurations (n, 11) outwards, without and with the object.
         hits: mask of the objects in the way.
         phase: of the motion in which the last of them is hit: "grasp" (standing still), "approach" or "lift".
     """
@@ -131,8 +143,8 @@ def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, i
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
     openings = _openings(world.scene.robot, body, T_world_tcp)
-    loaded = with_room_below(world, name)
-    return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore)
+    loaded, covered = with_room_below(world, name), is_covered(world.scene, _foot(body))
+    return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore, covered)
 
 
 def release_context(
@@ -146,8 +158,8 @@ def release_context(
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     placed = world.scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
     openings = _openings(world.scene.robot, placed, T_world_tcp)
-    context = GraspContext(world.with_body(placed), world, np.array(base, dtype=float), q, *openings, held, ignore)
-    return context, placed
+    covered, standing = is_covered(world.scene, _foot(placed)), np.array(base, dtype=float)
+    return GraspContext(world.with_body(placed), world, standing, q, *openings, held, ignore, covered), placed
 
 
 def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, float]:
@@ -156,11 +168,25 @@ def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, 
     return min(grip + 2 * SIDE_CLEARANCE, robot.max_opening), grip
 
 
-def approach_patterns(world: CollisionWorld) -> tuple[ApproachPattern, ...]:
-    """The patterns worth tracing: those from the front only below static obstacles that block the others."""
-    if _is_covered(world):
-        return APPROACH_PATTERNS
-    return tuple(pattern for pattern in APPROACH_PATTERNS if pattern.up > 0.0)
+def _foot(body: Body) -> Array:
+    """(3,) [m] the point under an object's centre on which it stands."""
+    return np.array([*body.position[:2], body.bottom])
+
+
+def approach_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:
+    """All patterns, in the order in which they are tried: driving ones only under a board."""
+    return _DRIVES + APPROACH_PATTERNS if context.is_covered else APPROACH_PATTERNS
+
+
+def likely_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:
+    """The patterns worth tracing before any free path is planned: those from the front only under a board."""
+    patterns = approach_patterns(context)
+    return patterns if context.is_covered else tuple(pattern for pattern in patterns if pattern.up > 0.0)
+
+
+def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
+    """The base pose (3,) outside from which the base drives straight in to one under a board; see `drive_out`."""
+    return _drive(scene, np.asarray(base, dtype=float), np.asarray(q, dtype=float))[-1]
 
 
 def free_approach(context: GraspContext, pattern: ApproachPattern) -> Approach | None:
@@ -170,9 +196,9 @@ def free_approach(context: GraspContext, pattern: ApproachPattern) -> Approach |
         return None
     empty, loaded = lines
     ignore = context.ignore
-    if context.empty.path_hits(on_base(context.base, empty), context.opening, None, ignore, first_only=True):
+    if context.empty.path_hits(empty, context.opening, None, ignore, first_only=True):
         return None
-    if context.loaded.path_hits(on_base(context.base, loaded), context.grip, context.held, ignore, first_only=True):
+    if context.loaded.path_hits(loaded, context.grip, context.held, ignore, first_only=True):
         return None
     return Approach(pattern, empty, loaded, 0, "transit")
 
@@ -184,8 +210,8 @@ def trace(context: GraspContext, pattern: ApproachPattern) -> Approach | str:
         return "the arm cannot follow the line"
     empty, loaded = lines
     here = context.empty.hits(context.base, context.q, context.opening, None, context.ignore)
-    out = context.empty.path_hits(on_base(context.base, empty), context.opening, None, context.ignore)
-    away = context.loaded.path_hits(on_base(context.base, loaded), context.grip, context.held, context.ignore)
+    out = context.empty.path_hits(empty, context.opening, None, context.ignore)
+    away = context.loaded.path_hits(loaded, context.grip, context.held, context.ignore)
     hits = out | away
     if hits & FIXED_BITS:
         return f"the line touches {' and '.join(context.empty.names_of(hits & FIXED_BITS))}"
@@ -195,35 +221,34 @@ def trace(context: GraspContext, pattern: ApproachPattern) -> Approach | str:
     return Approach(pattern, empty, loaded, hits, phase)
 
 
-def _is_covered(world: CollisionWorld) -> bool:
-    """Whether a static obstacle above the table is in the way of an approach from above."""
-    table = world.scene.support
-    return any(
-        table.top < obstacle.lower[2] < table.top + _HEADROOM
-        and (np.abs(obstacle.position - table.position) < obstacle.extent + table.extent)[:2].all()
-        for obstacle in world.scene.static_obstacles
-    )
-
-
 def _lines(context: GraspContext, pattern: ApproachPattern) -> tuple[Array, Array] | None:
-    """Waypoints (n, 8) outwards along a pattern, without and with the object; None where the arm cannot follow."""
+    """Configurations (n, 11) outwards along a pattern, without and with the object; None if it cannot be followed."""
     robot, up = context.empty.scene.robot, np.array([0.0, 0.0, 1.0])
     back = -tcp_pose(robot, RobotState(context.base, context.q, 0.0))[:3, 0]
-    empty = _follow(context, ((back, pattern.back), (up, pattern.up)), pattern.by_torso)
+    empty = _follow(context, ((back, pattern.back), (up, pattern.up)), pattern)
     if empty is None:
         return None
-    loaded = _follow(context, ((up, pattern.held_up), (back, pattern.held_back)), pattern.by_torso)
+    loaded = _follow(context, ((up, pattern.held_up), (back, pattern.held_back)), pattern)
     return None if loaded is None else (empty, loaded)
 
 
-def _follow(context: GraspContext, lines: tuple[tuple[Array, float], ...], by_torso: bool) -> Array | None:
-    """Waypoints (n, 8) from the context's configuration along (direction, distance [m]) in turn; None as above."""
+def _follow(context: GraspContext, lines: tuple[tuple[Array, float], ...], pattern: ApproachPattern) -> Array | None:
+    """Configurations (n, 11) from where it stands along (direction, distance [m]) in turn, then out; None as above."""
     waypoints = context.q[None]
     for direction, distance in lines:
         if distance > 0.0:
-            trace_line = trace_by_torso if by_torso and direction[2] == 1.0 else trace_straight
+            trace_line = trace_by_torso if pattern.by_torso and direction[2] == 1.0 else trace_straight
             line = trace_line(context.empty, context.base, waypoints[-1], direction, distance)
             if line is None:
                 return None
             waypoints = np.vstack([waypoints, line[1:]])
-    return waypoints
+    standing = on_base(context.base, waypoints)
+    if not pattern.drives:
+        return standing
+    drive = _drive(context.empty.scene, context.base, context.q)
+    return np.vstack([standing, *(np.concatenate((base, waypoints[-1])) for base in drive[1:])])
+
+
+def _drive(scene: Scene, base: Array, q: Array) -> Array:
+    """Base poses (k, 3) of the drive out with the arm rigid in a configuration (8,), the first one included."""
+    return drive_out(scene.support, base, tcp_pose(scene.robot, RobotState(base, q, 0.0)))

@@ -14,8 +14,8 @@ from irm.arm.kinematics import ArmChain, forward
 from planners.collision.robot_model import RobotArrays
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm_query import DEFAULT_EFFORT, ArmQuery, RRTConfig
-from planners.motion.rrt import rrt_connect
-from planners.motion.smoothing import blend_corners, shortcut
+from planners.motion.sampling.rrt import rrt_connect
+from planners.motion.sampling.smoothing import blend_corners, shortcut
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, RobotState
 
 __all__ = [

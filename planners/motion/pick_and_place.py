@@ -1,35 +1,49 @@
-"""Picking an object up and putting it down on a standing base: free paths and straight lines around one configuration.
+"""Picking an object up and putting it down: free paths and straight lines around one configuration.
 
 A pick goes from the start configuration to a hover configuration (free path), along straight lines to the grasp, lifts
-the object along straight lines, and ends in the carry configuration (free path). A placement is the same in reverse.
-The straight lines are those of `approaches.APPROACH_PATTERNS`, tried in that order.
+the object along straight lines, and ends in a carry configuration (free path). A placement is the same in reverse.
+The straight lines are those of `approaches.approach_patterns`, tried in that order. Where the hover configuration has
+another base pose than the start, the free path to it begins with a drive.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import (
-    APPROACH_PATTERNS,
     Approach,
     ApproachPattern,
     GraspContext,
     approach_patterns,
     free_approach,
     grasp_context,
+    likely_patterns,
     release_context,
     trace,
 )
-from planners.motion.arm import ArmPath, BlockedBy, NoPath, plan_arm, unwrap_joints
+from planners.motion.arm import BlockedBy, NoPath, unwrap_joints
 from planners.motion.arm_query import DEFAULT_EFFORT, RRTConfig
+from planners.motion.free_paths import Task, free_paths
+from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import Body, HeldObject
 
-__all__ = ["PickMotion", "PlaceMotion", "can_leave", "can_put_down", "plan_pick", "plan_place", "planned_approach"]
+__all__ = [
+    "PickMotion",
+    "PlaceMotion",
+    "can_leave",
+    "can_put_down",
+    "fewest_blockers",
+    "plan_pick",
+    "plan_place",
+    "planned_approach",
+]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +59,14 @@ class PickMotion:
 
     name: str
     pattern: ApproachPattern
-    transit: ArmPath
-    approach: ArmPath
-    lift: ArmPath
-    retreat: ArmPath
+    transit: WholeBodyPath
+    approach: WholeBodyPath
+    lift: WholeBodyPath
+    retreat: WholeBodyPath
     held: HeldObject
 
     @property
-    def paths(self) -> tuple[ArmPath, ArmPath, ArmPath, ArmPath]:
+    def paths(self) -> tuple[WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]:
         """In order of time; the fingers close after the second."""
         return self.transit, self.approach, self.lift, self.retreat
 
@@ -70,26 +84,26 @@ class PlaceMotion:
 
     placed: Body
     pattern: ApproachPattern
-    transit: ArmPath
-    lower: ArmPath
-    rise: ArmPath
-    retreat: ArmPath
+    transit: WholeBodyPath
+    lower: WholeBodyPath
+    rise: WholeBodyPath
+    retreat: WholeBodyPath
     held: HeldObject
 
     @property
-    def paths(self) -> tuple[ArmPath, ArmPath, ArmPath, ArmPath]:
+    def paths(self) -> tuple[WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]:
         """In order of time; the fingers open after the second."""
         return self.transit, self.lower, self.rise, self.retreat
 
 
-_Composed: TypeAlias = tuple[ApproachPattern, ArmPath, ArmPath, ArmPath, ArmPath]
+_Composed: TypeAlias = tuple[ApproachPattern, WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]
 """A pattern; the motion along it outwards, without and with the object; the free paths without and with the object."""
 
 
 def plan_pick(
     world: CollisionWorld,
     base: ArrayLike,
-    q_start: ArrayLike,
+    start: ArrayLike,
     q_grasp: ArrayLike,
     name: str,
     *,
@@ -97,12 +111,12 @@ def plan_pick(
     ignore: int = 0,
     config: RRTConfig = DEFAULT_EFFORT,
 ) -> PickMotion | BlockedBy | NoPath:
-    """Take an object with a given grasp, then carry it in the robot's home configuration.
+    """Take an object with a given grasp, then carry it in the home configuration, or another where that does not fit.
 
     Args:
         world: the scene, compiled.
-        base: (3,) where the base stands.
-        q_start: (8,) configuration at the start.
+        base: (3,) where the base stands when the fingers close.
+        start: (8,) configuration at the start, or (11,) with the base pose first if the base stands elsewhere then.
         q_grasp: (8,) configuration in which the fingers close.
         name: of the object.
         rng: for the free paths.
@@ -116,10 +130,9 @@ def plan_pick(
     Raises:
         UnknownObject: no such object.
     """
-    q = unwrap_joints(world.robot, q_start, q_grasp)
-    context = grasp_context(world, base, q, name, ignore)
-    end = unwrap_joints(world.robot, q, world.scene.robot.home)
-    found = _plan_around(context, (q_start, end), rng, config)
+    stand, q_start = _split(world, base, start)
+    context = grasp_context(world, base, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
+    found = _plan_around(Task(context, stand, q_start, False, rng, config))
     if not isinstance(found, tuple):
         return found
     pattern, empty, loaded, transit, retreat = found
@@ -129,7 +142,7 @@ def plan_pick(
 def plan_place(
     world: CollisionWorld,
     base: ArrayLike,
-    q_start: ArrayLike,
+    start: ArrayLike,
     q_release: ArrayLike,
     held: HeldObject,
     *,
@@ -141,8 +154,8 @@ def plan_place(
 
     Args:
         world: the scene, compiled; the held object's own pose in it does not matter.
-        base: (3,) where the base stands.
-        q_start: (8,) configuration at the start.
+        base: (3,) where the base stands when the fingers open.
+        start: (8,) configuration at the start, or (11,) with the base pose first if the base stands elsewhere then.
         q_release: (8,) configuration in which the fingers open: the object then stands where this one holds it.
         held: the held object.
         rng, config: as for `plan_pick`.
@@ -155,10 +168,9 @@ def plan_place(
     Raises:
         UnknownObject: no such object.
     """
-    q = unwrap_joints(world.robot, q_start, q_release)
-    context, placed = release_context(world, base, q, held, 0)
-    end = unwrap_joints(world.robot, q, world.scene.robot.home)
-    found = _plan_around(context, (end, q_start), rng, config, find_blockers)
+    stand, q_start = _split(world, base, start)
+    context, placed = release_context(world, base, unwrap_joints(world.robot, q_start, q_release), held, 0)
+    found = _plan_around(Task(context, stand, q_start, True, rng, config), find_blockers)
     if not isinstance(found, tuple):
         return found
     pattern, empty, loaded, retreat, transit = found
@@ -175,7 +187,7 @@ def planned_approach(
     """
     others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
     context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, others)
-    traced = (trace(context, pattern) for pattern in approach_patterns(world))
+    traced = (trace(context, pattern) for pattern in likely_patterns(context))
     return next(((context, approach) for approach in traced if isinstance(approach, Approach)), None)
 
 
@@ -188,6 +200,20 @@ def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: 
     return planned_approach(world, base, q_grasp, name) is not None
 
 
+def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> int | None:
+    """The smallest set of objects in the way of the straight lines to and from a grasp (8,), as a mask.
+
+    Returns:
+        None if the robot cannot follow any of the lines, or they lead through static obstacles.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, 0)
+    traced = (trace(context, pattern) for pattern in likely_patterns(context))
+    return min((found.hits for found in traced if isinstance(found, Approach)), key=int.bit_count, default=None)
+
+
 def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
     """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
 
@@ -195,78 +221,47 @@ def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, h
         UnknownObject: no such object.
     """
     context, _ = release_context(world, base, np.asarray(q_release, dtype=float), held, 0)
-    return any(free_approach(context, pattern) is not None for pattern in approach_patterns(world))
+    return any(free_approach(context, pattern) is not None for pattern in likely_patterns(context))
 
 
-def _plan_around(
-    context: GraspContext,
-    ends: tuple[ArrayLike, ArrayLike],
-    rng: np.random.Generator,
-    config: RRTConfig,
-    find_blockers: bool = True,
-) -> _Composed | BlockedBy | NoPath:
-    """Straight lines, outwards, and the free paths `ends[0]` → hover without and hover → `ends[1]` with the object."""
-    for pattern in APPROACH_PATTERNS:
-        approach = free_approach(context, pattern)
-        free = None if approach is None else _free_paths(context, approach, ends, rng, config, find_blockers=False)
+def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array]:
+    """Base pose (3,) and configuration (8,) at the start; the base stands at `base` already if none is given."""
+    x, stand = np.array(start, dtype=float), np.array(base, dtype=float)
+    return (stand, x) if len(x) == len(world.robot.lower) else (x[:3], x[3:])
+
+
+def _plan_around(task: Task, find_blockers: bool = True) -> _Composed | BlockedBy | NoPath:
+    """Straight lines, outwards, and the free paths to and from their end."""
+    for pattern in approach_patterns(task.context):
+        approach = free_approach(task.context, pattern)
+        free = None if approach is None else free_paths(task, approach, find_blockers=False)
         if approach is not None and isinstance(free, tuple):
-            return _composed(context, approach, free)
-    return _least_blocked(context, ends, rng, config) if find_blockers else NoPath("no free approach found")
+            return _composed(task.context, approach, free)
+    return _least_blocked(task) if find_blockers else NoPath("no free approach found")
 
 
-def _composed(context: GraspContext, approach: Approach, free: tuple[ArmPath, ArmPath]) -> _Composed:
-    empty = ArmPath(context.base, approach.empty, context.opening, None, context.ignore)
-    loaded = ArmPath(context.base, approach.loaded, context.grip, context.held, context.ignore)
+def _composed(context: GraspContext, approach: Approach, free: tuple[WholeBodyPath, WholeBodyPath]) -> _Composed:
+    empty = WholeBodyPath(approach.empty, context.opening, None, context.ignore)
+    loaded = WholeBodyPath(approach.loaded, context.grip, context.held, context.ignore)
     return approach.pattern, empty, loaded, *free
 
 
-def _least_blocked(
-    context: GraspContext, ends: tuple[ArrayLike, ArrayLike], rng: np.random.Generator, config: RRTConfig
-) -> _Composed | BlockedBy | NoPath:
+def _least_blocked(task: Task) -> _Composed | BlockedBy | NoPath:
     """The fewest objects in the way over all patterns, free paths included; a motion, if one is found this time."""
-    traced = [(pattern, trace(context, pattern)) for pattern in APPROACH_PATTERNS]
+    traced = [(pattern, trace(task.context, pattern)) for pattern in approach_patterns(task.context)]
     reasons = [f"{pattern.name}: {found}" for pattern, found in traced if isinstance(found, str)]
     approaches = [found for _, found in traced if not isinstance(found, str)]
     blocked: list[BlockedBy] = []
     for approach in sorted(approaches, key=lambda approach: approach.hits.bit_count()):
         if blocked and approach.hits.bit_count() >= min(len(other.blockers) for other in blocked):
             break
-        free = _free_paths(context, approach, ends, rng, config, find_blockers=True)
+        free = free_paths(task, approach, find_blockers=True)
         if isinstance(free, NoPath):
             reasons.append(f"{approach.pattern.name}: {free.reason}")
         elif isinstance(free, BlockedBy):
             blocked.append(free)
         else:
-            return _composed(context, approach, free)
+            return _composed(task.context, approach, free)
     if blocked:
         return min(blocked, key=lambda found: (len(found.blockers), sorted(found.blockers)))
     return NoPath("; ".join(dict.fromkeys(reasons)))
-
-
-def _free_paths(
-    context: GraspContext,
-    approach: Approach,
-    ends: tuple[ArrayLike, ArrayLike],
-    rng: np.random.Generator,
-    config: RRTConfig,
-    find_blockers: bool,
-) -> tuple[ArmPath, ArmPath] | BlockedBy | NoPath:
-    """The free paths without and with the object, as if the objects that the approach hits were gone."""
-    parts = (
-        (context.empty, context.empty_query, ends[0], approach.empty[-1]),
-        (context.loaded, context.loaded_query, approach.loaded[-1], ends[1]),
-    )
-    paths: list[ArmPath] = []
-    blockers = set(context.empty.scene.names_of(approach.hits))
-    for world, query, start, goal in parts:
-        query = replace(query, ignore=context.ignore | approach.hits)
-        path = plan_arm(world, query, start, goal, rng=rng, config=config, find_blockers=find_blockers)
-        if isinstance(path, NoPath):
-            return path
-        if isinstance(path, BlockedBy):
-            blockers |= path.blockers
-        else:
-            paths.append(path)
-    if blockers:
-        return BlockedBy(frozenset(blockers), approach.phase if approach.hits else "transit")
-    return paths[0], paths[1]

@@ -17,6 +17,7 @@ from planners.motion.arm import ArmPath
 from planners.motion.base import BasePath
 from planners.motion.pick_and_place import PickMotion, PlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
+from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import HeldObject, RobotState
 
 __all__ = [
@@ -173,7 +174,7 @@ def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -
     )
 
 
-def _along(robot: RobotSpec, path: ArmPath, finger_position: float, name: str) -> Trajectory:
+def _along(robot: RobotSpec, path: WholeBodyPath | ArmPath, finger_position: float, name: str) -> Trajectory:
     held: HeldObject | None = path.held
     phase = Phase(name, 0.0, held.name if held is not None else "", held)
     return time_parametrise(path.configurations, robot, finger_position, phase, held is not None)

@@ -15,6 +15,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.candidates import BasePlacer
+from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels
@@ -22,6 +23,7 @@ from planners.placing.release import put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.cover import is_covered
 from planners.scene.resting import release_pitch
 from planners.strategies import Strategy
 
@@ -202,8 +204,14 @@ class PlacementSearch:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
         scene = world.scene
         assert scene.held is not None
-        opening = self._opening(scene)
-        found = scan_configurations(world, poses, self._grid(), opening, held=scene.held, first_free=True)
+        opening, own = self._opening(scene), scene.mask([scene.held.name])
+        placed = put_down(scene, poses.gripper_poses[0], level)
+        if is_covered(scene, (*placed.position[:2], level)):
+            found = driven_configurations(
+                world, placed, poses, self._grid(), opening, held=scene.held, ignore=own, first_free=True
+            )
+        else:
+            found = scan_configurations(world, poses, self._grid(), opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):

@@ -104,7 +104,8 @@ class Surface:
             volumes: what grasps sweep, as far as it is known already.
         """
         scene, grid = world.scene, SupportGrid.over(support)
-        standing = [other for other in scene.objects if other.name != body.name]
+        beside = (other for other in scene.objects if other.bottom < support.top + height and other.top > support.top)
+        standing = [other for other in beside if other.name != body.name]
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, support, grid, height, _MARGIN)
         target = SweptVolume() if keep_clear.target is None else volumes.of(world, keep_clear.target)
         obstacles = [volumes.of(world, grasp) for grasp in keep_clear.obstacles]

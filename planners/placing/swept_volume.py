@@ -36,8 +36,8 @@ def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
     if planned is None:
         return standing_volume(world, grasp)
     context, approach = planned
-    empty = path_volume(world, on_base(grasp.base, approach.empty), context.opening)
-    loaded = path_volume(world, on_base(grasp.base, approach.loaded), context.grip, context.held)
+    empty = path_volume(world, approach.empty, context.opening)
+    loaded = path_volume(world, approach.loaded, context.grip, context.held)
     return join_volumes((empty, loaded))
 
 

@@ -125,6 +125,11 @@ class StaticObstacle:
         axes = np.eye(3)
         return np.maximum(self._reach(axes), self._reach(-axes))
 
+    def half_extent_along(self, direction: ArrayLike) -> float:
+        """[m] from `position` to the farther plane perpendicular to a world `direction` (3,) that touches the solid."""
+        along = np.asarray(direction, dtype=float)
+        return float(self._reach(np.stack((along, -along))).max())
+
     @property
     def top(self) -> float:
         """[m] height of the highest point."""

@@ -78,7 +78,7 @@ class SkillPlanner:
         assert scene.held is not None
         name = scene.held.name
         for placement in itertools.islice(self.geometry.placements(scene, target, self.rng), _PLACEMENTS):
-            driven = motion_layer.drive(scene, placement.base)
+            driven = motion_layer.drive_to_placement(scene, placement)
             if isinstance(driven, NoPath):
                 continue
             placed = motion_layer.put_down(driven.scene, placement)
@@ -95,7 +95,7 @@ def _take(
     motion_layer: MotionLayer, scene: Scene, grasp: GraspCandidate
 ) -> tuple[tuple[BoundAction, ...], Scene] | None:
     """Drive there and pick the object up; None where no motion is found."""
-    driven = motion_layer.drive(scene, grasp.base)
+    driven = motion_layer.drive_to_grasp(scene, grasp)
     if isinstance(driven, NoPath):
         return None
     picked = motion_layer.pick_up(driven.scene, grasp)

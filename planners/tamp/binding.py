@@ -39,7 +39,7 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
     grasp = state.clearance_plan.commitments.grasps.get(name)
     if grasp is None:
         return Refutation(action)
-    driven = search.motion_layer.drive(state.scene, grasp.base)
+    driven = search.motion_layer.drive_to_grasp(state.scene, grasp)
     if isinstance(driven, BoundMotion):
         return driven
     search.motion_layer.ban(state.scene, grasp)
@@ -55,7 +55,7 @@ def _drive_to_put_down(search: Search, state: PlanState, location: str) -> Bound
     for placement in motion_layer.placements(state.scene, clear_of, search.strategy, planned):
         if motion_layer.deadline.is_over:
             break
-        driven = motion_layer.drive(state.scene, placement.base)
+        driven = motion_layer.drive_to_placement(state.scene, placement)
         if isinstance(driven, BoundMotion):
             put_down = motion_layer.put_down(driven.scene, placement)
             if isinstance(put_down, BoundMotion):

@@ -17,17 +17,27 @@ from planners.clearing.second_moves import plan_with_second_moves
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.motion.approaches import stand_off
 from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
 from planners.motion.homing import plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, can_leave, plan_pick, plan_place
+from planners.motion.pick_and_place import (
+    PickMotion,
+    PlaceMotion,
+    can_leave,
+    fewest_blockers,
+    plan_pick,
+    plan_place,
+)
 from planners.motion.tcp_following import TcpFollower, follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory
+from planners.motion.whole_body_path import WholeBodyPath
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
+from planners.scene.cover import is_covered
 from planners.strategies import Strategy
 
 __all__ = ["BoundMotion", "MotionLayer"]
@@ -117,8 +127,21 @@ class MotionLayer:
         return non_monotone or found
 
     def _is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
-        """Whether the gripper can leave a grasp again."""
-        return can_leave(self._compiled(scene), grasp.base, grasp.q, grasp.object)
+        """Whether the gripper can leave a grasp again; under a board also whether it knows all that is in its way."""
+        world = self._compiled(scene)
+        if not grasp.drives:
+            return can_leave(world, grasp.base, grasp.q, grasp.object)
+        blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
+        return blockers is not None and not blockers & ~grasp.blockers
+
+    def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
+        """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
+        world = self._compiled(scene)
+        blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object) if grasp.drives else None
+        if blockers is None:
+            self.ban(scene, grasp)
+        else:
+            self.candidates.obstruct(scene, grasp, blockers)
 
     def _choose_grasps(
         self, problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan
@@ -130,7 +153,7 @@ class MotionLayer:
             if isinstance(found, ClearancePlan):
                 return found
             for grasp in found.grasps:
-                self.ban(problem.scene, grasp)
+                self._reject(problem.scene, grasp)
 
     def _with_cause(self, found: NoCommitment) -> NoCommitment:
         """Where grasps were refuted by motion planning, it is not the grasps alone that leave no commitments."""
@@ -162,6 +185,14 @@ class MotionLayer:
         others = self.placement_search.find(self._compiled(scene), keep_clear, strategy, self.rng, self.deadline)
         return itertools.islice(itertools.chain(first, others), strategy.placements)
 
+    def drive_to_grasp(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | NoPath:
+        """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a board."""
+        return self.drive(scene, stand_off(scene, grasp.base, grasp.q) if grasp.drives else grasp.base)
+
+    def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
+        """Drive to where the put-down begins, as for a grasp."""
+        return self.drive(scene, _outside(scene, placement))
+
     def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration; where that is not free, the arm moves home first."""
         world, homing = self._compiled(scene), None
@@ -179,10 +210,10 @@ class MotionLayer:
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
-        """Take an object through a grasp from where the base stands, and carry it."""
+        """Take an object through a grasp, and carry it."""
         world = self._compiled(scene)
         for _ in range(_TRIES):
-            motion = plan_pick(world, scene.state.base, scene.state.q, grasp.q, grasp.object, rng=self.rng)
+            motion = plan_pick(world, grasp.base, _whole_body(scene.state), grasp.q, grasp.object, rng=self.rng)
             if not isinstance(motion, PickMotion):
                 return motion
             if self.is_accepted(scene, motion.paths):
@@ -190,12 +221,18 @@ class MotionLayer:
         return NoPath("MuJoCo finds penetration")
 
     def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
-        """Put the held object down as planned, from where the base stands."""
+        """Put the held object down as planned."""
         assert scene.held is not None
         world = self._compiled(scene)
         for _ in range(_TRIES):
             motion = plan_place(
-                world, scene.state.base, scene.state.q, placement.q, scene.held, rng=self.rng, find_blockers=False
+                world,
+                placement.base,
+                _whole_body(scene.state),
+                placement.q,
+                scene.held,
+                rng=self.rng,
+                find_blockers=False,
             )
             if not isinstance(motion, PlaceMotion):
                 return motion
@@ -224,7 +261,7 @@ class MotionLayer:
     def _compiled(self, scene: Scene) -> CollisionWorld:
         return self.candidates.compiled.world(scene)
 
-    def is_accepted(self, scene: Scene, paths: Sequence[ArmPath | Trajectory]) -> bool:
+    def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | ArmPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
         if self._checker is None:
             self._checker = MujocoCollisionChecker(scene)
@@ -232,14 +269,26 @@ class MotionLayer:
         return all(self._checker.accepts(path) for path in paths)
 
 
+def _whole_body(state: RobotState) -> Array:
+    """(11,) base pose, torso and arm."""
+    return np.concatenate((state.base, state.q))
+
+
+def _outside(scene: Scene, placement: Placement) -> Array:
+    """The base pose (3,) from which the base drives straight in under a board to put an object down."""
+    if is_covered(scene, (*placement.body.position[:2], placement.body.bottom)):
+        return stand_off(scene, placement.base, placement.q)
+    return placement.base
+
+
 def _picked(scene: Scene, motion: PickMotion) -> BoundMotion:
     trajectory = pick_trajectory(scene.robot, motion, scene.state)
-    state = RobotState(scene.state.base, motion.retreat.end, float(trajectory.finger_position[-1]))
+    state = RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
     return BoundMotion(trajectory, scene.with_state(state).with_held(motion.held))
 
 
 def _placed(scene: Scene, motion: PlaceMotion, placement: Placement) -> BoundMotion:
     trajectory = place_trajectory(scene.robot, motion, scene.state)
-    state = RobotState(scene.state.base, motion.retreat.end, float(trajectory.finger_position[-1]))
+    state = RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
     placed = scene.with_held(None).with_state(state).with_body(motion.placed)
     return BoundMotion(trajectory, placed, surfaces=placement.surfaces)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from assets.robots import FETCH
@@ -41,3 +43,34 @@ def random_scene(count: int, seed: int) -> Scene:
         if all(apart):
             objects.append(cylinder(f"object_{len(objects):02d}", x, y, radius, height))
     return table_scene(*objects)
+
+
+PANEL = 0.01
+BOARD_HEIGHT = 0.4
+SHELF = (
+    StaticObstacle(
+        "shelf_board",
+        np.array([0.0, 0.0, HEIGHT + BOARD_HEIGHT + PANEL]),
+        np.array([DEPTH / 2, WIDTH / 2 + 2 * PANEL, PANEL]),
+    ),
+    *(
+        StaticObstacle(
+            f"shelf_{name}",
+            np.array([0.0, side * (WIDTH / 2 + PANEL), HEIGHT + BOARD_HEIGHT / 2]),
+            np.array([DEPTH / 2, PANEL, BOARD_HEIGHT / 2]),
+        )
+        for name, side in (("left", 1), ("right", -1))
+    ),
+)
+
+
+def shelf_scene(*objects: Body) -> Scene:
+    """The robot at home, farther away than from the open table, before a shelf with these objects."""
+    scene = table_scene(*objects)
+    state = RobotState(np.array([-1.45, 0.0, 0.0]), scene.state.q, scene.state.finger_position)
+    return replace(scene, state=state, static_obstacles=(*OBSTACLES, *SHELF))
+
+
+def random_shelf(count: int, seed: int) -> Scene:
+    """`count` cylinders at random places in a shelf."""
+    return shelf_scene(*random_scene(count, seed).objects)

@@ -252,8 +252,8 @@ def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
 
 @cache
 def _environment(objects: int, layout: str, control_mode: str) -> gym.Env:
-    name = f"clutter_env/Retrieve-o{objects}-v0"
-    return gym.make(name, layout=layout, control_mode=control_mode, disable_env_checker=True)
+    keywords: dict[str, Any] = {"num_objects": objects, "layout": layout, "control_mode": control_mode}
+    return gym.make("clutter_env/Retrieve-o15-v0", disable_env_checker=True, **keywords)
 
 
 @cache

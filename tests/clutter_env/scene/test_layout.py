@@ -12,7 +12,7 @@ import pytest
 
 from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.errors import ConfigError
+from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
 from clutter_env.scene.object_sets import MAX_OBJECTS, OBJECT_GAP, OBJECT_SETS, SHAPE_SETS, capacity
 from clutter_env.scene.random_scene import sample_scene
@@ -32,7 +32,9 @@ def test_full_tables_keep_objects_apart_and_on_the_table(name: str, shapes: str)
         scene = sample_scene(np.random.default_rng(seed), layout, count, shapes)
         radii = np.where(scene.is_box, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
         apart = np.linalg.norm(scene.positions[:, None] - scene.positions, axis=-1) - radii[:, None] - radii
-        assert apart[~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
+        in_same_row = scene.levels[:, None] == scene.levels
+        assert apart[in_same_row & ~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
+        assert set(scene.levels) == set(layout.levels)
         assert (
             np.abs(scene.positions) <= np.array([layout.depth, layout.width]) / 2 - OBJECT_SETS["standard"].edge_margin
         ).all()
@@ -49,6 +51,7 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
     boxes = {box.name: box for box in furniture(layout)}
     expected = BOX_NAMES | (FRONT_NAMES if layout.is_front_only else set())
     expected |= SHELF_NAMES if layout.board_height else set()
+    expected |= {"shelf_board_upper"} if layout.second_board_height else set()
     assert set(boxes) == expected
     top = boxes["table_top"]
     assert top.position[2] + top.half_extents[2] == pytest.approx(TABLE_HEIGHT)
@@ -61,9 +64,10 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_the_model_declares_the_supports_of_its_layout(name: str) -> None:
     env = RetrieveEnv(num_objects=1, layout=name)
-    counters = ("counter_left", "counter_right") if LAYOUTS[name].is_front_only else ()
-    assert supports_of(LAYOUTS[name]) == ("table_top", *counters)
-    assert Scene.from_mujoco(env.model, env.data, env.robot).supports == ("table_top", *counters)
+    others = ("counter_left", "counter_right") if LAYOUTS[name].is_front_only else ()
+    others += ("shelf_board",) if len(LAYOUTS[name].levels) == 2 else ()
+    assert supports_of(LAYOUTS[name]) == ("table_top", *others)
+    assert Scene.from_mujoco(env.model, env.data, env.robot).supports == ("table_top", *others)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +98,8 @@ def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> N
         for _ in range(3):
             env.step(rest)
         assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
-        assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + env.world.scene.half_extents[:, 2])
+        scene = env.world.scene
+        assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2])
 
 
 def test_objects_would_stand_by_themselves() -> None:
@@ -171,3 +176,33 @@ def test_colours_are_distinct_and_only_the_target_is_red() -> None:
     assert int(redness.argmax()) == env.target_slot
     others = np.delete(redness, env.target_slot)
     assert redness.max() - others.max() > 0.15
+
+
+def test_the_second_row_stands_on_the_board_and_is_lifted_from_there() -> None:
+    env = RetrieveEnv(num_objects=6, layout="two_boards")
+    env.reset(seed=0)
+    board = next(box for box in furniture(LAYOUTS["two_boards"]) if box.name == "shelf_board")
+    top = board.position[2] + board.half_extents[2]
+    poses, scene = env.world.measure().poses, env.world.scene
+    bottoms = poses[:, 2] - scene.half_extents[:, 2]
+    assert np.allclose(bottoms[::2], TABLE_HEIGHT)
+    assert np.allclose(bottoms[1::2], top)
+    for target in ("object_00", "object_01"):
+        env.reset(seed=0, options={"target": target})
+        assert env._judge.lift == pytest.approx(0.0, abs=1e-6)
+
+
+def test_described_objects_stand_in_the_row_that_is_asked_for() -> None:
+    env = RetrieveEnv(num_objects=2, layout="two_boards")
+    can = {"shape": "cylinder", "radius": 0.03, "height": 0.15, "position": (0.0, 0.0)}
+    env.reset(options={"objects": [can, can | {"row": 1}]})
+    assert env.world.scene.levels.tolist() == list(LAYOUTS["two_boards"].levels)
+    with pytest.raises(OptionError, match="overlap"):
+        env.reset(options={"objects": [can, can]})
+    with pytest.raises(OptionError, match="valid rows: 0, 1"):
+        env.reset(options={"objects": [can | {"row": 2}]})
+
+
+def test_a_second_board_needs_a_first() -> None:
+    with pytest.raises(ConfigError, match="board_height"):
+        Layout("floating", depth=0.7, width=1.0, second_board_height=0.35)

@@ -12,7 +12,7 @@ from irm.compilation import njit
 from planners.collision.configuration_kernel import CollisionQuery
 from planners.collision.path_kernel import edge_hits
 from planners.collision.robot_pose_kernel import make_scratch
-from planners.motion.rrt import squared_distance
+from planners.motion.sampling.rrt import squared_distance
 
 __all__ = ["blend_corners", "shortcut"]
 

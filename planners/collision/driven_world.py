@@ -1,0 +1,128 @@
+"""What the robot hits while the base drives straight, the arm rigid: one check of one configuration.
+
+That the robot moves along a vector and hits an obstacle is the same as that the obstacle moves against it and hits the
+robot. So the whole drive is checked at its start, in a world in which every obstacle is what it sweeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.configuration_kernel import Obstacles
+from planners.collision.geometry import BOX, Solids
+from planners.collision.world import CollisionWorld
+from planners.scene import Body, StaticObstacle
+
+__all__ = ["Drive", "Extents", "driven_world"]
+
+Array = NDArray[np.float64]
+
+
+class Drive(NamedTuple):
+    """A straight drive of the base.
+
+    Attributes:
+        offset: (2,) [m] from where the robot is checked to where the drive begins.
+        direction: (2,) horizontal unit vector.
+        distance: [m].
+        rise: [m] that the robot may also move up on the way without touching a static obstacle.
+    """
+
+    offset: Array
+    direction: Array
+    distance: float
+    rise: float
+
+
+def driven_world(world: CollisionWorld, drive: Drive, left_standing: Body | None = None) -> CollisionWorld:
+    """A world in which a configuration hits what the robot, rigid in it, hits on a straight drive.
+
+    Obstacles become boxes along the drive. An object's begins at its axis, so that the half of it on the robot's side
+    is left out: check the configuration in `world` too. For static obstacles that are not boxes along or across the
+    drive the answer is conservative; they are checked where the robot is, too. So is the object `left_standing`.
+    """
+    return Extents.of(world, drive.direction).driven_world(drive, left_standing)
+
+
+@dataclass(frozen=True, eq=False)
+class Extents:
+    """The boxes along and across a direction that contain the obstacles of a world, for several drives that way.
+
+    Attributes:
+        world: the scene, compiled.
+        R: (3, 3) axes of the boxes, the first of them the direction.
+        static: centres and half extents of the static obstacles' boxes, (m, 3) each [m].
+        objects: centres and half extents of the objects' boxes, (n, 3) each [m].
+    """
+
+    world: CollisionWorld
+    R: Array
+    static: tuple[Array, Array]
+    objects: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, world: CollisionWorld, direction: Array) -> Extents:
+        """The boxes for drives along `direction` (2,), a horizontal unit vector."""
+        R, scene = np.eye(3), world.scene
+        R[:2, 0], R[:2, 1] = direction, (-direction[1], direction[0])
+        return cls(world, R, _boxes_around(scene.static_obstacles, R), _boxes_around(scene.objects, R))
+
+    def driven_world(self, drive: Drive, left_standing: Body | None = None) -> CollisionWorld:
+        """As the function `driven_world`, for a drive in this direction."""
+        static = self._static_swept(drive)
+        if left_standing is not None:
+            static = _joined(static, self._swept(_boxes_around([left_standing], self.R), drive))
+        highest_first = np.argsort(-(static[0] + static[1])[:, 2], kind="stable")
+        solids = _solids(static[0][highest_first], static[1][highest_first], self.R)
+        objects = _solids(*self._swept(self.objects, drive), self.R)
+        radius, centre = np.hypot(objects.half[:, 0], objects.half[:, 1]), objects.position
+        reach = np.column_stack((radius, radius, objects.half[:, 2]))
+        lower, upper = (centre - reach).min(axis=0, initial=np.inf), (centre + reach).max(axis=0, initial=-np.inf)
+        bottom, top = centre[:, 2] - reach[:, 2], centre[:, 2] + reach[:, 2]
+        extent = solids.half @ np.abs(self.R).T
+        return replace(self.world, obstacles=Obstacles(objects, radius, bottom, top, lower, upper, solids, extent))
+
+    def _static_swept(self, drive: Drive) -> tuple[Array, Array]:
+        """Boxes around all that static obstacles sweep, where the robot is and on the drive, the rise included."""
+        centre, half = self.static
+        down = np.array([0.0, 0.0, 0.5 * drive.rise])
+        along = np.array([0.5 * drive.distance, 0.0, 0.0])
+        on_drive = centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0]
+        return np.concatenate((centre, on_drive)) - down, np.concatenate((half, half + along)) + down
+
+    def _swept(self, boxes: tuple[Array, Array], drive: Drive) -> tuple[Array, Array]:
+        """Boxes that objects sweep from their axes on, against the drive."""
+        centre, half = boxes
+        along = np.full(len(half), 0.5 * drive.distance)
+        behind = centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0]
+        return behind, np.column_stack((along, half[:, 1:]))
+
+
+def _joined(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    return np.concatenate((one[0], other[0])), np.concatenate((one[1], other[1]))
+
+
+def _boxes_around(solids: Sequence[Body] | Sequence[StaticObstacle], R: Array) -> tuple[Array, Array]:
+    """Centres (k, 3) and half extents (k, 3) [m] of boxes along the axes of a rotation that contain the solids."""
+    half = [[solid.half_extent_along(axis) for axis in R.T] for solid in solids]
+    return np.array([solid.position for solid in solids]).reshape(-1, 3), np.array(half).reshape(-1, 3)
+
+
+def _solids(centre: Array, half: Array, R: Array) -> Solids:
+    """Boxes along the axes of a rotation (3, 3)."""
+    count = len(half)
+    return Solids(
+        core=np.full(count, BOX, dtype=np.int64),
+        half=half,
+        radius=np.zeros(count),
+        bound=np.linalg.norm(half, axis=1),
+        position=centre,
+        rotation=np.tile(R, (count, 1, 1)),
+        vertices=np.zeros((0, 3)),
+        first=np.zeros(0, dtype=np.int64),
+    )

@@ -1,0 +1,1 @@
+"""Paths among obstacles from random trees, and how they are shortened and smoothed."""

@@ -1,0 +1,99 @@
+"""Boards above a support, and the way out from under them: straight across the side of the support before the robot."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.scene.bodies import Body
+from planners.scene.scene import Scene
+from planners.scene.static_obstacle import StaticObstacle
+
+__all__ = [
+    "BACK",
+    "DRIVE_CLEARANCE",
+    "LEAST_LIFT",
+    "distance_out",
+    "drive_out",
+    "heading",
+    "is_covered",
+    "objects_before",
+    "way_out",
+]
+
+Array = NDArray[np.float64]
+
+DRIVE_CLEARANCE = 0.25
+"""[m] beyond the side of the support at which the TCP ends a straight drive out: the gripper, what it holds and the arm
+that unfolds are then clear of the boards."""
+BACK = 0.10
+"""[m] that the gripper backs off before it moves sideways: the fingertips are then clear of the object."""
+LEAST_LIFT = 0.03
+"""[m] that an object is lifted under a board at least before it is moved."""
+_GAP = 0.002
+"""[m] that an object keeps from others on the way out."""
+_HEADROOM = 0.8
+"""[m] A static obstacle higher above the support does not matter: the arm unfolds below it."""
+_REACH = 0.10
+"""[m] around a location within which a board is in the way of a gripper that comes from above."""
+
+
+def is_covered(scene: Scene, point: ArrayLike) -> bool:
+    """Whether a static obstacle hangs over a point (3,) [m] on a support, in the way of a gripper from above."""
+    x, y, z = np.asarray(point, dtype=float)
+    return any(
+        z < obstacle.lower[2] < z + _HEADROOM
+        and (np.abs(obstacle.position[:2] - (x, y)) < obstacle.extent[:2] + _REACH).all()
+        for obstacle in scene.static_obstacles
+    )
+
+
+def way_out(support: StaticObstacle, bases: ArrayLike) -> Array:
+    """Horizontal unit vectors (..., 2) out from a support, across the side before which base poses (..., 3) stand."""
+    axes = support.rotation[:2, np.argsort(np.abs(support.rotation[2]))[:2]]
+    half = [support.half_extent_along((*axis, 0.0)) for axis in axes.T]
+    away = (np.asarray(bases, dtype=float)[..., :2] - support.position[:2]) @ axes
+    side = np.argmax(np.abs(away) - half, axis=-1)
+    sign = np.sign(np.take_along_axis(away, side[..., None], axis=-1))
+    return np.asarray(axes.T[side] * sign)
+
+
+def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> Array:
+    """Base poses (3, 3) of a drive out from under a board, the arm rigid: inside, backed off, outside.
+
+    The gripper first moves `BACK` against its own heading, so that the open fingers let go of the object, then straight
+    out of the support. The way in is the same in reverse.
+
+    Args:
+        support: what the object stands on.
+        base: (3,) x [m], y [m], yaw [rad] inside.
+        T_world_tcp: (4, 4) of the gripper then; its y axis is level.
+    """
+    poses = np.tile(np.asarray(base, dtype=float), (3, 1))
+    direction, back = way_out(support, poses[0]), -BACK * heading(T_world_tcp)
+    poses[1:, :2] += back
+    poses[2, :2] += distance_out(support, T_world_tcp[:2, 3] + back, direction) * direction
+    return poses
+
+
+def heading(T_world_tcp: Array) -> Array:
+    """(2,) unit vector: where a gripper whose y axis is level points, seen from above."""
+    return np.array([T_world_tcp[1, 1], -T_world_tcp[0, 1]])
+
+
+def distance_out(support: StaticObstacle, tcp: ArrayLike, direction: Array) -> float:
+    """[m] along `direction` (2,) until a TCP at (2,) is `DRIVE_CLEARANCE` beyond the support."""
+    edge = float(direction @ support.position[:2]) + support.half_extent_along((*direction, 0.0))
+    return max(edge + DRIVE_CLEARANCE - float(direction @ np.asarray(tcp, dtype=float)), 0.0)
+
+
+def objects_before(scene: Scene, body: Body, direction: Array) -> int:
+    """Mask of the objects that an object touches when it is moved along `direction` (2,) from where it stands."""
+    across = np.array([-direction[1], direction[0], 0.0])
+    half, mask = body.half_extent_along(across) + _GAP, 0
+    for index, other in enumerate(scene.objects):
+        away = other.position - body.position
+        is_ahead = away[:2] @ direction > 0.0 and other.bottom < body.top and body.bottom < other.top
+        if is_ahead and abs(away @ across) < half + other.half_extent_along(across):
+            mask |= 1 << index
+    return mask
