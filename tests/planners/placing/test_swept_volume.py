@@ -79,9 +79,9 @@ def test_the_volume_of_a_grasp_covers_robot_and_object_on_the_whole_way(covered:
             assert planned is not None
             context, approach = planned
             mask = swept_mask(grid, grasp_volume(world, grasp), TALL)
-            for x in on_base(grasp.base, approach.empty):
+            for x in approach.empty:
                 assert missed(grid, mask, points_of_robot(world, x, context.opening, rng)) == 0
-            for x in on_base(grasp.base, approach.loaded):
+            for x in approach.loaded:
                 assert missed(grid, mask, points_of_robot(world, x, context.grip, rng)) == 0
                 assert missed(grid, mask, points_of_object(world, x, context.held, rng)) == 0
             standing = swept_mask(grid, standing_volume(world, grasp), TALL)
