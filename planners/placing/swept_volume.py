@@ -72,6 +72,7 @@ def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObjec
         held: the held object.
     """
     robot = world.robot
+    assert X.shape[1] == 3 + len(robot.lower)
     position, rotation = place_along(robot, world.attached(held), _densified(X), opening)
     moving, round_ = robot.link != BASE, robot.radius > 0
     spheres = [
