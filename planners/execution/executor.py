@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, auto
 from typing import NamedTuple
 
@@ -31,10 +32,12 @@ Array = NDArray[np.float64]
 
 _GRIP_DELAY = 4
 """Control steps after the fingers have closed, before the position of the object in the gripper is recorded."""
-_RATE_CHANGE = 0.1
-"""Per control step: by how much of its speed the robot slows down after a deviation, or turns back; 0.5 s to a stop."""
-_TIME_TOLERANCE = 1e-9
-"""[s] of rounding in multiples of the control step."""
+_RATE_CHANGE = 0.05
+"""Per control step: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
+_LAG, _CATCHING_UP = 0.25, 0.5
+"""Share of the tolerated tracking error from which on the plan is carried out more slowly, and its speed then."""
+_ROUNDING = 1e-6
+"""Of a number of control steps."""
 
 
 class Outcome(Enum):
@@ -137,15 +140,35 @@ class Executor:
             return self._trajectory.duration
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
 
+    @property
+    def _steps(self) -> int:
+        """Control steps of the present trajectory."""
+        return round(self._trajectory.duration / CONTROL_STEP)
+
     def _move_on(self, now: Snapshot) -> None:
-        """Go to the next sample, or to the first one of the next action; after a deviation, slow down or turn back."""
+        """Go to the next sample, or to the first one of the next action.
+
+        Slower where the robot lags behind; after a deviation slow down to rest, or turn back.
+        """
+        wanted: float = _CATCHING_UP if self._lags(now) else 1.0
         if self.deviation is not None:
-            self._rate += min(max(self._retreat_direction() - self._rate, -_RATE_CHANGE), _RATE_CHANGE)
+            wanted = self._retreat_direction()
+        self._rate += min(max(wanted - self._rate, -_RATE_CHANGE), _RATE_CHANGE)
         self._tick += self._rate
-        while self.deviation is None and self._action < len(self._actions) and self._is_over():
+        while self._action < len(self._actions) and self._is_over():
+            self._tick -= self._steps
             self._finish(self._actions[self._action], now)
             self._action += 1
-            self._tick = 1.0
+        while self._tick < 0 and self._action > 0:
+            self._action -= 1
+            self._tick += self._steps
+
+    def _lags(self, now: Snapshot) -> bool:
+        """Whether a robot that is told joint targets is behind by a part of what would be a tracking error."""
+        if self._by_tcp or self._last is None:
+            return False
+        part = replace(self._config, base=_LAG * self._config.base, arm=_LAG * self._config.arm)
+        return tracking_error(self._last.drive, now.drive, part) is not None
 
     def _has_to_wait(self, now: Snapshot) -> bool:
         """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` steps."""
@@ -163,11 +186,11 @@ class Executor:
         return any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
 
     def _is_over(self) -> bool:
-        return (self._tick - 1) * CONTROL_STEP >= self._trajectory.duration - _TIME_TOLERANCE
+        return self._tick >= self._steps + 1 - _ROUNDING
 
     def _has_stopped(self) -> bool:
         is_at_rest = self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2
-        return is_at_rest or self._tick <= 0 or self._is_over()
+        return is_at_rest or self._tick <= 0 or self._action >= len(self._actions)
 
     def _finish(self, action: BoundAction, now: Snapshot) -> None:
         self._expected = now
