@@ -17,18 +17,18 @@ from planners.motion.base import BasePath, plan_base
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import RobotState
 
-__all__ = ["Task", "carry_configurations", "free_paths"]
+__all__ = ["SAME_BASE", "Task", "carry_configurations", "free_paths"]
 
 Array = NDArray[np.float64]
 
-_TORSO_SHARES = (0.5, 0.0, 1.0)
+_TORSO_SHARES = (0.5, 1.0)
 """Shares of the torso's travel at which the home configuration of the arm is tried where home itself does not fit."""
 _RISES = (0.25, 0.15, 0.05, 0.0)
 """[m] that the torso rises for carrying in the configuration of the arm at hand."""
 
 LIFTED = 0.10
 """[m] above where it stood that an object is carried, where that is possible: a target then counts as lifted."""
-_SAME_BASE = 1e-6
+SAME_BASE = 1e-6
 """[m, rad] by which base poses may differ that count as the same: rounding."""
 
 
@@ -131,7 +131,7 @@ def _free_path(
     if is_loaded != task.starts_loaded:
         least = world.scene.body(context.held.name).bottom + LIFTED if is_loaded else -np.inf
         ends = tuple(carry_configurations(world, query, context.q, q_hover, least))
-    elif np.abs(task.base - hover).max() > _SAME_BASE:
+    elif np.abs(task.base - hover).max() > SAME_BASE:
         drive = plan_base(world, task.base, hover, task.q, opening=query.opening, held=query.held, rng=task.rng)
     if isinstance(drive, NoPath):
         return drive

@@ -8,6 +8,7 @@ another base pose than the start, the free path to it begins with a drive.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -28,7 +29,7 @@ from planners.motion.approaches import (
 )
 from planners.motion.arm import BlockedBy, NoPath, unwrap_joints
 from planners.motion.arm_query import DEFAULT_EFFORT, RRTConfig
-from planners.motion.free_paths import Task, free_paths
+from planners.motion.free_paths import SAME_BASE, Task, free_paths
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import Body, HeldObject
 
@@ -130,8 +131,8 @@ def plan_pick(
     Raises:
         UnknownObject: no such object.
     """
-    stand, q_start = _split(world, base, start)
-    context = grasp_context(world, base, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
+    inside, stand, q_start = _split(world, base, start)
+    context = grasp_context(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
     found = _plan_around(Task(context, stand, q_start, False, rng, config))
     if not isinstance(found, tuple):
         return found
@@ -168,8 +169,8 @@ def plan_place(
     Raises:
         UnknownObject: no such object.
     """
-    stand, q_start = _split(world, base, start)
-    context, placed = release_context(world, base, unwrap_joints(world.robot, q_start, q_release), held, 0)
+    inside, stand, q_start = _split(world, base, start)
+    context, placed = release_context(world, inside, unwrap_joints(world.robot, q_start, q_release), held, 0)
     found = _plan_around(Task(context, stand, q_start, True, rng, config), find_blockers)
     if not isinstance(found, tuple):
         return found
@@ -224,10 +225,17 @@ def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, h
     return any(free_approach(context, pattern) is not None for pattern in likely_patterns(context))
 
 
-def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array]:
-    """Base pose (3,) and configuration (8,) at the start; the base stands at `base` already if none is given."""
-    x, stand = np.array(start, dtype=float), np.array(base, dtype=float)
-    return (stand, x) if len(x) == len(world.robot.lower) else (x[:3], x[3:])
+def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:
+    """Base pose (3,) of the contact, then base pose and configuration (8,) at the start.
+
+    The first is the second if they are the same but for rounding and whole turns; if not, it is without whole turns.
+    """
+    x, inside = np.array(start, dtype=float), np.array(base, dtype=float)
+    if len(x) == len(world.robot.lower):
+        return inside, inside, x
+    inside[2] = x[2] + math.remainder(inside[2] - x[2], 2 * math.pi)
+    is_there = np.abs(inside - x[:3]).max() < SAME_BASE
+    return (x[:3] if is_there else inside), x[:3], x[3:]
 
 
 def _plan_around(task: Task, find_blockers: bool = True) -> _Composed | BlockedBy | NoPath:
