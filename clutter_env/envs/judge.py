@@ -100,6 +100,7 @@ class Judge:
         self._in_hand, self._steps_without_contact = -1, 0
         self._grasped_at: Array = np.zeros(3)
         self.steps_held = 0
+        self._last: Measurements | None = None
         self._derive()
         self._follow_target(measurements)
 
@@ -114,7 +115,14 @@ class Judge:
         return not self._num_spoilt
 
     def update(self, measurements: Measurements) -> None:
-        """Take into account what was measured after one more control step."""
+        """Take into account what was measured after one more control step.
+
+        The same measurements once more, with nothing in hand, change nothing.
+        """
+        if measurements is self._last and self._in_hand < 0:
+            self.newly_disturbed = 0
+            return
+        self._last = measurements
         before = self._num_spoilt
         positions = measurements.poses[:, :3]
         self._follow_gripper(measurements.held, positions)

@@ -194,6 +194,11 @@ def _park_robot(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
 
 
 def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
+    """Floor, furniture, lights and cameras.
+
+    Each piece of furniture is a body of its own, in the world's frame: MuJoCo compares the world body's geoms with
+    every body of the robot, but sorts out other bodies by their bounding boxes first.
+    """
     world = spec.worldbody
     world.add_geom(
         name="floor",
@@ -208,7 +213,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
         colour = list(_FURNITURE_COLOURS.get(box.name.split("_")[0], _OTHER_COLOUR))
         if box.name == "shelf_board":
             colour[3] = _SHELF_BOARD_ALPHA
-        world.add_geom(
+        world.add_body().add_geom(
             name=box.name,
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=box.position,

@@ -155,3 +155,22 @@ def test_an_object_that_falls_and_moves_is_newly_disturbed_once() -> None:
         total += table.judge.newly_disturbed
     assert total == 1
     assert table.counts() == (1, 1, 0)
+
+
+def test_measurements_that_are_given_again_count_as_new_ones() -> None:
+    """The world gives the same object again while nothing moves; the judge must not lose a step by it."""
+    rng = np.random.default_rng(0)
+    table = Table()
+    other = Judge(None, table.measurements(), -1)  # type: ignore[arg-type]  # read for a target only
+    for _ in range(400):
+        slot = int(rng.integers(3))
+        table.poses[slot, 0] += rng.choice((0.0, 0.004, 0.03))
+        table.held = int(rng.choice((-1, -1, slot)))
+        table.fallen[slot] |= rng.random() < 0.003
+        given = table.measurements()
+        for _ in range(rng.integers(1, 5)):
+            table.judge.update(given)
+            other.update(replace(given))
+            assert table.judge.memory() == other.memory()
+            assert table.judge.newly_disturbed == other.newly_disturbed
+    assert all(table.counts()), "the test has seen falls, disturbances and clearances"

@@ -245,7 +245,7 @@ def wake(env: BaseEnv, physics: dict[str, Any]) -> None:
     physics["lists"] = {
         "tree_asleep": [-1] * trees,
         "tree_awake": [1] * trees,
-        "body_awake": [-1] + [1] * (bodies - 1),
+        "body_awake": [-1 if tree < 0 else 1 for tree in env.model.body_treeid],
         "body_awake_ind": list(range(bodies)),
         "parent_awake_ind": [*range(1, bodies), 0],
         "dof_awake_ind": list(range(dofs)),

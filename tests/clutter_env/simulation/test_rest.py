@@ -88,3 +88,17 @@ def test_the_head_camera_sees_the_whole_table_top(distance: float) -> None:
         mujoco.mj_ray(world.model, world.data, eye, ray, None, 1, -1, geom)
         hidden += world.model.geom(int(geom[0])).name != "table_top"
     assert hidden < 0.2 * len(grid), "the arm hides a strip, not the table"
+
+
+def test_measurements_are_new_only_when_something_has_changed() -> None:
+    env = RetrieveEnv(num_objects=3)
+    env.reset(seed=0)
+    first = env.measurements
+    env.step(np.zeros(env.action_size, np.float32))
+    assert env.measurements is first, "all objects sleep"
+    assert env.world.measure_objects(held=1, is_touching=True).held == 1
+    env.data.qpos[env.world.index.object_qpos][2] = TABLE_HEIGHT - 0.1
+    moved = env.world.measure()
+    assert moved.is_off.tolist() == moved.is_fallen.tolist() == [True, False, False]
+    env.world.apply_scene(env.world.scene)
+    assert env.world.measure() is not moved, "sizes and masses may be others"
