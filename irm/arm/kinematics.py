@@ -11,19 +11,19 @@ Example:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import cos, sin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from assets.robots import ChainLink, RobotSpec
+from irm.arm.chain import PRISMATIC, ArmChain, has_free_roll
 from irm.arm.closed_form import MAX_SOLUTIONS, ik_arm
 from irm.arm.manipulability import manipulability
 from irm.compilation import njit
 from irm.errors import ChainError
 
 __all__ = [
+    "PRISMATIC",
     "ArmChain",
     "arm_jacobian",
     "fk_frames",
@@ -38,118 +38,18 @@ __all__ = [
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PRISMATIC = 3
-"""Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
-
-_FULL_TURN_ROUNDING = 1e-6
-"""[rad] A joint range shorter than a full turn by less counts as unlimited."""
-
-FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
-
-
-@dataclass(frozen=True)
-class ArmChain:
-    """A robot's torso and arm as arrays for kernels. Arrays are read-only.
-
-    Attributes:
-        robot: its name.
-        offsets: (1 + n, 3) origin of each joint frame in its parent's frame [m].
-        axes: (1 + n,) 0, 1, 2 for hinges about x, y, z; 3, 4, 5 for slides along them.
-        lower, upper: (1 + n,) joint limits [m], [rad].
-        tip: (3,) TCP in the last link's frame [m].
-        links: (7,) lengths for `irm.arm.closed_form`; empty for arms without a closed form.
-    """
-
-    robot: str
-    offsets: Floats
-    axes: Integers
-    lower: Floats
-    upper: Floats
-    tip: Floats
-    links: Floats
-
-    @property
-    def has_closed_form(self) -> bool:
-        """Whether `inverse` works for this arm."""
-        return self.links.size > 0
-
-    @property
-    def size(self) -> int:
-        """Number of joints, torso included."""
-        return self.axes.size
-
-    @staticmethod
-    def from_robot(robot: RobotSpec) -> ArmChain:
-        """The chain of a robot.
-
-        Raises:
-            ChainError: its first joint is no vertical slide, or it names a closed form that does not fit it.
-        """
-        axes = np.array([_axis_number(link) for link in robot.chain], dtype=np.int64)
-        if axes[0] != 2 + PRISMATIC:
-            raise ChainError(
-                f"{robot.name}: the first joint of the chain must slide along z (lower = upper for a robot without a "
-                f"lift), not {robot.chain[0]}"
-            )
-        arrays = {
-            "offsets": np.array([link.offset for link in robot.chain], dtype=float),
-            "axes": axes,
-            "lower": np.array([link.lower for link in robot.chain], dtype=float),
-            "upper": np.array([link.upper for link in robot.chain], dtype=float),
-            "tip": np.array(robot.tcp_offset, dtype=float),
-            "links": _closed_form_links(robot, axes),
-        }
-        for array in arrays.values():
-            array.setflags(write=False)
-        return ArmChain(robot.name, **arrays)
-
-
-def has_free_roll(chain: ArmChain) -> bool:
-    """Whether the last joint turns the gripper about its approach axis without limit."""
-    turns_about_approach = chain.axes[-1] == 0 and not chain.tip[1:].any()
-    return bool(turns_about_approach and chain.upper[-1] - chain.lower[-1] >= 2 * np.pi - _FULL_TURN_ROUNDING)
-
-
-def _axis_number(link: ChainLink) -> int:
-    if link.axis not in ("x", "y", "z"):
-        raise ChainError(f"{link.joint}: axis {link.axis!r} is none of 'x', 'y', 'z'")
-    return "xyz".index(link.axis) + (PRISMATIC if link.prismatic else 0)
-
-
-def _closed_form_links(robot: RobotSpec, axes: Integers) -> Floats:
-    """The seven lengths of `irm.arm.closed_form`, from the chain; empty if the robot names no closed form."""
-    if robot.closed_form_ik == "":
-        return np.empty(0)
-    if robot.closed_form_ik != "fetch":
-        raise ChainError(f"{robot.name}: no closed form {robot.closed_form_ik!r}; known: 'fetch', or '' for none")
-    offset = np.array([link.offset for link in robot.chain])
-    along_x = np.vstack([offset[3:], [robot.tcp_offset]])
-    limits = np.array([(link.lower, link.upper) for link in robot.chain])
-    fits = (
-        tuple(axes.tolist()) == FETCH_AXES
-        and not along_x[:, 1:].any()
-        and not offset[:3, 1].any()
-        and offset[2, 0] > 0.0
-        and bool(np.allclose(limits[[4, 6], 0], -limits[[4, 6], 1]))
-        and bool(np.all(limits[[3, 5, 7], 0] <= -np.pi))
-        and bool(np.all(limits[[3, 5, 7], 1] >= np.pi))
-    )
-    if not fits:
-        raise ChainError(
-            f"{robot.name}: the closed form 'fetch' needs a vertical slide, then axes z y x y x y x with every offset "
-            "after the shoulder along x and none to the side, symmetric limits of elbow and wrist flex, and free rolls"
-        )
-    return np.array(
-        [
-            offset[0, 0] + offset[1, 0],
-            offset[0, 2] + offset[1, 2],
-            offset[2, 0],
-            offset[2, 2],
-            offset[3, 0] + offset[4, 0],
-            offset[5, 0] + offset[6, 0],
-            offset[7, 0] + robot.tcp_offset[0],
-        ]
-    )
+@njit(cache=True, inline="always")
+def _place(R_parent: Floats, p_parent: Floats, place: Floats, R: Floats, p: Floats) -> None:
+    """Frame at a `place` in its parent's frame: an origin (3,), or with the nine entries of an orientation (12,)."""
+    for i in range(3):
+        p[i] = p_parent[i] + R_parent[i, 0] * place[0] + R_parent[i, 1] * place[1] + R_parent[i, 2] * place[2]
+        for j in range(3):
+            if place.shape[0] == 3:
+                R[i, j] = R_parent[i, j]
+            else:
+                R[i, j] = (
+                    R_parent[i, 0] * place[3 + j] + R_parent[i, 1] * place[6 + j] + R_parent[i, 2] * place[9 + j]
+                )
 
 
 @njit(cache=True)
@@ -157,7 +57,7 @@ def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats
     """Frames of every link in the base frame, each after its own joint's motion.
 
     Args:
-        offsets, axes, tip: of `ArmChain`.
+        offsets, axes, tip: of `ArmChain`; rows of 3 numbers or of 12.
         q: (n,) torso and arm.
         R: (n + 1, 3, 3) filled with orientations; the last one is the TCP's.
         p: (n + 1, 3) filled with origins [m].
@@ -171,10 +71,7 @@ def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats
                 for j in range(3):
                     R[0, i, j] = 1.0 if i == j else 0.0
         else:
-            for i in range(3):
-                p[k, i] = p[k - 1, i] + R[k - 1, i, 0] * o[0] + R[k - 1, i, 1] * o[1] + R[k - 1, i, 2] * o[2]
-                for j in range(3):
-                    R[k, i, j] = R[k - 1, i, j]
+            _place(R[k - 1], p[k - 1], o, R[k], p[k])
         axis = axes[k]
         if axis >= PRISMATIC:
             for i in range(3):
@@ -186,10 +83,7 @@ def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats
                 a, b = R[k, i, u], R[k, i, v]
                 R[k, i, u] = c * a + s * b
                 R[k, i, v] = c * b - s * a
-    for i in range(3):
-        p[n, i] = p[n - 1, i] + R[n - 1, i, 0] * tip[0] + R[n - 1, i, 1] * tip[1] + R[n - 1, i, 2] * tip[2]
-        for j in range(3):
-            R[n, i, j] = R[n - 1, i, j]
+    _place(R[n - 1], p[n - 1], tip, R[n], p[n])
 
 
 @njit(cache=True)

@@ -168,7 +168,8 @@ def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:
 
 def random_seeds(chain: ArmChain, count: int, torso: float, rng: np.random.Generator) -> Floats:
     """(count, 1 + n) configurations, uniform within the limits and one turn, all at one torso height."""
-    low, high = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
+    middle = (chain.lower + chain.upper) / 2
+    low, high = np.maximum(chain.lower, middle - np.pi), np.minimum(chain.upper, middle + np.pi)
     if has_free_roll(chain):
         low[-1], high[-1] = 0.0, 0.0
     seeds = rng.uniform(low, high, size=(count, chain.size))

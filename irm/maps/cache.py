@@ -21,14 +21,15 @@ __all__ = ["cache_file", "cached_map"]
 _LOG = logging.getLogger(__name__)
 
 
-def cache_file(robot: RobotSpec, **parameters: Any) -> Path:
+def cache_file(robot: RobotSpec | ArmChain, **parameters: Any) -> Path:
     """The file of a robot's map: in the directory `CLUTTER_ENV_CACHE` if set, else in the user's cache directory."""
-    key = map_key(ArmChain.from_robot(robot), MapParameters(**parameters))
+    chain = ArmChain.of(robot)
+    key = map_key(chain, MapParameters(**parameters))
     folder = os.environ.get("CLUTTER_ENV_CACHE") or platformdirs.user_cache_dir("clutter-env")
-    return Path(folder) / f"{robot.name}-{key}.npz"
+    return Path(folder) / f"{chain.robot}-{key}.npz"
 
 
-def cached_map(robot: RobotSpec, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
+def cached_map(robot: RobotSpec | ArmChain, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
     """The map of a robot, from the cache if it is there; a damaged file, or one of another robot, is replaced.
 
     Args:

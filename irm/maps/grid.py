@@ -15,7 +15,7 @@ from math import floor, inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import PRISMATIC, ArmChain, has_free_roll
+from irm.arm.chain import PRISMATIC, ArmChain, has_free_roll
 from irm.errors import QueryError, ReachabilityError
 
 __all__ = ["MapGrid", "MapParameters", "Orientations", "has_free_roll"]
@@ -213,14 +213,14 @@ class MapGrid:
     cut_above: bool
 
     @staticmethod
-    def of(chain: ArmChain, home_torso: float, parameters: MapParameters) -> MapGrid:
+    def of(chain: ArmChain, parameters: MapParameters) -> MapGrid:
         """The grid of all cells that the arm may reach within the heights of the parameters."""
         voxel = parameters.voxel
-        torsos = _torso_samples(chain, home_torso, parameters)
-        reach = float(np.linalg.norm(chain.offsets[2:], axis=1).sum() + np.linalg.norm(chain.tip))
+        torsos = _torso_samples(chain, parameters)
+        reach = float(np.linalg.norm(chain.offsets[2:, :3], axis=1).sum() + np.linalg.norm(chain.tip[:3]))
         slides = chain.axes[1:] >= PRISMATIC
         reach += float(np.maximum(np.abs(chain.lower[1:]), np.abs(chain.upper[1:]))[slides].sum())
-        shoulder = chain.offsets[0] + chain.offsets[1]
+        shoulder = chain.offsets[0, :3] + chain.offsets[1, :3]
         floor = max(0.0, float(shoulder[2] + torsos[0] - reach))
         ceiling = float(shoulder[2] + torsos[-1] + reach)
         lowest = int(np.floor(max(parameters.heights[0], floor) / voxel + 1e-9))
@@ -268,14 +268,14 @@ class MapGrid:
         return np.asarray(self.centre[side] + (np.arange(2 * self.half) + 0.5 - self.half) * self.voxel)
 
 
-def _torso_samples(chain: ArmChain, home: float, parameters: MapParameters) -> tuple[float, ...]:
+def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, ...]:
     """Heights one voxel apart, centred in the lift's range.
 
     The rest of the range at both ends makes up for TCP heights between the middles of two layers.
     """
     lower, upper = float(chain.lower[0]), float(chain.upper[0])
     if not parameters.lift:
-        return (float(np.clip(home, lower, upper)),)
+        return (float(np.clip(chain.home_torso, lower, upper)),)
     steps = int(np.floor((upper - lower) / parameters.voxel + 1e-9))
     first = (lower + upper - steps * parameters.voxel) / 2
     return tuple(first + k * parameters.voxel for k in range(steps + 1))

@@ -46,6 +46,7 @@ class ReachabilityMap:
         manipulability: (n,) float32 best μ found at the cell's centre (equation 2; linear rows in m).
         torso_index: (n,) uint8 torso height of that configuration, an index into `grid.torsos`.
         flags: (n,) uint8 of CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH.
+        chain: the arm; None for a map of poses that were computed elsewhere.
 
     Example:
         rm = ReachabilityMap.build(FETCH, voxel=0.05, orientations=62)
@@ -60,13 +61,15 @@ class ReachabilityMap:
     manipulability: Singles
     torso_index: NDArray[np.uint8]
     flags: NDArray[np.uint8]
+    chain: ArmChain | None = None
 
     @staticmethod
-    def build(robot: RobotSpec, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
+    def build(robot: RobotSpec | ArmChain, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
         """The map of a robot.
 
         Args:
-            robot: if it names a closed form, this is used; otherwise sampling and numerical inverse kinematics.
+            robot: of this project, or the chain of any other arm (`ArmChain.from_mjcf`). If it has the structure of
+                Fetch's arm, the closed form is used; otherwise sampling and numerical inverse kinematics.
             progress: show a progress bar.
             **parameters: the fields of `MapParameters`, such as `voxel=0.05` and `orientations=62`.
 
@@ -74,15 +77,16 @@ class ReachabilityMap:
             ReachabilityError: the robot or the parameters make no sense.
         """
         wanted = MapParameters(**parameters)
-        chain = ArmChain.from_robot(robot)
-        grid = MapGrid.of(chain, robot.home[0], wanted)
+        chain = ArmChain.of(robot)
+        grid = MapGrid.of(chain, wanted)
         heights = _heights_without_torso(grid)
         field = closed_form_layers if chain.has_closed_form else sampled_layers(wanted)
         layers = tqdm(field(chain, grid, heights), "reachability map", heights.size, disable=not progress)
         best, torso = _merge_torso_heights(layers, grid)
         cells = np.flatnonzero(best)
         flags = _certainty(best > 0, grid.orientations)
-        return ReachabilityMap(robot.name, map_key(chain, wanted), wanted, grid, *_columns(cells, best, torso, flags))
+        columns = _columns(cells, best, torso, flags)
+        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, *columns, chain)
 
     def save(self, path: str | Path) -> None:
         """Write the map to one `.npz` file.
@@ -95,7 +99,7 @@ class ReachabilityMap:
         save_arrays(Path(path), self.robot, self.key, self.parameters, arrays)
 
     @staticmethod
-    def load(path: str | Path, robot: RobotSpec) -> ReachabilityMap:
+    def load(path: str | Path, robot: RobotSpec | ArmChain) -> ReachabilityMap:
         """Read a map that `save` wrote.
 
         Raises:
@@ -103,12 +107,12 @@ class ReachabilityMap:
             MapFileError: the file is damaged or is no map.
             MapMismatchError: it is the map of another robot, or of this robot before it was changed.
         """
-        chain = ArmChain.from_robot(robot)
+        chain = ArmChain.of(robot)
         key, parameters, arrays = load_arrays(Path(path), chain)
-        grid = MapGrid.of(chain, robot.home[0], parameters)
+        grid = MapGrid.of(chain, parameters)
         if arrays["cells"].size and int(arrays["cells"][-1]) >= grid.size:
             raise MapFileError(f"{path} has cells outside its grid; build it again")
-        return ReachabilityMap(robot.name, key, parameters, grid, **arrays)
+        return ReachabilityMap(chain.robot, key, parameters, grid, **arrays, chain=chain)
 
     def __len__(self) -> int:
         return self.cells.size
