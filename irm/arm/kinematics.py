@@ -38,6 +38,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+
 @njit(cache=True, inline="always")
 def _place(R_parent: Floats, p_parent: Floats, place: Floats, R: Floats, p: Floats) -> None:
     """Frame at a `place` in its parent's frame: an origin (3,), or with the nine entries of an orientation (12,)."""
@@ -47,9 +48,7 @@ def _place(R_parent: Floats, p_parent: Floats, place: Floats, R: Floats, p: Floa
             if place.shape[0] == 3:
                 R[i, j] = R_parent[i, j]
             else:
-                R[i, j] = (
-                    R_parent[i, 0] * place[3 + j] + R_parent[i, 1] * place[6 + j] + R_parent[i, 2] * place[9 + j]
-                )
+                R[i, j] = R_parent[i, 0] * place[3 + j] + R_parent[i, 1] * place[6 + j] + R_parent[i, 2] * place[9 + j]
 
 
 @njit(cache=True)

@@ -6,6 +6,7 @@ tip. From these follow the frames of the chain: each has its origin on its joint
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,14 +27,17 @@ CONTINUOUS = 2 * np.pi
 _PARALLEL = 1e-9
 """Entry of a unit vector or rotation below which two directions are the same but for rounding."""
 
-_APPROACHES = {name: np.array(rows, dtype=float) for name, rows in {
-    "x": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    "-x": [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
-    "y": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-    "-y": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
-    "z": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
-    "-z": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
-}.items()}
+_APPROACHES = {
+    name: np.array(rows, dtype=float)
+    for name, rows in {
+        "x": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "-x": [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        "y": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        "-y": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        "z": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        "-z": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    }.items()
+}
 """R_tip_tcp: the shortest turn whose x axis is the named axis of the tip."""
 
 
@@ -156,7 +160,9 @@ def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str
     wrong = [k for k in found if model.jnt_type[k] in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)]
     if wrong or not found:
         listed = ", ".join(repr(model.joint(k).name) for k in wrong) or "no joint"
-        raise ChainError(f"between {names[0]!r} and {names[1]!r} there is {listed}; an arm has hinges, and may have a lift")
+        raise ChainError(
+            f"between {names[0]!r} and {names[1]!r} there is {listed}; an arm has hinges, and may have a lift"
+        )
     return found
 
 
@@ -204,7 +210,7 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
     for joint, origin in zip(hinges, _origins(hinges), strict=True):
         frames.append(_pose(np.eye(3) if parallel else _frame_along(joint.axis), origin))
     frames.append(T_base_tip)
-    places = [np.linalg.inv(parent) @ frame for parent, frame in zip(frames, frames[1:], strict=False)]
+    places = [np.linalg.inv(parent) @ frame for parent, frame in itertools.pairwise(frames)]
     rows = np.array([np.concatenate([T[:3, 3], T[:3, :3].ravel()]) for T in places])
     if parallel:
         rows = rows[:, :3]
@@ -212,7 +218,7 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
 
 
 def _origins(hinges: list[_Joint]) -> list[Floats]:
-    """A point on each axis: on the first one that nearest to the second axis, then always that nearest to the last point.
+    """A point on each axis: on the first one that nearest to the second, then always that nearest to the last point.
 
     The sum of their distances bounds the reach of the arm, so it should be small.
     """

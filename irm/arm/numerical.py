@@ -171,7 +171,7 @@ def random_seeds(chain: ArmChain, count: int, torso: float, rng: np.random.Gener
     middle = (chain.lower + chain.upper) / 2
     low, high = np.maximum(chain.lower, middle - np.pi), np.minimum(chain.upper, middle + np.pi)
     if has_free_roll(chain):
-        low[-1], high[-1] = 0.0, 0.0
+        low[-1] = high[-1] = middle[-1]
     seeds = rng.uniform(low, high, size=(count, chain.size))
     seeds[:, 0] = torso
     return seeds

@@ -20,7 +20,9 @@ def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, s
     for k, first in enumerate(robot):
         for second in robot[k + 1 :]:
             rigid, parents = model.body_weldid[[first, second]], model.body_parentid
-            is_parent = model.body_weldid[parents[rigid[0]]] == rigid[1] or model.body_weldid[parents[rigid[1]]] == rigid[0]
+            is_parent = (
+                model.body_weldid[parents[rigid[0]]] == rigid[1] or model.body_weldid[parents[rigid[1]]] == rigid[0]
+            )
             kept = rigid[0] != rigid[1] and not (is_parent and rigid.all()) and (first, second) not in excluded
             if kept and _may_touch(model, first, second):
                 pairs.append((_name(model, first), _name(model, second)))

@@ -1,0 +1,84 @@
+"""Closed-form inverse kinematics of six joints whose second to fourth axes are parallel, compiled (UR arms).
+
+The height of the wrist along the parallel axes gives the first joint, that of the last axis the fifth (subproblem 4).
+The sixth and the sum of the parallel ones follow (subproblem 1), then the elbow from a distance (subproblem 3).
+"""
+
+from __future__ import annotations
+
+from math import copysign
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.arm.structure import ParallelArm
+from irm.arm.subproblems import angle_about, angles_to_component, angles_to_distance, nearest_turn
+from irm.arm.vectors import Vector, add, dot, norm, perpendicular, point, row, scale, subtract, times, turn
+from irm.compilation import njit
+
+__all__ = ["parallel_excess"]
+
+Floats = NDArray[np.float64]
+
+_LENGTH_WEIGHT = 4.0
+"""How much a missing length [m] counts in radians."""
+
+
+@njit(cache=True)
+def parallel_excess(arm: ParallelArm, R: Floats, p: Floats, q: Floats) -> float:
+    """By how much the best solution misses a TCP pose or the limits [rad]; its joint angles into `q` (6,).
+
+    0 if there is a solution within the limits. `R` (3, 3) and `p` (3,) are the pose in the base frame.
+    """
+    moved = R @ arm.R_tool.T
+    axis_1, along, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 4), row(arm.axes, 5)
+    first, meeting = row(arm.points, 0), row(arm.points, 4)
+    to_meeting = subtract(add(point(p), times(moved, subtract(meeting, point(arm.tool)))), first)
+    height = dot(along, subtract(meeting, first))
+    q1, q1_other, missed_1 = angles_to_component(along, scale(-1.0, axis_1), to_meeting, height)
+    best = 1e9
+    angles = np.empty(6)
+    for i in range(1 if missed_1 > 0.0 else 2):
+        angles[0], excess_1 = nearest_turn(q1 if i == 0 else q1_other, arm.lower[0], arm.upper[0])
+        last = turn(axis_1, -angles[0], times(moved, axis_6))
+        q5, q5_other, missed_5 = angles_to_component(along, axis_5, axis_6, dot(along, last))
+        back = times(moved.T, turn(axis_1, angles[0], along))
+        for j in range(1 if missed_5 > 0.0 else 2):
+            angles[4], excess_5 = nearest_turn(q5 if j == 0 else q5_other, arm.lower[4], arm.upper[4])
+            q6 = angle_about(scale(-1.0, axis_6), turn(axis_5, -angles[4], along), back)
+            angles[5], excess_6 = nearest_turn(q6, arm.lower[5], arm.upper[5])
+            excess = max(_LENGTH_WEIGHT * missed_1, missed_5, excess_1, excess_5, excess_6)
+            if excess < best:
+                excess = max(excess, _planar(arm, moved, turn(axis_1, -angles[0], to_meeting), angles))
+            if excess < best:
+                best = excess
+                q[:] = angles
+    return best
+
+
+@njit(cache=True)
+def _planar(arm: ParallelArm, moved: Floats, to_meeting: Vector, angles: Floats) -> float:
+    """Angles of the three parallel joints into `angles[1:4]`, the others given; their excess [rad]."""
+    along, axis_3, axis_4 = row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
+    axis_1, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 4), row(arm.axes, 5)
+    second, third, fourth = row(arm.points, 1), row(arm.points, 2), row(arm.points, 3)
+    side = perpendicular(along)
+    turned = turn(axis_1, -angles[0], times(moved, turn(axis_6, -angles[5], turn(axis_5, -angles[4], side))))
+    total = angle_about(along, side, turned)
+    last = turn(along, total, subtract(row(arm.points, 4), fourth))
+    to_fourth = subtract(subtract(to_meeting, subtract(second, row(arm.points, 0))), last)
+    upper_arm, forearm = subtract(third, second), subtract(fourth, third)
+    q3, q3_other, missed = angles_to_distance(axis_3, upper_arm, forearm, norm(to_fourth))
+    sign_3, sign_4 = copysign(1.0, dot(along, axis_3)), copysign(1.0, dot(along, axis_4))
+    best = 1e9
+    for k in range(1 if missed > 0.0 else 2):
+        angle_3, excess_3 = nearest_turn(q3 if k == 0 else q3_other, arm.lower[2], arm.upper[2])
+        angle_2 = angle_about(along, add(upper_arm, turn(axis_3, angle_3, forearm)), to_fourth)
+        angle_4 = sign_4 * (total - angle_2 - sign_3 * angle_3)
+        angle_2, excess_2 = nearest_turn(angle_2, arm.lower[1], arm.upper[1])
+        angle_4, excess_4 = nearest_turn(angle_4, arm.lower[3], arm.upper[3])
+        excess = max(_LENGTH_WEIGHT * missed, excess_2, excess_3, excess_4)
+        if excess < best:
+            best = excess
+            angles[1], angles[2], angles[3] = angle_2, angle_3, angle_4
+    return best
