@@ -28,10 +28,10 @@ _ROUNDING = 1e-9
 LIFT_STEP = 0.02
 """[m] Largest step between the first heights of the lift that are tried."""
 
-LIFT_HALVINGS = 4
-"""How often a step of the lift is halved before it is called open: down to 1.25 mm."""
+LIFT_HALVINGS = 6
+"""How often a step of the lift is halved before it is called open: down to 0.3 mm."""
 
-LIFT_SLOPE = 12.0
+LIFT_SLOPE = 60.0
 """[rad/m] Largest slope of the excess along the lift that is assumed."""
 
 SEEDS = 60
