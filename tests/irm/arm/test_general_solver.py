@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from irm.arm.chain import ArmChain
-from irm.arm.general_solver import GeneralSolver
+from irm.arm.general.solver import GeneralSolver
+from irm.arm.general.structure import ParallelArm, SphericalArm, find_structure
 from irm.arm.kinematics import forward
 from irm.arm.numerical import random_seeds, solve
-from irm.arm.structure import ParallelArm, SphericalArm, find_structure
 from irm.maps.orientation_index import rotation
 from tests.irm.arm.arms import APPROACH, arm_chain
 

@@ -1,6 +1,6 @@
 """Does any angle of the free joint give an arm with a spherical wrist a solution? A scan that knows its gaps, compiled.
 
-The excess of `irm.arm.spherical_kernel` is a continuous function of the free angle, and 0 where there is a solution. It
+The excess of `irm.arm.general.spherical_kernel` is a continuous function of the free angle, and 0 where there is a solution. It
 is computed on a grid. Between two angles it could reach 0 only if it changes by their sum. Where a bounded slope allows
 this, the interval is halved, and so on. What is left at the finest step is open.
 """
@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.general.spherical_kernel import SphericalGoal, spherical_excess, spherical_goal
+from irm.arm.general.structure import SphericalArm
 from irm.arm.numerical import approach_pose
-from irm.arm.spherical_kernel import SphericalGoal, spherical_excess, spherical_goal
-from irm.arm.structure import SphericalArm
 from irm.compilation import njit
 
 __all__ = ["NO", "OPEN", "YES", "ChainArrays", "refine", "scan_free_joint"]

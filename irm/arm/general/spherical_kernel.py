@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.structure import SphericalArm
-from irm.arm.subproblems import angle_about, angles_to_distance, angles_to_meet, nearest_turn
-from irm.arm.vectors import Vector, add, cross, norm, perpendicular, point, row, subtract, times, turn
+from irm.arm.general.structure import SphericalArm
+from irm.arm.general.subproblems import angle_about, angles_to_distance, angles_to_meet, nearest_turn
+from irm.arm.general.vectors import Vector, add, cross, norm, perpendicular, point, row, subtract, times, turn
 from irm.compilation import njit
 
 __all__ = ["SphericalGoal", "spherical_excess", "spherical_goal"]

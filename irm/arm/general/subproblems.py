@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import acos, atan2, floor, pi, sqrt
 
-from irm.arm.vectors import Vector, add, cross, dot, norm, scale
+from irm.arm.general.vectors import Vector, add, cross, dot, norm, scale
 from irm.compilation import njit
 
 __all__ = ["angle_about", "angles_to_component", "angles_to_distance", "angles_to_meet", "nearest_turn"]

@@ -1,6 +1,6 @@
 """Does an arm reach a TCP pose? Exact inverse kinematics of any arm, which says where it is open.
 
-With a structure of `irm.arm.structure` the closed form is scanned over the free joint, and over the lift if there is
+With a structure of `irm.arm.general.structure` the closed form is scanned over the free joint, and over the lift if there is
 one. Every YES is a configuration within the limits that forward kinematics takes to the pose. Without such a structure
 the arm is solved from random configurations, and NO is a statement about its length alone.
 """
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.chain import ArmChain
-from irm.arm.free_joint_scan import NO, OPEN, YES, ChainArrays, refine, scan_free_joint
+from irm.arm.general.free_joint_scan import NO, OPEN, YES, ChainArrays, refine, scan_free_joint
+from irm.arm.general.parallel_kernel import parallel_excess
+from irm.arm.general.structure import ParallelArm, SphericalArm, find_structure
 from irm.arm.numerical import random_seeds
-from irm.arm.parallel_kernel import parallel_excess
-from irm.arm.structure import ParallelArm, SphericalArm, find_structure
 from irm.compilation import njit
 
 __all__ = ["GeneralSolver"]

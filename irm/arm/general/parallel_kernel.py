@@ -11,9 +11,9 @@ from math import copysign
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.structure import ParallelArm
-from irm.arm.subproblems import angle_about, angles_to_component, angles_to_distance, nearest_turn
-from irm.arm.vectors import Vector, add, dot, norm, perpendicular, point, row, scale, subtract, times, turn
+from irm.arm.general.structure import ParallelArm
+from irm.arm.general.subproblems import angle_about, angles_to_component, angles_to_distance, nearest_turn
+from irm.arm.general.vectors import Vector, add, dot, norm, perpendicular, point, row, scale, subtract, times, turn
 from irm.compilation import njit
 
 __all__ = ["parallel_excess"]
