@@ -79,7 +79,7 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
     mujoco.mj_kinematics(model, data)
-    T_base_world = np.linalg.inv(_pose(data.xmat[base_body], data.xpos[base_body]))
+    T_base_world: Floats = np.asarray(np.linalg.inv(_pose(data.xmat[base_body], data.xpos[base_body])), dtype=float)
     lift, hinges = _lift_and_hinges([_read_joint(model, data, k, T_base_world) for k in numbers], (base, tip))
     T_base_tip = T_base_world @ _tip_pose(model, data, tip)
     T_base_tip[:3, :3] = T_base_tip[:3, :3] @ _tool_rotation(approach)

@@ -86,7 +86,7 @@ class ReachabilityMap:
         cells = np.flatnonzero(best)
         flags = _certainty(best > 0, grid.orientations)
         columns = _columns(cells, best, torso, flags)
-        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, *columns, chain)
+        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, *columns, chain=chain)
 
     def save(self, path: str | Path) -> None:
         """Write the map to one `.npz` file.

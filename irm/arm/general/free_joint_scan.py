@@ -1,8 +1,8 @@
 """Does any angle of the free joint give an arm with a spherical wrist a solution? A scan that knows its gaps, compiled.
 
-The excess of `irm.arm.general.spherical_kernel` is a continuous function of the free angle, and 0 where there is a solution. It
-is computed on a grid. Between two angles it could reach 0 only if it changes by their sum. Where a bounded slope allows
-this, the interval is halved, and so on. What is left at the finest step is open.
+The excess of `irm.arm.general.spherical_kernel` is a continuous function of the free angle, and 0 where there is a
+solution. It is computed on a grid. Between two angles it could reach 0 only if it changes by their sum. Where a bounded
+slope allows this, the interval is halved, and so on. What is left at the finest step is open.
 """
 
 from __future__ import annotations

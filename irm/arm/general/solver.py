@@ -1,8 +1,8 @@
 """Does an arm reach a TCP pose? Exact inverse kinematics of any arm, which says where it is open.
 
-With a structure of `irm.arm.general.structure` the closed form is scanned over the free joint, and over the lift if there is
-one. Every YES is a configuration within the limits that forward kinematics takes to the pose. Without such a structure
-the arm is solved from random configurations, and NO is a statement about its length alone.
+With a structure of `irm.arm.general.structure` the closed form is scanned over the free joint, and over the lift if
+there is one. Every YES is a configuration within the limits that forward kinematics takes to the pose. Without such a
+structure the arm is solved from random configurations, and NO is a statement about its length alone.
 """
 
 from __future__ import annotations
