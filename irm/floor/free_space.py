@@ -154,18 +154,14 @@ def _bounds(
     return x0, y0, x1, y1
 
 
-EVERYWHERE = FreeSpace(
-    Raster(
-        np.empty((0, 0), np.uint8),
-        np.empty((0, 0), np.float32),
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-        np.empty((0, 2)),
-        np.zeros(1, np.int64),
-        0.0,
-    )
-)
+def _everywhere() -> FreeSpace:
+    """A floor without cells; its arrays are read-only like all others, so that kernels are compiled only once."""
+    cells, distance = np.empty((0, 0), np.uint8), np.empty((0, 0), np.float32)
+    vertices, starts = np.empty((0, 2)), np.zeros(1, np.int64)
+    for array in (cells, distance, vertices, starts):
+        array.setflags(write=False)
+    return FreeSpace(Raster(cells, distance, 0.0, 0.0, 0.0, 0.0, 1.0, vertices, starts, 0.0))
+
+
+EVERYWHERE = _everywhere()
 """A floor without furniture or walls."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from math import ceil, inf, isfinite, pi
+from operator import index
 from typing import Any, TypedDict
 
 import numpy as np
@@ -39,6 +40,12 @@ YAW_STEP = float(np.radians(15))
 SEPARATION = 0.1
 """[m] between the bases of one answer, so that the second base is an alternative to the first one."""
 
+SMALLEST_YAW_STEP = 1e-3
+"""[rad]: 6,284 yaws per turn."""
+
+MOST_BASES = 100_000
+"""Largest `k`: more than there are bases for one TCP pose on any map of a reasonable size."""
+
 _ROUNDING = 1e-9
 """[rad] by which a range may exceed a full turn."""
 
@@ -62,9 +69,9 @@ class QueryOptions:
         pitch: of the TCP [rad]; a positive pitch points the approach down.
         roll: about the approach [rad]; ignored by maps of robots whose wrist rolls freely.
         free_space: where the base may stand; None for everywhere.
-        k: number of bases to return at most.
+        k: number of bases to return at most, 1 to 100,000.
         separation: smallest distance between two of them [m].
-        yaw_step: largest distance between two approach yaws that are tried [rad].
+        yaw_step: largest distance between two approach yaws that are tried, at least 0.001 [rad].
 
     Raises:
         QueryError: a value is not of its kind, not finite or out of its range.
@@ -78,21 +85,15 @@ class QueryOptions:
     yaw_step: float = YAW_STEP
 
     def __post_init__(self) -> None:
-        try:
-            angles_are_finite = isfinite(self.pitch) and isfinite(self.roll)
-            separation_is_valid, step_is_valid = 0.0 <= self.separation < inf, 0.0 < self.yaw_step < inf
-        except TypeError:
-            raise QueryError(f"pitch, roll, separation and yaw_step are numbers: {self}") from None
-        if not angles_are_finite:
-            raise QueryError(f"pitch and roll must be finite numbers [rad], not {self.pitch} and {self.roll}")
-        if not separation_is_valid:
-            raise QueryError(f"separation must be a finite number ≥ 0 [m], not {self.separation}")
-        if not step_is_valid:
-            raise QueryError(f"yaw_step must be a positive number [rad], not {self.yaw_step}")
+        for name, unit in (("pitch", "[rad]"), ("roll", "[rad]"), ("separation", "[m]"), ("yaw_step", "[rad]")):
+            object.__setattr__(self, name, _as_number(name, unit, getattr(self, name)))
+        if self.separation < 0.0:
+            raise QueryError(f"separation must be a number ≥ 0 [m], not {self.separation}")
+        if self.yaw_step < SMALLEST_YAW_STEP:
+            raise QueryError(f"yaw_step must be at least {SMALLEST_YAW_STEP} rad, not {self.yaw_step}")
         if not (self.free_space is None or isinstance(self.free_space, FreeSpace)):
             raise QueryError(f"free_space is a FreeSpace or None, not {type(self.free_space).__name__}")
-        if type(self.k) is not int or self.k < 1:
-            object.__setattr__(self, "k", _as_count(self.k))
+        object.__setattr__(self, "k", _as_count(self.k))
 
     @staticmethod
     def of(keywords: Mapping[str, Any], *own: str) -> QueryOptions:
@@ -126,14 +127,25 @@ _recent_options = lru_cache(maxsize=16)(QueryOptions)
 """To make and check options takes a tenth of the time of a query, and most queries repeat those of the last one."""
 
 
-def _as_count(k: Any) -> int:
-    """A number of bases, at least 1."""
+def _as_number(name: str, unit: str, value: Any) -> float:
+    """One finite number."""
     try:
-        count = int(k)
+        number = float(value)
     except (TypeError, ValueError, OverflowError):
+        number = inf
+    if not isfinite(number) or isinstance(value, str | bytes):
+        raise QueryError(f"{name} must be a finite number {unit}, not {value!r}")
+    return number
+
+
+def _as_count(k: Any) -> int:
+    """A number of bases."""
+    try:
+        count = index(k)
+    except TypeError:
         count = 0
-    if count != k or count < 1:
-        raise QueryError(f"k is a number of bases, at least 1, not {k!r}")
+    if isinstance(k, bool) or not 1 <= count <= MOST_BASES:
+        raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {k!r}")
     return count
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.errors import QueryError
+from irm.floor.free_space import FreeSpace
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.arguments import (
     FULL_TURN,
@@ -20,16 +21,20 @@ from irm.queries.arguments import (
     as_yaw_ranges,
 )
 from irm.queries.keyed_bases import KeyedBases
-from irm.queries.keys import Key, base_turns, find_key, find_keys, flat_key
+from irm.queries.keys import YawWindow, find_key, find_keys, flat_key, yaw_window
 from irm.queries.multi_target import place_for_path, place_for_path_at, place_for_targets
 from irm.queries.placement import BasePlacement, PlacementBatch
-from irm.queries.placement_kernel import SAME_PLACE, WindowTurns, best_bases, best_bases_batch
+from irm.queries.placement_kernel import SAME_PLACE, best_bases_batch, best_bases_in_window
+from irm.queries.search_kernel import TcpPlace
 from irm.queries.status import Status
 from irm.queries.tiles import Tiles
 
 __all__ = ["InverseReachabilityMap"]
 
 Floats = NDArray[np.float64]
+
+_ROWS_AT_A_TIME = 4096
+"""Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
 
 
 class InverseReachabilityMap:
@@ -93,22 +98,11 @@ class InverseReachabilityMap:
         key = find_key(grid, point[2], options.pitch, options.roll)
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
-        rows = np.empty((options.k, 7))
-        found = best_bases(
-            bases.tiles,
-            flat_key(grid, key.layer, key.group),
-            point[0],
-            point[1],
-            key.height_offset,
-            key.exact,
-            base_turns(grid, key, bounds, options.yaw_step),
-            space.raster,
-            max(options.separation, SAME_PLACE),
-            rows,
-        )
-        if found:
-            return BasePlacement.of_rows(rows[:found])
-        possible = bases.may_exist(point, key, bounds, space)
+        place = TcpPlace(flat_key(grid, key.layer, key.group), point[0], point[1], key.height_offset, key.exact)
+        rows = self._best_bases(place, yaw_window(grid, key, bounds, options.yaw_step), space, options)
+        if len(rows):
+            return BasePlacement.of_rows(rows)
+        possible = bases.may_exist(point, options.pitch, key, bounds, space)
         return BasePlacement.nothing(Status.UNKNOWN if possible else Status.NO)
 
     def query_batch(
@@ -139,21 +133,15 @@ class InverseReachabilityMap:
             raise QueryError(f"{len(points)} positions do not go with {len(ranges)} yaw ranges")
         points = np.ascontiguousarray(np.broadcast_to(points, (n, 3)))
         key, keys, height_offsets = find_keys(self._bases.grid, points[:, 2], options.pitch, options.roll)
-        windows, window = np.unique(ranges, axis=0, return_inverse=True)
+        window = yaw_window(self._bases.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
+        turned = self._turned_ranges(window, ranges, n)
         rows, counts = np.empty((n, options.k, 7)), np.empty(n, dtype=np.int64)
-        best_bases_batch(
-            self.tiles,
-            keys,
-            points,
-            height_offsets,
-            self._window_turns(key, windows, options.yaw_step),
-            np.ascontiguousarray(np.broadcast_to(window.reshape(-1), (n,))),
-            key.exact,
-            options.floor.raster,
-            max(options.separation, SAME_PLACE),
-            rows,
-            counts,
-        )
+        apart = max(options.separation, SAME_PLACE)
+        block = max(1, _ROWS_AT_A_TIME // options.k)
+        for some in (slice(first, first + block) for first in range(0, n, block)):
+            where = keys[some], points[some], height_offsets[some], turned[some]
+            kernel = self.tiles, *where, window, key.exact, options.floor.raster, apart
+            best_bases_batch(*kernel, rows[some], counts[some])
         return PlacementBatch.of_rows(rows, counts)
 
     def query_path(
@@ -212,13 +200,17 @@ class InverseReachabilityMap:
         options = QueryOptions.of(keywords, "yaw_ranges")
         return place_for_targets(self._bases, as_positions(targets), yaw_ranges, options)
 
-    def _window_turns(self, key: Key, windows: Floats, yaw_step: float) -> WindowTurns:
-        """The turns of every distinct range of yaws (w, 2)."""
-        turns = [base_turns(self._bases.grid, key, (float(low), float(high)), yaw_step) for low, high in windows]
-        return WindowTurns(
-            np.concatenate([choice.yaws for choice in turns]),
-            np.concatenate([choice.directions for choice in turns]),
-            np.array([choice.all_around for choice in turns]),
-            np.cumsum([0] + [len(choice.yaws) for choice in turns]),
-            key.yaw_shift,
-        )
+    def _best_bases(self, place: TcpPlace, window: YawWindow, space: FreeSpace, options: QueryOptions) -> Floats:
+        """(m, 7) rows of `best_bases`, m ≤ k. Many are computed in parts, between which the call can be interrupted."""
+        rows, progress = np.empty((options.k, 7)), np.zeros(3, dtype=np.int64)
+        apart = max(options.separation, SAME_PLACE)
+        while progress[0] == progress[2] < options.k:
+            progress[2] += _ROWS_AT_A_TIME
+            best_bases_in_window(self.tiles, place, window, space.raster, apart, rows, progress)
+        return rows[: progress[0]]
+
+    def _turned_ranges(self, window: YawWindow, ranges: Floats, n: int) -> Floats:
+        """(n, 2) lowest and highest turn of each query [rad]; `window` is that of the first range."""
+        if len(ranges) == 1 or window.low != ranges[0, 0] - window.shift:
+            return np.tile((window.low, window.high), (n, 1))
+        return np.ascontiguousarray(np.broadcast_to(ranges - window.shift, (n, 2)))

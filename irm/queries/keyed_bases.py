@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from irm.arm.reach_bound import WristDisc, wrist_disc
 from irm.floor.free_space import FreeSpace
 from irm.maps.grid import MapGrid
 from irm.maps.reachability import ReachabilityMap
-from irm.queries.keys import Key, flat_key, nearby_keys, outer_turns
+from irm.queries.keys import Key, evenly, flat_key, nearby_keys, outer_turns
 from irm.queries.multi_target_kernel import GroupField, group_field
-from irm.queries.placement_kernel import any_base_near, turns_of
+from irm.queries.outer_map_kernel import any_base_near, disc_meets_floor
+from irm.queries.placement_kernel import turns_of
 from irm.queries.tiles import Tiles, invert_map
 
 __all__ = ["KeyedBases"]
@@ -41,23 +43,42 @@ class KeyedBases:
             self._fields[group] = group_field(self.reachability_map, group)
         return self._fields[group]
 
-    def may_exist(self, point: Sequence[float], key: Key, yaw_range: tuple[float, float], space: FreeSpace) -> bool:
-        """Whether the outer map has a base on or near free floor.
+    def disc(self, z: float, pitch: float) -> WristDisc | None:
+        """Where the arm's lengths allow the base to be for a TCP at a height [m] and pitch [rad]; None for nowhere.
+
+        Without the arm's lengths, for the map of somebody else, it is everywhere.
+        """
+        chain = self.reachability_map.chain
+        if chain is None:
+            return WristDisc(0.0, np.inf)
+        return wrist_disc(chain, self.grid.torso_range, z, pitch)
+
+    def may_exist(
+        self, point: Sequence[float], pitch: float, key: Key, yaw_range: tuple[float, float], space: FreeSpace
+    ) -> bool:
+        """Whether a base may exist: within the arm's lengths, and in the outer map, on or near free floor.
 
         The outer map consists of all cells next to a reachable one.
 
         Args:
             point: (3,) TCP position [m].
+            pitch: of the TCP [rad].
             key: of the TCP pose.
             yaw_range: checked range of approach yaws [rad].
             space: the free floor.
         """
+        disc, raster = self.disc(point[2], pitch), space.raster
+        if disc is None:
+            return False
+        yaws, half = evenly((yaw_range[0], yaw_range[1]))
+        if not disc_meets_floor(point[0], point[1], disc.level, disc.radius, yaws, half, raster):
+            return False
         keys = nearby_keys(self.grid, key)
         if keys is None:
             return True
         turns, half = outer_turns(self.grid, key, yaw_range)
         slack = _OUTER_VOXELS * self.grid.voxel
-        return bool(any_base_near(self.tiles, keys, point[0], point[1], turns_of(turns), half, space.raster, slack))
+        return bool(any_base_near(self.tiles, keys, point[0], point[1], turns_of(turns), half, raster, slack))
 
     def rarest(self, keys: Sequence[Key]) -> int:
         """Index of the key with the fewest bases: the shortest list to search."""

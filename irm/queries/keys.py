@@ -11,9 +11,21 @@ from numpy.typing import NDArray
 
 from irm.errors import QueryError
 from irm.maps.grid import MapGrid, Orientations
-from irm.queries.arguments import FULL_TURN, approach_yaws, is_full_turn
+from irm.queries.arguments import approach_yaws, is_full_turn
 
-__all__ = ["Key", "Turns", "base_turns", "find_key", "find_keys", "flat_key", "nearby_keys", "outer_turns"]
+__all__ = [
+    "Key",
+    "Turns",
+    "YawWindow",
+    "base_turns",
+    "evenly",
+    "find_key",
+    "find_keys",
+    "flat_key",
+    "nearby_keys",
+    "outer_turns",
+    "yaw_window",
+]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -57,6 +69,20 @@ class Turns(NamedTuple):
     directions: Floats
     all_around: bool
     yaw_shift: float
+
+
+class YawWindow(NamedTuple):
+    """A range of turns for kernels, which lay out the turns themselves.
+
+    `low`, `high` and the largest `step` between two turns [rad]; `samples`: for a full turn, the number of turns is a
+    multiple of this; `shift`: what to add to a turn to get the approach yaw [rad].
+    """
+
+    low: float
+    high: float
+    step: float
+    samples: int
+    shift: float
 
 
 def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
@@ -117,26 +143,24 @@ def flat_key(grid: MapGrid, layer: int, group: int) -> int:
     return layer * len(grid.orientations.pitch) + group
 
 
-def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Turns:
-    """The turns for a checked range of approach yaws.
+def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> YawWindow:
+    """The window of turns for a checked range of approach yaws.
 
-    For a vertical approach of a wrist that rolls freely they cover a full turn: the wrist makes up for the yaw.
+    For a vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
     """
-    return _base_turns(grid.orientations, key.group, key.yaw_shift, yaw_range, step)
+    orientations, shift = grid.orientations, key.yaw_shift
+    samples = int(orientations.count[key.group])
+    if orientations.free_roll and orientations.is_pole(key.group):
+        return YawWindow(-pi, pi, min(step, _POLE_STEP), samples, shift)
+    return YawWindow(yaw_range[0] - shift, yaw_range[1] - shift, step, samples, shift)
 
 
-@lru_cache(maxsize=256)
-def _base_turns(
-    orientations: Orientations, group: int, yaw_shift: float, yaw_range: tuple[float, float], step: float
-) -> Turns:
-    turn_range = yaw_range[0] - yaw_shift, yaw_range[1] - yaw_shift
-    if orientations.free_roll and orientations.is_pole(group):
-        turn_range, step = FULL_TURN, min(step, _POLE_STEP)
-    yaws = approach_yaws(turn_range, step, int(orientations.count[group]))
+def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Turns:
+    """The turns for a checked range of approach yaws, laid out in NumPy; see `yaw_window`."""
+    window = yaw_window(grid, key, yaw_range, step)
+    yaws = approach_yaws((window.low, window.high), window.step, window.samples)
     directions = np.column_stack([np.cos(yaws), np.sin(yaws)])
-    yaws.setflags(write=False)
-    directions.setflags(write=False)
-    return Turns(yaws, directions, is_full_turn(turn_range), yaw_shift)
+    return Turns(yaws, directions, is_full_turn((window.low, window.high)), window.shift)
 
 
 def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
@@ -155,7 +179,11 @@ def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
 def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:
     """Turns (n,) for the outer map, and the largest distance of any yaw in the range from the nearest of them [rad]."""
     widening = _OUTER_STEPS * 2 * np.pi / grid.orientations.count[key.group]
-    low, high = yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening
-    low, high = (low, high) if high - low < 2 * np.pi else (-np.pi, np.pi)
-    count = int(np.ceil((high - low) / _OUTER_STEP))
+    return evenly((yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening))
+
+
+def evenly(span: tuple[float, float]) -> tuple[Floats, float]:
+    """Yaws (n,) over a span, a full turn at most, and half their distance [rad]."""
+    low, high = span if span[1] - span[0] < 2 * np.pi else (-np.pi, np.pi)
+    count = max(1, int(np.ceil((high - low) / _OUTER_STEP)))
     return np.linspace(low, high, count + 1), (high - low) / count / 2

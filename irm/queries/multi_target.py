@@ -141,9 +141,14 @@ def _find(bases: KeyedBases, search: _Search, options: QueryOptions) -> BasePlac
 
 
 def _is_out_of_reach(bases: KeyedBases, search: _Search, options: QueryOptions) -> bool:
-    """Whether one of the positions certainly has no base at all."""
+    """Whether one of the positions certainly has no base at all, or two of them are too far apart for one base."""
+    discs = [bases.disc(point[2], options.pitch) for point in search.points[0]]
+    farthest = np.array([-np.inf if disc is None else disc.farthest for disc in discs])
+    apart = np.linalg.norm(search.points[0][:, None, :2] - search.points[0][None, :, :2], axis=2)
+    if np.any(apart > farthest[:, None] + farthest):
+        return True
     return any(
-        is_fixed and not bases.may_exist(point, key, (low, high), options.floor)
+        is_fixed and not bases.may_exist(point, options.pitch, key, (low, high), options.floor)
         for is_fixed, point, key, (low, high) in zip(
             search.fixed, search.points[0], search.keys, search.windows, strict=True
         )

@@ -17,7 +17,7 @@ from irm.arm.closed_form import wrap
 from irm.compilation import njit
 from irm.floor.raster import Raster, floor_distance, point_is_free
 from irm.maps.reachability import ReachabilityMap
-from irm.queries.placement_kernel import is_apart
+from irm.queries.search_kernel import is_apart
 from irm.queries.tiles import Tiles
 
 __all__ = ["GroupField", "MultiTargetQuery", "best_common_bases", "group_field"]

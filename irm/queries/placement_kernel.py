@@ -1,29 +1,21 @@
-"""Compiled placement queries over `Tiles` and `Raster`."""
+"""Compiled placement queries: the turns of a range of yaws, and the best bases for one TCP pose or for many."""
 
 from __future__ import annotations
 
-from math import cos, hypot, pi, sin, sqrt
-from typing import NamedTuple
+from math import ceil, cos, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import wrap
 from irm.compilation import njit
-from irm.floor.raster import FREE, MIXED, Raster, floor_distance, floor_gap, floor_kind, is_outside
+from irm.floor.raster import Raster
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
-from irm.queries.keys import Turns
-from irm.queries.tiles import RING_WIDTH, Tiles
+from irm.queries.keys import Turns, YawWindow
+from irm.queries.search_kernel import TcpPlace, best_in_tiles, next_in_order
+from irm.queries.tiles import Tiles
 
-__all__ = [
-    "SAME_PLACE",
-    "WindowTurns",
-    "any_base_near",
-    "best_bases",
-    "best_bases_batch",
-    "is_apart",
-    "turns_of",
-]
+__all__ = ["SAME_PLACE", "best_bases_batch", "best_bases_in_window", "lay_out_turns", "turns_of"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,25 +23,17 @@ Integers = NDArray[np.int64]
 SAME_PLACE = 1e-6
 """[m] Two bases closer than this are the same base."""
 
-_ROUNDING = 1e-5
-"""[m] added to distances that must not be underestimated: bases are stored in single precision."""
+_QUICK_TESTS = 400
+"""Places tested in the order of μ before the search by tiles takes over: most queries need fewer than ten."""
 
-_SHORT = 0.999
-"""Share of a distance to free floor by which the kernels step over places that cannot be free."""
+_MANY = 32
+"""Number of bases wanted from which on all places are tested in the order of μ: one pass finds all of them."""
 
+_ALL_TESTS = 1 << 62
+"""More tests than there can be places."""
 
-class WindowTurns(NamedTuple):
-    """The `Turns` of several ranges of yaws one after another, for kernels.
-
-    Range w owns `yaws` (n,) and `directions` (n, 2) from `first[w]` to `first[w + 1]`; `all_around` has one entry for
-    each range, and `yaw_shift` is the same for all.
-    """
-
-    yaws: Floats
-    directions: Floats
-    all_around: NDArray[np.bool_]
-    first: Integers
-    yaw_shift: float
+_SAME_ANGLE = 1e-9
+"""[rad] As in `irm.queries.arguments`: rounding of a range of yaws."""
 
 
 @njit(cache=True)
@@ -61,153 +45,102 @@ def turns_of(yaws: Floats) -> Floats:
     return turns
 
 
-@njit(cache=True, inline="always")
-def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> bool:
-    """Whether a point is farther than `apart` from the first `count` rows of `taken`."""
-    near = 0
+@njit(cache=True)
+def lay_out_turns(window: YawWindow) -> Turns:
+    """The turns of a window, as `irm.queries.keys.base_turns` lays them out."""
+    length = window.high - window.low
+    all_around = length >= 2.0 * pi - _SAME_ANGLE
+    if all_around:
+        count = window.samples * ceil(2.0 * pi / window.step / window.samples - _SAME_ANGLE)
+        first, apart = window.low, 2.0 * pi / count
+    else:
+        count = ceil(length / window.step - _SAME_ANGLE) + 1
+        first = window.low if count > 1 else 0.5 * (window.low + window.high)
+        apart = length / (count - 1) if count > 1 else 0.0
+    yaws = np.empty(count)
     for k in range(count):
-        near += hypot(x - taken[k, 0], y - taken[k, 1]) <= apart
-    return near == 0
+        yaws[k] = first + k * apart
+    return Turns(yaws, turns_of(yaws), all_around, window.shift)
 
 
 @njit(cache=True, inline="always")
-def _best_on_rings(
-    tiles: Tiles, key: int, px: float, py: float, turns: Floats, raster: Raster, taken: Floats, count: int, apart: float
-) -> tuple[int, int]:
-    """`_best_in_tiles` for turns that cover all yaws in the steps of the map's own yaw samples.
+def _next_base(
+    tiles: Tiles, start: int, place: TcpPlace, turns: Turns, raster: Raster, rows: Floats, count: int, apart: float
+) -> tuple[int, int, int]:
+    """The next best base, its turn, and the rank at which the search for the following one may start.
 
-    To turn the approach by such a step is the same as to take the next yaw sample of the same voxel. So only the best
-    sample of each voxel is needed, and all its positions around the TCP are equally good.
+    `start`: that rank; -1 if the search by tiles has taken over. Returns -1 for the base if there is none.
     """
-    x_of, y_of, radius, members = tiles.x, tiles.y, tiles.ring_radius, tiles.ring_base
-    vertices, starts = raster.vertices, raster.starts
-    bounded = raster.cells.size > 0
-    gap = floor_gap(raster, px, py) - _ROUNDING if bounded else 0.0
-    per_arc = turns.shape[0] / (2.0 * pi)
-    skip = tiles.ring_skip[key, min(int(gap / RING_WIDTH), tiles.ring_skip.shape[1] - 1)]
-    for ring in range(skip, tiles.ring_first[key + 1]):
-        if radius[ring] < gap:
-            continue
-        base = members[ring]
-        turn = 0
-        while turn < turns.shape[0]:
-            c, s = turns[turn, 0], turns[turn, 1]
-            x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
-            away = floor_distance(raster, x, y) if bounded else 0.0
-            if away <= 0.0:
-                kind = floor_kind(raster, x, y) if bounded else FREE
-                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
-                if free and is_apart(taken, count, x, y, apart):
-                    return base, turn
-            turn += 1 + int(_SHORT * away / radius[ring] * per_arc)
-    return -1, -1
-
-
-@njit(cache=True, inline="always")
-def _best_in_tiles(
-    tiles: Tiles,
-    key: int,
-    px: float,
-    py: float,
-    turns: Floats,
-    step: float,
-    raster: Raster,
-    taken: Floats,
-    count: int,
-    apart: float,
-) -> tuple[int, int]:
-    """The best base that is free and farther than `apart` from the first `count` rows of `taken`, and its turn.
-
-    `turns` (n, 2) are cosines and sines of increasing approach yaws, `step` apart [rad]. Of equally good turns the one
-    nearest to the middle is taken. Returns (-1, -1) if there is no such base.
-    """
-    best, best_base, best_turn = np.float32(-1.0), -1, -1
-    x_of, y_of, mu = tiles.x, tiles.y, tiles.mu
-    vertices, starts = raster.vertices, raster.starts
-    bounded = raster.cells.size > 0
-    gap = floor_gap(raster, px, py) if bounded else 0.0
-    last = turns.shape[0] - 1
-    per_arc = 1.0 / step if step > 0.0 else 0.0
-    for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
-        if tiles.tile_mu[tile] < best:
-            break
-        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
-        distance = sqrt(tx * tx + ty * ty)
-        if bounded and distance + reach < gap:
-            continue
-        turn = 0
-        while turn <= last:
-            c, s = turns[turn, 0], turns[turn, 1]
-            away = floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) - reach if bounded else 0.0
-            if away > 0.0:
-                turn += 1 + int(_SHORT * away / distance * per_arc)
-                continue
-            nearer = abs(2 * turn - last) < abs(2 * best_turn - last)
-            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                if mu[base] < best or (mu[base] == best and not nearer):
-                    break
-                x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
-                kind = floor_kind(raster, x, y) if bounded else FREE
-                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
-                if free and is_apart(taken, count, x, y, apart):
-                    best, best_base, best_turn = mu[base], base, turn
-                    break
-            turn += 1
-    return best_base, best_turn
+    rank, turn = start, -1
+    if turns.all_around:
+        end = tiles.rings.first[place.key + 1]
+        rank, turn = next_in_order(tiles, tiles.rings, start, _ALL_TESTS, place, turns, raster, rows, count, apart)
+        base = int(tiles.rings.base[rank]) if rank < end else -1
+    else:
+        base, end = -1, tiles.ranked.first[place.key + 1]
+        if start >= 0:
+            tests = _QUICK_TESTS if rows.shape[0] < _MANY else _ALL_TESTS
+            rank, turn = next_in_order(tiles, tiles.ranked, start, tests, place, turns, raster, rows, count, apart)
+            base = int(tiles.ranked.base[rank]) if turn >= 0 else -1
+        if base < 0 and rank < end:
+            rank = -1
+            yaws = turns.yaws
+            step = yaws[1] - yaws[0] if yaws.shape[0] > 1 else 0.0
+            base, turn = best_in_tiles(
+                tiles, place.key, place.x, place.y, turns.directions, step, raster, rows, count, apart
+            )
+    return base, turn, rank
 
 
 @njit(cache=True, inline="always")
 def best_bases(
-    tiles: Tiles,
-    key: int,
-    px: float,
-    py: float,
-    height_offset: float,
-    exact: bool,
-    turns: Turns,
-    raster: Raster,
-    apart: float,
-    rows: Floats,
-) -> int:
+    tiles: Tiles, place: TcpPlace, turns: Turns, raster: Raster, apart: float, rows: Floats, progress: Integers
+) -> None:
     """The k best bases for one TCP pose, each farther than `apart` from the better ones.
 
     Args:
         tiles: of the inverse map.
-        key: number of the key of the TCP's height, pitch and roll.
-        px, py: TCP position [m].
-        height_offset: of the TCP above the middle of the key's layer [m].
-        exact: whether pitch and roll of the TCP are exactly those of the key.
+        place: of the TCP.
         turns: yaws to try.
         raster: of the free floor.
         apart: [m].
         rows: (k, 7) filled with x, y, yaw, approach yaw, μ, torso, certain (0 or 1).
-
-    Returns:
-        How many rows were filled.
+        progress: (3,) rows filled, rank where the search goes on, and the number of rows at which to pause. The
+            search is over if fewer rows than that are filled.
     """
-    yaws, directions = turns.yaws, turns.directions
-    step = yaws[1] - yaws[0] if yaws.shape[0] > 1 else 0.0
     lower, upper = tiles.torso_lower, tiles.torso_upper
     torso_follows = upper > lower
-    for k in range(rows.shape[0]):
-        if turns.all_around:
-            base, turn = _best_on_rings(tiles, key, px, py, directions, raster, rows, k, apart)
-        else:
-            base, turn = _best_in_tiles(tiles, key, px, py, directions, step, raster, rows, k, apart)
+    while progress[0] < min(progress[2], rows.shape[0]):
+        k = progress[0]
+        base, turn, progress[1] = _next_base(tiles, progress[1], place, turns, raster, rows, k, apart)
         if base < 0:
-            return k
-        c, s = directions[turn, 0], directions[turn, 1]
-        rows[k, 0] = px + c * tiles.x[base] - s * tiles.y[base]
-        rows[k, 1] = py + s * tiles.x[base] + c * tiles.y[base]
-        rows[k, 2] = wrap(yaws[turn] + tiles.yaw[base])
-        rows[k, 3] = wrap(yaws[turn] + turns.yaw_shift)
+            return
+        c, s = turns.directions[turn, 0], turns.directions[turn, 1]
+        rows[k, 0] = place.x + c * tiles.x[base] - s * tiles.y[base]
+        rows[k, 1] = place.y + s * tiles.x[base] + c * tiles.y[base]
+        rows[k, 2] = wrap(turns.yaws[turn] + tiles.yaw[base])
+        rows[k, 3] = wrap(turns.yaws[turn] + turns.yaw_shift)
         rows[k, 4] = tiles.mu[base]
-        torso = tiles.torso[base] + height_offset
+        torso = tiles.torso[base] + place.height_offset
         rows[k, 5] = min(upper, max(lower, torso)) if torso_follows else tiles.torso[base]
         in_range = torso_follows and lower <= torso <= upper
-        inside = abs(height_offset) < 1e-9 or in_range or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
-        rows[k, 6] = 1.0 if (exact and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
-    return rows.shape[0]
+        inside = abs(place.height_offset) < 1e-9 or in_range or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
+        rows[k, 6] = 1.0 if (place.exact and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
+        progress[0] += 1
+
+
+@njit(cache=True)
+def best_bases_in_window(
+    tiles: Tiles,
+    place: TcpPlace,
+    window: YawWindow,
+    raster: Raster,
+    apart: float,
+    rows: Floats,
+    progress: Integers,
+) -> None:
+    """`best_bases` for the turns of a window."""
+    best_bases(tiles, place, lay_out_turns(window), raster, apart, rows, progress)
 
 
 @njit(cache=True)
@@ -216,8 +149,8 @@ def best_bases_batch(
     keys: Integers,
     positions: Floats,
     height_offsets: Floats,
-    windows: WindowTurns,
-    window: Integers,
+    ranges: Floats,
+    window: YawWindow,
     exact: bool,
     raster: Raster,
     apart: float,
@@ -231,49 +164,24 @@ def best_bases_batch(
         keys: (n,) numbers of the keys, -1 where the TCP is out of reach.
         positions: (n, 3) of the TCP [m].
         height_offsets: (n,) [m].
-        windows: yaws to try, of every range of yaws.
-        window: (n,) the range of each query.
+        ranges: (n, 2) lowest and highest turn of each query [rad].
+        window: the rest of the window of all queries.
         exact, raster, apart: as in `best_bases`, for all.
         rows: (n, k, 7) filled as in `best_bases`, with NaN where no base was found.
         counts: (n,) filled with the number of bases found.
     """
+    turns = lay_out_turns(window)
+    low, high = window.low, window.high
+    progress = np.zeros(3, np.int64)
     for i in range(keys.shape[0]):
-        counts[i] = 0
+        if ranges[i, 0] != low or ranges[i, 1] != high:
+            low, high = ranges[i, 0], ranges[i, 1]
+            turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, window.shift))
+        progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if keys[i] >= 0:
-            w = window[i]
-            first, last = windows.first[w], windows.first[w + 1]
-            yaws, directions = windows.yaws[first:last], windows.directions[first:last]
-            turns = Turns(yaws, directions, windows.all_around[w], windows.yaw_shift)
-            x, y = positions[i, 0], positions[i, 1]
-            counts[i] = best_bases(tiles, keys[i], x, y, height_offsets[i], exact, turns, raster, apart, rows[i])
+            place = TcpPlace(keys[i], positions[i, 0], positions[i, 1], height_offsets[i], exact)
+            best_bases(tiles, place, turns, raster, apart, rows[i], progress)
+        counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan
             rows[i, k, 6] = 0.0
-
-
-@njit(cache=True)
-def any_base_near(
-    tiles: Tiles, keys: Integers, px: float, py: float, turns: Floats, half_turn: float, raster: Raster, slack: float
-) -> bool:
-    """Whether any base of any of the `keys` lies within `slack` of free floor at one of the `turns` (n, 2).
-
-    Turns are `2 half_turn` apart [rad]; the arc between them is added to the slack.
-    """
-    bounded = raster.cells.size > 0
-    for key in keys:
-        for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
-            if not bounded:
-                return True
-            tx, ty = tiles.tile_x[tile], tiles.tile_y[tile]
-            margin = slack + hypot(tx, ty) * half_turn + _ROUNDING
-            reach = margin + tiles.tile_radius[tile] * (1.0 + half_turn)
-            for turn in range(turns.shape[0]):
-                c, s = turns[turn, 0], turns[turn, 1]
-                if floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
-                    continue
-                for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                    x = px + c * tiles.x[base] - s * tiles.y[base]
-                    y = py + s * tiles.x[base] + c * tiles.y[base]
-                    if floor_distance(raster, x, y) <= slack + hypot(tiles.x[base], tiles.y[base]) * half_turn:
-                        return True
-    return False

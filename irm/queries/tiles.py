@@ -3,8 +3,9 @@
 The bases of one key (height, pitch, roll) are grouped into square tiles by their position relative to the TCP at
 approach yaw 0. Within a tile they are sorted by μ, and the tiles are sorted by their best μ. A query takes the tiles in
 this order until no tile can contain a better base than the best one found so far. It skips tiles without free floor
-nearby. Queries for all approach yaws use the rings instead: the best base of each voxel, sorted by μ, which may lie at
-any angle around the TCP.
+nearby. Where much floor is free, it is faster to take the bases one by one in the order of μ: the first free one is the
+best. Queries for all approach yaws do the same with the rings: the best base of each voxel, which may lie at any angle
+around the TCP.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from irm.maps.reachability import ReachabilityMap
 
-__all__ = ["RING_WIDTH", "TILE", "Tiles", "invert_map"]
+__all__ = ["RADIUS_STEP", "TILE", "Ranking", "Tiles", "invert_map"]
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -25,8 +26,21 @@ Integers = NDArray[np.int64]
 TILE = 0.1
 """[m] Edge of a tile: two voxels, so that about twenty bases share one look-up of the floor."""
 
-RING_WIDTH = 0.025
-"""[m] Step of the distances in `Tiles.ring_skip`."""
+RADIUS_STEP = 0.025
+"""[m] Step of the distances in `Ranking.skip`."""
+
+
+class Ranking(NamedTuple):
+    """Bases of every key, best first.
+
+    `base` (n,): their numbers; `radius` (n,): their distances from the TCP [m]; `first` (keys + 1,): where each key's
+    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP.
+    """
+
+    base: NDArray[np.int32]
+    radius: Singles
+    first: Integers
+    skip: NDArray[np.int32]
 
 
 class Tiles(NamedTuple):
@@ -35,9 +49,8 @@ class Tiles(NamedTuple):
     Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the TCP at approach yaw 0, `mu`, `torso` [m], `flags`.
     Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
     `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
-    (keys + 1,) bases. Per ring, best first: `ring_base`, the base, and `ring_radius`, its distance from the TCP [m];
-    per key `ring_first` (keys + 1,) rings, and `ring_skip` (keys, b): the first ring that reaches b `RING_WIDTH` far.
-    `torso_lower`, `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
+    (keys + 1,) bases. `ranked`: all bases by μ; `rings`: the best base of each voxel by μ. `torso_lower`,
+    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
     """
 
     x: Singles
@@ -54,10 +67,8 @@ class Tiles(NamedTuple):
     tile_last: Integers
     key_first: Integers
     base_first: Integers
-    ring_base: Integers
-    ring_radius: Singles
-    ring_first: Integers
-    ring_skip: Integers
+    ranked: Ranking
+    rings: Ranking
     torso_lower: float
     torso_upper: float
 
@@ -77,12 +88,14 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     columns: tuple[NDArray[Any], ...] = (x, y, yaw, rm.manipulability, rm.torso)
     bases: list[NDArray[Any]] = [values[order].astype(np.float32) for values in columns]
     voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
-    rings = _rings(voxel[order], key[order], keys, np.hypot(bases[0], bases[1]), bases[3])
+    best = _best_of_each(voxel[order], bases[3])
     base_first = np.searchsorted(key[order], np.arange(keys + 1))
-    arrays = [*bases, rm.flags[order], *tiles, base_first, *rings]
-    for array in arrays:
+    arrays = [*bases, rm.flags[order], *tiles, base_first]
+    distance = np.hypot(bases[0], bases[1])
+    rankings = [_ranking(some, key[order], keys, distance, bases[3]) for some in (np.arange(len(order)), best)]
+    for array in (*arrays, *rankings[0], *rankings[1]):
         array.setflags(write=False)
-    return Tiles._make([*arrays, *grid.torso_range])
+    return Tiles._make([*arrays, *rankings, *grid.torso_range])
 
 
 def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:
@@ -106,22 +119,24 @@ def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple
     return order, (*(values[rank] for values in (tile_x, tile_y, radius, tile_mu, first, last)), key_first)
 
 
-def _rings(
-    voxel: Integers, key: Integers, keys: int, distance: Singles, mu: Singles
-) -> tuple[Integers, Singles, Integers, Integers]:
-    """`ring_base` to `ring_skip`: of each voxel's bases the best, sorted by key and μ."""
+def _best_of_each(voxel: Integers, mu: Singles) -> Integers:
+    """The best base of each voxel."""
     by_voxel = _sorted_descending(voxel, mu)
-    best = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]
-    best = best[_sorted_descending(key[best], mu[best])]
-    radius = distance[best]
-    first = np.searchsorted(key[best], np.arange(keys + 1))
-    steps = int(radius.max(initial=0.0) / RING_WIDTH) + 2
-    skip = np.repeat(first[1:, None], steps, axis=1)
-    for step in range(steps):
-        far = np.flatnonzero(radius >= step * RING_WIDTH)
-        reaching, start = np.unique(key[best[far]], return_index=True)
-        skip[reaching, step] = far[start]
-    return best, radius, first, skip
+    best: Integers = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]
+    return best
+
+
+def _ranking(some: Integers, key: Integers, keys: int, distance: Singles, mu: Singles) -> Ranking:
+    """Some of the bases by key and μ; `key` (n,) of 0 … keys - 1, `distance` (n,) and `mu` (n,) are those of all."""
+    base = some[_sorted_descending(key[some], mu[some])]
+    radius, own_key = distance[base], key[base]
+    first = np.searchsorted(own_key, np.arange(keys + 1))
+    step = (radius.astype(float) / RADIUS_STEP).astype(np.int64)
+    skip = np.repeat(first[1:, None], int(step.max(initial=0)) + 2, axis=1)
+    rank = np.arange(len(base))[::-1]
+    skip[own_key[rank], step[rank]] = rank
+    skip = np.minimum.accumulate(skip[:, ::-1], axis=1)[:, ::-1]
+    return Ranking(base.astype(np.int32), radius, first, np.ascontiguousarray(skip, dtype=np.int32))
 
 
 def _sorted_descending(major: Integers, mu: Singles) -> Integers:

@@ -38,7 +38,7 @@ def test_an_unknown_keyword_is_refused_with_the_valid_ones(queries):
 BAD_VALUES = [
     ({"pitch": np.nan}, "finite"),
     ({"roll": np.inf}, "finite"),
-    ({"pitch": "level"}, "numbers"),
+    ({"pitch": "level"}, "finite number"),
     ({"k": 0}, "at least 1"),
     ({"k": 1.5}, "at least 1"),
     ({"k": "many"}, "at least 1"),
