@@ -78,7 +78,7 @@ class ClassicalInverseReachabilityMap:
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         angles = grid.orientations.pitch[key.group], grid.orientations.roll[key.group]
-        turns = base_turns(grid, key, bounds, options.yaw_step).yaws
+        turns = base_turns(grid, key, bounds, options.yaw_step)
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
         mu = self.reachability_map.manipulability[base]

@@ -37,7 +37,7 @@ def full_scan(
     key = find_key(grid, point[2], options.pitch, options.roll)
     if key is None:
         return BasePlacement.nothing(Status.NO)
-    turns, flat = base_turns(grid, key, bounds, options.yaw_step).yaws, flat_key(grid, key.layer, key.group)
+    turns, flat = base_turns(grid, key, bounds, options.yaw_step), flat_key(grid, key.layer, key.group)
     mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]

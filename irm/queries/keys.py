@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from irm.errors import QueryError
 from irm.maps.grid import MapGrid, Orientations
-from irm.queries.arguments import approach_yaws, is_full_turn
+from irm.queries.arguments import approach_yaws
 
 __all__ = [
     "Key",
-    "Turns",
     "YawWindow",
     "base_turns",
     "evenly",
@@ -57,22 +56,8 @@ class Key(NamedTuple):
     yaw_shift: float
 
 
-class Turns(NamedTuple):
-    """The yaws at which a key's bases are laid out around the TCP.
-
-    `yaws` (n,) [rad], increasing; `directions` (n, 2): their cosines and sines; `all_around`: whether they cover a full
-    turn in the steps of the map's own yaw samples, or of a divisor of these; `yaw_shift`: what to add to a turn to get
-    the approach yaw [rad].
-    """
-
-    yaws: Floats
-    directions: Floats
-    all_around: bool
-    yaw_shift: float
-
-
 class YawWindow(NamedTuple):
-    """A range of turns for kernels, which lay out the turns themselves.
+    """A range of turns: yaws at which a key's bases are laid out around the TCP. Kernels lay out the turns themselves.
 
     `low`, `high` and the largest `step` between two turns [rad]; `samples`: for a full turn, the number of turns is a
     multiple of this; `shift`: what to add to a turn to get the approach yaw [rad].
@@ -155,12 +140,10 @@ def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: fl
     return YawWindow(yaw_range[0] - shift, yaw_range[1] - shift, step, samples, shift)
 
 
-def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Turns:
-    """The turns for a checked range of approach yaws, laid out in NumPy; see `yaw_window`."""
+def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Floats:
+    """(n,) turns for a checked range of approach yaws, as kernels lay them out; see `yaw_window`."""
     window = yaw_window(grid, key, yaw_range, step)
-    yaws = approach_yaws((window.low, window.high), window.step, window.samples)
-    directions = np.column_stack([np.cos(yaws), np.sin(yaws)])
-    return Turns(yaws, directions, is_full_turn((window.low, window.high)), window.shift)
+    return approach_yaws((window.low, window.high), window.step, window.samples)
 
 
 def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:

@@ -46,7 +46,7 @@ def place_for_path(
     if keys is None:
         return _nothing(Status.NO, len(waypoints)).with_first_yaw()
     reference = bases.rarest(keys)
-    turns = base_turns(bases.grid, keys[reference], yaw_range, options.yaw_step).yaws
+    turns = base_turns(bases.grid, keys[reference], yaw_range, options.yaw_step)
     points = np.repeat(waypoints[None], len(turns), axis=0)
     windows = np.tile(np.array([yaw_range]), (len(waypoints), 1))
     fixed = np.ones(len(waypoints), dtype=bool)
@@ -68,7 +68,7 @@ def place_for_path_at(
             "a vertical approach has no horizontal direction: give offsets along z only, or the waypoints in the world"
         )
     reference = bases.rarest(keys)
-    turns = base_turns(bases.grid, keys[reference], yaw_range, options.yaw_step).yaws
+    turns = base_turns(bases.grid, keys[reference], yaw_range, options.yaw_step)
     yaws = turns + keys[reference].yaw_shift
     c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     x, y, z = offsets.T
@@ -91,7 +91,7 @@ def place_for_targets(
         return _nothing(Status.NO, len(targets))
     reference = bases.rarest(keys)
     low, high = windows[reference]
-    turns = base_turns(bases.grid, keys[reference], (float(low), float(high)), options.yaw_step).yaws
+    turns = base_turns(bases.grid, keys[reference], (float(low), float(high)), options.yaw_step)
     points = np.repeat(targets[None], len(turns), axis=0)
     fixed = np.ones(len(targets), dtype=bool)
     return _find(bases, _Search(keys, reference, turns, points, windows, False, fixed), options)

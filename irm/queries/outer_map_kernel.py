@@ -35,7 +35,7 @@ def disc_meets_floor(
     return nearest <= slack
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def any_base_near(
     tiles: Tiles, keys: Integers, px: float, py: float, turns: Floats, half_turn: float, raster: Raster, slack: float
 ) -> bool:

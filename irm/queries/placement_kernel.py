@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import ceil, cos, pi, sin
+from math import ceil, cos, floor, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ from irm.arm.closed_form import wrap
 from irm.compilation import njit
 from irm.floor.raster import Raster
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
-from irm.queries.keys import Turns, YawWindow
-from irm.queries.search_kernel import TcpPlace, best_in_tiles, next_in_order
-from irm.queries.tiles import Tiles
+from irm.queries.keys import YawWindow
+from irm.queries.search_kernel import SECTOR_WIDTH, RingMasks, TcpPlace, Turns, new_masks, next_in_order
+from irm.queries.tiles import SECTORS, Tiles
 
 __all__ = ["SAME_PLACE", "best_bases_batch", "best_bases_in_window", "lay_out_turns", "turns_of"]
 
@@ -22,15 +22,6 @@ Integers = NDArray[np.int64]
 
 SAME_PLACE = 1e-6
 """[m] Two bases closer than this are the same base."""
-
-_QUICK_TESTS = 400
-"""Places tested in the order of μ before the search by tiles takes over: most queries need fewer than ten."""
-
-_MANY = 32
-"""Number of bases wanted from which on all places are tested in the order of μ: one pass finds all of them."""
-
-_ALL_TESTS = 1 << 62
-"""More tests than there can be places."""
 
 _SAME_ANGLE = 1e-9
 """[rad] As in `irm.queries.arguments`: rounding of a range of yaws."""
@@ -57,44 +48,25 @@ def lay_out_turns(window: YawWindow) -> Turns:
         count = ceil(length / window.step - _SAME_ANGLE) + 1
         first = window.low if count > 1 else 0.5 * (window.low + window.high)
         apart = length / (count - 1) if count > 1 else 0.0
-    yaws = np.empty(count)
+    yaws, sectors, all_sectors = np.empty(count), np.empty(count, np.uint64), np.uint64(0)
     for k in range(count):
         yaws[k] = first + k * apart
-    return Turns(yaws, turns_of(yaws), all_around, window.shift)
-
-
-@njit(cache=True, inline="always")
-def _next_base(
-    tiles: Tiles, start: int, place: TcpPlace, turns: Turns, raster: Raster, rows: Floats, count: int, apart: float
-) -> tuple[int, int, int]:
-    """The next best base, its turn, and the rank at which the search for the following one may start.
-
-    `start`: that rank; -1 if the search by tiles has taken over. Returns -1 for the base if there is none.
-    """
-    rank, turn = start, -1
-    if turns.all_around:
-        end = tiles.rings.first[place.key + 1]
-        rank, turn = next_in_order(tiles, tiles.rings, start, _ALL_TESTS, place, turns, raster, rows, count, apart)
-        base = int(tiles.rings.base[rank]) if rank < end else -1
-    else:
-        base, end = -1, tiles.ranked.first[place.key + 1]
-        if start >= 0:
-            tests = _QUICK_TESTS if rows.shape[0] < _MANY else _ALL_TESTS
-            rank, turn = next_in_order(tiles, tiles.ranked, start, tests, place, turns, raster, rows, count, apart)
-            base = int(tiles.ranked.base[rank]) if turn >= 0 else -1
-        if base < 0 and rank < end:
-            rank = -1
-            yaws = turns.yaws
-            step = yaws[1] - yaws[0] if yaws.shape[0] > 1 else 0.0
-            base, turn = best_in_tiles(
-                tiles, place.key, place.x, place.y, turns.directions, step, raster, rows, count, apart
-            )
-    return base, turn, rank
+        sector = floor(yaws[k] / SECTOR_WIDTH)
+        sectors[k] = np.uint64(1) << np.uint64(sector % SECTORS) | np.uint64(1) << np.uint64((sector + 1) % SECTORS)
+        all_sectors |= sectors[k]
+    return Turns(yaws, turns_of(yaws), sectors, all_sectors, all_around, window.shift)
 
 
 @njit(cache=True, inline="always")
 def best_bases(
-    tiles: Tiles, place: TcpPlace, turns: Turns, raster: Raster, apart: float, rows: Floats, progress: Integers
+    tiles: Tiles,
+    place: TcpPlace,
+    turns: Turns,
+    raster: Raster,
+    masks: RingMasks,
+    apart: float,
+    rows: Floats,
+    progress: Integers,
 ) -> None:
     """The k best bases for one TCP pose, each farther than `apart` from the better ones.
 
@@ -103,6 +75,7 @@ def best_bases(
         place: of the TCP.
         turns: yaws to try.
         raster: of the free floor.
+        masks: of the floor around the TCP.
         apart: [m].
         rows: (k, 7) filled with x, y, yaw, approach yaw, μ, torso, certain (0 or 1).
         progress: (3,) rows filled, rank where the search goes on, and the number of rows at which to pause. The
@@ -110,11 +83,14 @@ def best_bases(
     """
     lower, upper = tiles.torso_lower, tiles.torso_upper
     torso_follows = upper > lower
+    ranking = tiles.rings if turns.all_around else tiles.ranked
     while progress[0] < min(progress[2], rows.shape[0]):
         k = progress[0]
-        base, turn, progress[1] = _next_base(tiles, progress[1], place, turns, raster, rows, k, apart)
-        if base < 0:
+        rank, turn = next_in_order(tiles, ranking, progress[1], place, turns, raster, masks, rows[:k], apart)
+        progress[1] = rank
+        if turn < 0:
             return
+        base = ranking.base[rank]
         c, s = turns.directions[turn, 0], turns.directions[turn, 1]
         rows[k, 0] = place.x + c * tiles.x[base] - s * tiles.y[base]
         rows[k, 1] = place.y + s * tiles.x[base] + c * tiles.y[base]
@@ -140,7 +116,7 @@ def best_bases_in_window(
     progress: Integers,
 ) -> None:
     """`best_bases` for the turns of a window."""
-    best_bases(tiles, place, lay_out_turns(window), raster, apart, rows, progress)
+    best_bases(tiles, place, lay_out_turns(window), raster, new_masks(tiles.ranked), apart, rows, progress)
 
 
 @njit(cache=True)
@@ -172,7 +148,7 @@ def best_bases_batch(
     """
     turns = lay_out_turns(window)
     low, high = window.low, window.high
-    progress = np.zeros(3, np.int64)
+    progress, masks = np.zeros(3, np.int64), new_masks(tiles.ranked)
     for i in range(keys.shape[0]):
         if ranges[i, 0] != low or ranges[i, 1] != high:
             low, high = ranges[i, 0], ranges[i, 1]
@@ -180,7 +156,8 @@ def best_bases_batch(
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if keys[i] >= 0:
             place = TcpPlace(keys[i], positions[i, 0], positions[i, 1], height_offsets[i], exact)
-            best_bases(tiles, place, turns, raster, apart, rows[i], progress)
+            masks.is_known[:] = False
+            best_bases(tiles, place, turns, raster, masks, apart, rows[i], progress)
         counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan

@@ -1,19 +1,34 @@
-"""Compiled search for the best free base of a key, over `Tiles` and `Raster`: in the order of μ, or tile by tile."""
+"""Compiled search for the best free base of a key: in the order of μ, over `Ranking` and `Raster`.
+
+To test a base at a turn is to look up one place on the floor. Where little floor is free, most places of the best bases
+are not. So the floor around the TCP is divided into sectors of rings. A mask of 64 bits says for each ring which of its
+sectors may contain free floor; it is computed when the first base on that ring is tested. One operation on masks then
+rejects a base at all its turns.
+"""
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import NamedTuple
+from math import hypot, pi
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.floor.raster import FREE, MIXED, Raster, floor_distance, floor_gap, floor_kind, is_outside
-from irm.queries.keys import Turns
-from irm.queries.tiles import RADIUS_STEP, Ranking, Tiles
+from irm.floor.raster import Raster, floor_distance, floor_gap, point_is_free
+from irm.queries.tiles import RADIUS_STEP, SECTORS, Ranking, Tiles
 
-__all__ = ["ROUNDING", "SHORT", "TcpPlace", "best_in_tiles", "is_apart", "next_in_order"]
+__all__ = [
+    "ROUNDING",
+    "SECTOR_WIDTH",
+    "SHORT",
+    "RingMasks",
+    "TcpPlace",
+    "Turns",
+    "is_apart",
+    "new_masks",
+    "next_in_order",
+]
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +37,26 @@ ROUNDING = 1e-5
 
 SHORT = 0.999
 """Share of a distance to free floor by which the kernels step over places that cannot be free."""
+
+RING_WIDTH = 0.1
+"""[m] of a ring of floor."""
+
+_FIRST = 4
+"""Bases that are tested before any mask is computed: mostly one of them is free."""
+
+SECTOR_WIDTH = 2.0 * pi / SECTORS
+"""[rad] of a sector."""
+
+_COS, _SIN = (f((np.arange(SECTORS) + 0.5) * SECTOR_WIDTH) for f in (np.cos, np.sin))
+"""Directions of the middles of the sectors."""
+
+
+_NO_COUNTS: dict[str, Any] = {"_nrt": False}
+"""These kernels allocate nothing. Compiled without numba's runtime they do not count references to the arrays inside
+their arguments, which would take half of the time."""
+
+_ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
+"""Every sector."""
 
 
 class TcpPlace(NamedTuple):
@@ -35,6 +70,57 @@ class TcpPlace(NamedTuple):
     exact: bool
 
 
+class Turns(NamedTuple):
+    """The yaws at which a key's bases are laid out around the TCP.
+
+    `yaws` (n,) [rad], increasing; `directions` (n, 2): their cosines and sines; `sectors` (n,): the two sectors in one
+    of which a base of sector 0 is after the turn; `all_sectors`: these together; `all_around`: whether the turns cover
+    all yaws in the steps of the map's own yaw samples, or of a divisor of these; `yaw_shift`: what to add to a turn to
+    get the approach yaw [rad].
+    """
+
+    yaws: Floats
+    directions: Floats
+    sectors: NDArray[np.uint64]
+    all_sectors: np.uint64
+    all_around: bool
+    yaw_shift: float
+
+
+class RingMasks(NamedTuple):
+    """The rings of floor around a TCP, `RADIUS_STEP` wide: `sectors` (b,) that may contain free floor, one bit each;
+    `is_known` (b,) whether they are computed."""
+
+    sectors: NDArray[np.uint64]
+    is_known: NDArray[np.bool_]
+
+
+@njit(cache=True)
+def new_masks(ranking: Ranking) -> RingMasks:
+    """Masks that are not computed yet, for all radii of a ranking."""
+    rings = ranking.skip.shape[1]
+    return RingMasks(np.zeros(rings, np.uint64), np.zeros(rings, np.bool_))
+
+
+@njit(cache=True, **_NO_COUNTS)
+def _free_sectors(raster: Raster, px: float, py: float, ring: int) -> np.uint64:
+    """The mask of one ring around a TCP at (px, py)."""
+    radius = (ring + 0.5) * RING_WIDTH
+    reach = hypot(0.5 * RING_WIDTH, 0.5 * (radius + RING_WIDTH) * SECTOR_WIDTH) + ROUNDING
+    mask = np.uint64(0)
+    for k in range(SECTORS):
+        if floor_distance(raster, px + radius * _COS[k], py + radius * _SIN[k]) <= reach:
+            mask |= np.uint64(1) << np.uint64(k)
+    return mask
+
+
+@njit(cache=True, inline="always")
+def _turned_back(mask: np.uint64, sector: int) -> np.uint64:
+    """A mask of sectors seen from one of them."""
+    left, right = np.uint64((SECTORS - sector) % SECTORS), np.uint64(sector)
+    return (mask >> right) | (mask << left)
+
+
 @njit(cache=True, inline="always")
 def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> bool:
     """Whether a point is farther than `apart` from the first `count` rows of `taken`."""
@@ -46,109 +132,97 @@ def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> boo
     return near == 0
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, **_NO_COUNTS)
+def _next_candidate(
+    radius: NDArray[np.float32],
+    sector: NDArray[np.uint8],
+    masks: RingMasks,
+    rank: int,
+    end: int,
+    gap: float,
+    all_turns: np.uint64,
+) -> int:
+    """The first rank in `rank` … `end` whose base may be on free floor, as far as the masks are known; else `end`."""
+    sectors, is_known = masks.sectors, masks.is_known
+    while rank < end:
+        if radius[rank] >= gap:
+            ring = int(radius[rank] / RING_WIDTH)
+            if not is_known[ring] or _turned_back(sectors[ring], sector[rank]) & all_turns != 0:
+                return rank
+        rank += 1
+    return rank
+
+
+@njit(cache=True, **_NO_COUNTS)
+def _free_turn(
+    x: float,
+    y: float,
+    place: TcpPlace,
+    turns: Turns,
+    free_sectors: np.uint64,
+    raster: Raster,
+    taken: Floats,
+    apart: float,
+) -> int:
+    """The turn at which a base at (x, y) from the TCP is free and farther than `apart` from the rows of `taken`.
+
+    Of several such turns the one nearest to the middle is taken, or the first one if the turns cover all yaws; -1 if
+    there is none.
+    """
+    directions, sectors = turns.directions, turns.sectors
+    last, best_turn = directions.shape[0] - 1, -1
+    for turn in range(last + 1):
+        if sectors[turn] & free_sectors == 0:
+            continue
+        if best_turn >= 0 and (turns.all_around or abs(2 * turn - last) >= abs(2 * best_turn - last)):
+            break
+        c, s = directions[turn, 0], directions[turn, 1]
+        at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
+        if point_is_free(raster, at_x, at_y) and is_apart(taken, taken.shape[0], at_x, at_y, apart):
+            best_turn = turn
+    return best_turn
+
+
+@njit(cache=True, **_NO_COUNTS)
 def next_in_order(
     tiles: Tiles,
     ranking: Ranking,
     start: int,
-    tests: int,
     place: TcpPlace,
     turns: Turns,
     raster: Raster,
+    masks: RingMasks,
     taken: Floats,
-    count: int,
     apart: float,
 ) -> tuple[int, int]:
-    """The first base of a ranking, from `start` on, that is free and farther than `apart` from `count` rows of `taken`.
+    """The first base of a ranking, from `start` on, that is free and farther than `apart` from the rows of `taken`.
 
-    At most about `tests` places are tested. Returns the rank of the base and its turn, (rank, -1) if the tests ended
-    there, and (end of the key's ranking, -1) if there is no such base. Of the free turns of a base the one nearest to
-    the middle is taken; if the turns cover all yaws, the first one.
+    Returns the rank of the base and its turn, or (end of the key's ranking, -1) if there is no such base.
 
     On the rings a turn by one yaw sample of the map is the same as the next yaw sample of the same voxel. So only the
     best sample of each voxel is needed, and all its positions around the TCP are equally good.
     """
-    x_of, y_of, members, radius = tiles.x, tiles.y, ranking.base, ranking.radius
-    vertices, starts, directions = raster.vertices, raster.starts, turns.directions
-    last = directions.shape[0] - 1
     bounded = raster.cells.size > 0
     gap = floor_gap(raster, place.x, place.y) - ROUNDING if bounded else 0.0
-    per_arc = last / (turns.yaws[last] - turns.yaws[0]) if last > 0 else 0.0
     end, steps = ranking.first[place.key + 1], ranking.skip.shape[1] - 1
     rank = max(start, ranking.skip[place.key, min(int(gap / RADIUS_STEP), steps)])
-    while rank < end and tests > 0:
-        base, best_turn = members[rank], -1
-        turn = 0 if radius[rank] >= gap else last + 1
-        while turn <= last:
-            c, s = directions[turn, 0], directions[turn, 1]
-            x, y = place.x + c * x_of[base] - s * y_of[base], place.y + s * x_of[base] + c * y_of[base]
-            away = floor_distance(raster, x, y) if bounded else 0.0
-            tests -= 1
-            if away > 0.0:
-                turn += 1 + int(SHORT * away / radius[rank] * per_arc)
+    tests = 0
+    while rank < end:
+        free_sectors = _ALL
+        if bounded and tests >= _FIRST:
+            rank = _next_candidate(ranking.radius, ranking.sector, masks, rank, end, gap, turns.all_sectors)
+            if rank == end:
+                break
+            ring = int(ranking.radius[rank] / RING_WIDTH)
+            if not masks.is_known[ring]:
+                masks.sectors[ring], masks.is_known[ring] = _free_sectors(raster, place.x, place.y, ring), True
                 continue
-            kind = floor_kind(raster, x, y) if bounded else FREE
-            free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
-            nearer = best_turn < 0 or abs(2 * turn - last) < abs(2 * best_turn - last)
-            if free and nearer and is_apart(taken, count, x, y, apart):
-                best_turn = turn
-                if turns.all_around or 2 * turn >= last:
-                    break
-            turn += 1
-        if best_turn >= 0:
-            return rank, best_turn
+            free_sectors = _turned_back(masks.sectors[ring], ranking.sector[rank])
+        if ranking.radius[rank] >= gap:
+            base = ranking.base[rank]
+            turn = _free_turn(tiles.x[base], tiles.y[base], place, turns, free_sectors, raster, taken, apart)
+            if turn >= 0:
+                return rank, turn
+            tests += 1
         rank += 1
     return rank, -1
-
-
-@njit(cache=True, inline="always")
-def best_in_tiles(
-    tiles: Tiles,
-    key: int,
-    px: float,
-    py: float,
-    turns: Floats,
-    step: float,
-    raster: Raster,
-    taken: Floats,
-    count: int,
-    apart: float,
-) -> tuple[int, int]:
-    """The best base that is free and farther than `apart` from the first `count` rows of `taken`, and its turn.
-
-    `turns` (n, 2) are cosines and sines of increasing approach yaws, `step` apart [rad]. Of equally good turns the one
-    nearest to the middle is taken. Returns (-1, -1) if there is no such base.
-    """
-    best, best_base, best_turn = np.float32(-1.0), -1, -1
-    x_of, y_of, mu = tiles.x, tiles.y, tiles.mu
-    vertices, starts = raster.vertices, raster.starts
-    bounded = raster.cells.size > 0
-    gap = floor_gap(raster, px, py) if bounded else 0.0
-    last = turns.shape[0] - 1
-    per_arc = 1.0 / step if step > 0.0 else 0.0
-    for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
-        if tiles.tile_mu[tile] < best:
-            break
-        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + ROUNDING
-        distance = sqrt(tx * tx + ty * ty)
-        if bounded and distance + reach < gap:
-            continue
-        turn = 0
-        while turn <= last:
-            c, s = turns[turn, 0], turns[turn, 1]
-            away = floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) - reach if bounded else 0.0
-            if away > 0.0:
-                turn += 1 + int(SHORT * away / distance * per_arc)
-                continue
-            nearer = abs(2 * turn - last) < abs(2 * best_turn - last)
-            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                if mu[base] < best or (mu[base] == best and not nearer):
-                    break
-                x, y = px + c * x_of[base] - s * y_of[base], py + s * x_of[base] + c * y_of[base]
-                kind = floor_kind(raster, x, y) if bounded else FREE
-                free = kind == FREE or (kind == MIXED and is_outside(vertices, starts, raster.radius, x, y))
-                if free and is_apart(taken, count, x, y, apart):
-                    best, best_base, best_turn = mu[base], base, turn
-                    break
-            turn += 1
-    return best_base, best_turn

@@ -3,9 +3,8 @@
 The bases of one key (height, pitch, roll) are grouped into square tiles by their position relative to the TCP at
 approach yaw 0. Within a tile they are sorted by μ, and the tiles are sorted by their best μ. A query takes the tiles in
 this order until no tile can contain a better base than the best one found so far. It skips tiles without free floor
-nearby. Where much floor is free, it is faster to take the bases one by one in the order of μ: the first free one is the
-best. Queries for all approach yaws do the same with the rings: the best base of each voxel, which may lie at any angle
-around the TCP.
+nearby. This serves several positions at once. For a single one, the bases are ranked by μ: the first free one is the
+best. For all approach yaws, only the best base of each voxel is ranked, which may lie at any angle around the TCP.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from irm.maps.reachability import ReachabilityMap
 
-__all__ = ["RADIUS_STEP", "TILE", "Ranking", "Tiles", "invert_map"]
+__all__ = ["RADIUS_STEP", "SECTORS", "TILE", "Ranking", "Tiles", "invert_map"]
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -29,16 +28,21 @@ TILE = 0.1
 RADIUS_STEP = 0.025
 """[m] Step of the distances in `Ranking.skip`."""
 
+SECTORS = 64
+"""Directions around the TCP: the bits of one number."""
+
 
 class Ranking(NamedTuple):
     """Bases of every key, best first.
 
     `base` (n,): their numbers; `radius` (n,): their distances from the TCP [m]; `first` (keys + 1,): where each key's
-    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP.
+    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP; `sector`
+    (n,): in which of the `SECTORS` around the TCP they are.
     """
 
     base: NDArray[np.int32]
     radius: Singles
+    sector: NDArray[np.uint8]
     first: Integers
     skip: NDArray[np.int32]
 
@@ -91,8 +95,7 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     best = _best_of_each(voxel[order], bases[3])
     base_first = np.searchsorted(key[order], np.arange(keys + 1))
     arrays = [*bases, rm.flags[order], *tiles, base_first]
-    distance = np.hypot(bases[0], bases[1])
-    rankings = [_ranking(some, key[order], keys, distance, bases[3]) for some in (np.arange(len(order)), best)]
+    rankings = [_ranking(some, key[order], keys, bases) for some in (np.arange(len(order)), best)]
     for array in (*arrays, *rankings[0], *rankings[1]):
         array.setflags(write=False)
     return Tiles._make([*arrays, *rankings, *grid.torso_range])
@@ -126,17 +129,24 @@ def _best_of_each(voxel: Integers, mu: Singles) -> Integers:
     return best
 
 
-def _ranking(some: Integers, key: Integers, keys: int, distance: Singles, mu: Singles) -> Ranking:
-    """Some of the bases by key and μ; `key` (n,) of 0 … keys - 1, `distance` (n,) and `mu` (n,) are those of all."""
-    base = some[_sorted_descending(key[some], mu[some])]
-    radius, own_key = distance[base], key[base]
+def _ranking(some: Integers, key: Integers, keys: int, bases: list[NDArray[Any]]) -> Ranking:
+    """Some of the bases, by key and μ.
+
+    `key` (n,) of 0 … keys - 1, and `bases`, the columns `x`, `y`, `yaw`, `mu` and `torso` (n,), are those of all.
+    """
+    base = some[_sorted_descending(key[some], bases[3][some])]
+    x, y, own_key = bases[0][base], bases[1][base], key[base]
+    radius = np.hypot(x, y)
     first = np.searchsorted(own_key, np.arange(keys + 1))
     step = (radius.astype(float) / RADIUS_STEP).astype(np.int64)
     skip = np.repeat(first[1:, None], int(step.max(initial=0)) + 2, axis=1)
     rank = np.arange(len(base))[::-1]
     skip[own_key[rank], step[rank]] = rank
     skip = np.minimum.accumulate(skip[:, ::-1], axis=1)[:, ::-1]
-    return Ranking(base.astype(np.int32), radius, first, np.ascontiguousarray(skip, dtype=np.int32))
+    sector = (np.arctan2(y, x).astype(float) * (SECTORS / (2 * np.pi)) // 1).astype(np.int64) % SECTORS
+    return Ranking(
+        base.astype(np.int32), radius, sector.astype(np.uint8), first, np.ascontiguousarray(skip, dtype=np.int32)
+    )
 
 
 def _sorted_descending(major: Integers, mu: Singles) -> Integers:

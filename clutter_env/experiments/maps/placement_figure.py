@@ -92,7 +92,7 @@ def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> _Candidates
     key = find_key(grid, float(tcp[2]), 0.0, 0.0)
     if key is None:
         raise ValueError(f"the TCP cannot reach the height {tcp[2]:.2f} m")
-    flat, yaws = flat_key(grid, key.layer, key.group), base_turns(grid, key, YAWS, YAW_STEP).yaws[:, None]
+    flat, yaws = flat_key(grid, key.layer, key.group), base_turns(grid, key, YAWS, YAW_STEP)[:, None]
     mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
     c, s = np.cos(yaws), np.sin(yaws)
     x = (tcp[0] + c * tiles.x[mine] - s * tiles.y[mine]).ravel()
