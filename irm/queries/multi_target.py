@@ -20,6 +20,9 @@ __all__ = ["place_for_path", "place_for_path_at", "place_for_targets"]
 
 Floats = NDArray[np.float64]
 
+_BASES_AT_A_TIME = 16
+"""Bases computed by one call of the kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
+
 
 class _Search(NamedTuple):
     """One search for a base common to m positions.
@@ -119,18 +122,12 @@ def _find(bases: KeyedBases, search: _Search, options: QueryOptions) -> BasePlac
     query = MultiTargetQuery(np.ascontiguousarray(search.points[:, order]), search.turns, spans[order], search.same_yaw)
     rows = np.empty((options.k, 5))
     torsos, yaws = np.empty((options.k, len(keys))), np.empty((options.k, len(keys)))
-    found = best_common_bases(
-        bases.tiles,
-        flat_key(bases.grid, key.layer, key.group),
-        query,
-        bases.field(key.group),
-        key.exact,
-        options.floor.raster,
-        max(options.separation, SAME_PLACE),
-        rows,
-        torsos,
-        yaws,
-    )
+    flat, apart = flat_key(bases.grid, key.layer, key.group), max(options.separation, SAME_PLACE)
+    kernel = (bases.tiles, flat, query, bases.field(key.group), key.exact, options.floor.raster, apart)
+    found = wanted = 0
+    while found == wanted < options.k:
+        wanted = min(options.k, wanted + _BASES_AT_A_TIME)
+        found = best_common_bases(*kernel, rows, torsos, yaws, found, wanted)
     back = np.argsort(order)
     torsos, yaws = torsos[:found, back], yaws[:found, back] + key.yaw_shift
     if found:

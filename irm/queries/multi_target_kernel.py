@@ -192,6 +192,8 @@ def best_common_bases(
     rows: Floats,
     torsos: Floats,
     yaws: Floats,
+    done: int,
+    last: int,
 ) -> int:
     """The k best bases from which every position is reached.
 
@@ -204,12 +206,13 @@ def best_common_bases(
         apart: smallest distance between two bases [m].
         rows: (k, 5) filled with x, y, yaw, smallest μ, certain (0 or 1).
         torsos, yaws: (k, m) filled with torso height and approach yaw of each position.
+        done, last: rows that are filled already, and rows to fill, at most k.
 
     Returns:
-        How many rows were filled.
+        How many rows are filled: fewer than `last` if there are no more bases.
     """
     samples = field.mu.shape[1]
-    for k in range(rows.shape[0]):
+    for k in range(done, last):
         score, base, turn = _best_common_base(tiles, key, query, field, raster, rows, k, apart)
         if base < 0:
             return k
@@ -232,4 +235,4 @@ def best_common_bases(
             yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
         rows[k, 4] = 1.0 if certain else 0.0
-    return rows.shape[0]
+    return last

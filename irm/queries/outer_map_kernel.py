@@ -7,7 +7,7 @@ from math import cos, hypot, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.compilation import njit
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.floor.raster import Raster, floor_distance, floor_gap
 from irm.queries.search_kernel import ROUNDING, SHORT
 from irm.queries.tiles import Tiles
@@ -35,7 +35,7 @@ def disc_meets_floor(
     return nearest <= slack
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def any_base_near(
     tiles: Tiles, keys: Integers, px: float, py: float, turns: Floats, half_turn: float, raster: Raster, slack: float
 ) -> bool:

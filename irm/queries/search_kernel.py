@@ -9,12 +9,12 @@ rejects a base at all its turns.
 from __future__ import annotations
 
 from math import hypot, pi
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.compilation import njit
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.floor.raster import Raster, floor_distance, floor_gap, point_is_free
 from irm.queries.tiles import RADIUS_STEP, SECTORS, Ranking, Tiles
 
@@ -50,10 +50,6 @@ SECTOR_WIDTH = 2.0 * pi / SECTORS
 _COS, _SIN = (f((np.arange(SECTORS) + 0.5) * SECTOR_WIDTH) for f in (np.cos, np.sin))
 """Directions of the middles of the sectors."""
 
-
-_NO_COUNTS: dict[str, Any] = {"_nrt": False}
-"""These kernels allocate nothing. Compiled without numba's runtime they do not count references to the arrays inside
-their arguments, which would take half of the time."""
 
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 """Every sector."""
@@ -102,7 +98,7 @@ def new_masks(ranking: Ranking) -> RingMasks:
     return RingMasks(np.zeros(rings, np.uint64), np.zeros(rings, np.bool_))
 
 
-@njit(cache=True, **_NO_COUNTS)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _free_sectors(raster: Raster, px: float, py: float, ring: int) -> np.uint64:
     """The mask of one ring around a TCP at (px, py)."""
     radius = (ring + 0.5) * RING_WIDTH
@@ -132,7 +128,7 @@ def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> boo
     return near == 0
 
 
-@njit(cache=True, **_NO_COUNTS)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _next_candidate(
     radius: NDArray[np.float32],
     sector: NDArray[np.uint8],
@@ -153,7 +149,7 @@ def _next_candidate(
     return rank
 
 
-@njit(cache=True, **_NO_COUNTS)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _free_turn(
     x: float,
     y: float,
@@ -183,7 +179,7 @@ def _free_turn(
     return best_turn
 
 
-@njit(cache=True, **_NO_COUNTS)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def next_in_order(
     tiles: Tiles,
     ranking: Ranking,

@@ -44,6 +44,17 @@ BAD_VALUES = [
     ({"k": "many"}, "at least 1"),
     ({"k": np.nan}, "at least 1"),
     ({"k": []}, "at least 1"),
+    ({"k": np.inf}, "at least 1"),
+    ({"k": None}, "at least 1"),
+    ({"k": True}, "at least 1"),
+    ({"k": 10**12}, "at most 100000"),
+    ({"k": np.array([1, 2])}, "at least 1"),
+    ({"pitch": None}, "finite number"),
+    ({"pitch": np.array([0.1, 0.2])}, "finite number"),
+    ({"pitch": 10**400}, "finite number"),
+    ({"yaw_step": 1e-9}, "yaw_step must be at least 0.001"),
+    ({"yaw_step": np.array([0.1, 0.2])}, "yaw_step"),
+    ({"separation": np.array([0.1, 0.2])}, "separation"),
     ({"separation": np.nan}, "separation"),
     ({"separation": -0.1}, "separation"),
     ({"separation": None}, "separation"),
@@ -62,7 +73,7 @@ def test_values_without_meaning_are_refused_by_every_query(queries, keywords, me
 
 def test_numbers_of_numpy_are_numbers(coarse_inverse):
     plain = coarse_inverse.query(POSITION, pitch=0.0, k=2, separation=0.2)
-    numpy = coarse_inverse.query(POSITION, pitch=np.float64(0), k=np.int64(2), separation=np.array(0.2))
+    numpy = coarse_inverse.query(POSITION, pitch=np.array(0.0), k=np.int64(2), separation=np.float32(0.2))
     np.testing.assert_array_equal(plain.poses, numpy.poses)
 
 
