@@ -12,6 +12,7 @@ Example:
 
 from irm.arm.kinematics import ArmChain
 from irm.checks.classification import classify, predict
+from irm.checks.decide import decide
 from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
@@ -36,6 +37,7 @@ __all__ = [
     "Verified",
     "cached_map",
     "classify",
+    "decide",
     "predict",
     "tcp_poses",
     "verify",
