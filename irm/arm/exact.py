@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.closed_form_solver import ClosedFormSolver
+from irm.arm.general.solver import GeneralSolver
 from irm.arm.kinematics import ArmChain
-from irm.errors import ChainError
 
 __all__ = ["ExactSolver", "exact_solver"]
 
@@ -34,11 +34,8 @@ def exact_solver(chain: ArmChain, torso_range: tuple[float, float] | None = None
     Args:
         chain: of the arm.
         torso_range: lowest and highest torso height to use [m]; None for the joint's limits.
-
-    Raises:
-        ChainError: there is no exact solver for this arm.
     """
     torsos = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
     if chain.has_closed_form:
         return ClosedFormSolver(chain, torsos)
-    raise ChainError(f"{chain.robot} has no closed form, and so no exact solver")
+    return GeneralSolver(chain, torsos)

@@ -27,7 +27,6 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 
     Raises:
         QueryError: not an array of poses.
-        ChainError: there is no exact solver for this arm.
 
     Example:
         reached = decide(cached_map(FETCH), T_base_tcp) == Status.YES.value
