@@ -36,7 +36,7 @@ class FreeSpace:
         raster: the arrays of the floor, read-only.
 
     Example:
-        table = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=FETCH.base_radius + 0.01)
+        table = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=robot_radius(FETCH, 0.0, 0.75) + 0.01)
         table.is_free(-0.8, 0.0)
     """
 
@@ -45,7 +45,7 @@ class FreeSpace:
     @staticmethod
     def from_boxes(
         boxes: ArrayLike,
-        radius: float,
+        radius: ArrayLike,
         bounds: tuple[float, float, float, float] | None = None,
         resolution: float = 0.02,
     ) -> FreeSpace:
@@ -53,7 +53,8 @@ class FreeSpace:
 
         Args:
             boxes: (k, 4) rows of centre x, y and size along x, y [m], or (k, 5) with a yaw [rad] last.
-            radius: how far the base's centre must stay away from every outline [m].
+            radius: how far the base's centre must stay away from every outline [m], or (k,) from each of them. See
+                `irm.floor.robot_radius` for the radius that contains a robot at the heights of an obstacle.
             bounds: x_min, y_min, x_max, y_max of the floor the base's centre may be on; by default the boxes and
                 2 m around them.
             resolution: edge of the raster's cells [m]; no effect on the answers, only on the speed.
@@ -71,7 +72,7 @@ class FreeSpace:
     @staticmethod
     def from_polygons(
         polygons: Sequence[ArrayLike],
-        radius: float,
+        radius: ArrayLike,
         bounds: tuple[float, float, float, float] | None = None,
         resolution: float = 0.02,
     ) -> FreeSpace:
@@ -81,26 +82,31 @@ class FreeSpace:
         if any(outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 for outline in outlines):
             raise QueryError(shape_rule)
         vertices = np.concatenate([np.empty((0, 2)), *outlines])
-        if not np.isfinite(vertices).all() or not np.isfinite(radius) or radius < 0:
-            raise QueryError(f"outlines and radius must be finite numbers, and the radius ({radius}) not negative")
+        radii = _radii(radius, len(outlines))
+        if not np.isfinite(vertices).all():
+            raise QueryError("the corners of all outlines must be finite numbers")
         starts = np.cumsum([0] + [len(outline) for outline in outlines])
-        x0, y0, x1, y1 = _bounds(vertices, radius, bounds)
-        if not (np.isfinite(resolution) and resolution > 0):
-            raise QueryError(f"resolution must be positive, not {resolution}")
+        x0, y0, x1, y1 = _bounds(vertices, float(radii.max(initial=0.0)), bounds)
+        resolution = _resolution(resolution)
         shape = (int(np.ceil((x1 - x0) / resolution)), int(np.ceil((y1 - y0) / resolution)))
         if shape[0] * shape[1] > _MAX_CELLS:
             raise QueryError(
                 f"{shape[0]} × {shape[1]} cells are too many; choose smaller bounds or a coarser resolution"
             )
-        cells = classify_cells(shape[0], shape[1], x0, y0, resolution, vertices, starts, float(radius))
+        cells = classify_cells(shape[0], shape[1], x0, y0, resolution, vertices, starts, radii)
         distance = distance_to_seeds(cells != BLOCKED, resolution)
-        for array in (cells, distance, vertices, starts):
+        for array in (cells, distance, vertices, starts, radii):
             array.setflags(write=False)
-        return FreeSpace(Raster(cells, distance, x0, y0, x1, y1, float(resolution), vertices, starts, float(radius)))
+        return FreeSpace(Raster(cells, distance, x0, y0, x1, y1, resolution, vertices, starts, radii))
 
     def is_free(self, x: float, y: float) -> bool:
-        """Whether the base's centre may be at a point [m]; points outside the bounds and NaN are not free."""
-        return bool(point_is_free(self.raster, float(x), float(y)))
+        """Whether the base's centre may be at a point [m]; points outside the bounds and NaN are not free.
+
+        Raises:
+            QueryError: not two numbers.
+        """
+        at = _numbers((x, y), f"a point on the floor is two numbers [m], not {x!r}, {y!r}")
+        return bool(point_is_free(self.raster, float(at[0]), float(at[1])))
 
     def are_free(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """`is_free` of many points; `x` and `y` have the same shape, and so has the answer."""
@@ -114,7 +120,7 @@ class FreeSpace:
         kind = raster.cells.ravel()[np.clip(i, 0, width - 1) * depth + np.clip(j, 0, depth - 1)]
         free: NDArray[np.bool_] = (kind == FREE) & inside
         mixed = (kind == MIXED) & inside
-        free[mixed] = are_outside(raster.vertices, raster.starts, raster.radius, x[mixed], y[mixed])
+        free[mixed] = are_outside(raster.vertices, raster.starts, raster.radii, x[mixed], y[mixed])
         return free
 
     @cached_property
@@ -129,6 +135,22 @@ def _numbers(values: ArrayLike, rule: str) -> Floats:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise QueryError(rule) from None
+
+
+def _radii(radius: ArrayLike, outlines: int) -> Floats:
+    """(k,) how far the base must stay away from each outline [m]."""
+    radii = _numbers(radius, f"radius is a number ≥ 0 [m], or one for each outline, not {radius!r}")
+    if radii.shape not in ((), (outlines,)) or not np.isfinite(radii).all() or np.any(radii < 0):
+        raise QueryError(f"radius is a finite number ≥ 0 [m], or one for each of {outlines} outlines, not {radius!r}")
+    return np.array(np.broadcast_to(radii, (outlines,)))
+
+
+def _resolution(resolution: float) -> float:
+    """A positive number [m]."""
+    number = _numbers(resolution, f"resolution must be a positive number [m], not {resolution!r}")
+    if number.shape != () or not (np.isfinite(number) and number > 0):
+        raise QueryError(f"resolution must be a positive number [m], not {resolution!r}")
+    return float(number)
 
 
 def _box_corners(row: Floats) -> Floats:
@@ -148,19 +170,20 @@ def _bounds(
             raise QueryError("without any outline the bounds must be given; free_space=None means free everywhere")
         low, high = vertices.min(axis=0) - radius - DEFAULT_MARGIN, vertices.max(axis=0) + radius + DEFAULT_MARGIN
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-    x0, y0, x1, y1 = (float(value) for value in bounds)
-    if not (np.isfinite([x0, y0, x1, y1]).all() and x0 < x1 and y0 < y1):
-        raise QueryError(f"bounds are x_min, y_min, x_max, y_max with x_min < x_max and y_min < y_max, not {bounds}")
-    return x0, y0, x1, y1
+    rule = f"bounds are x_min, y_min, x_max, y_max with x_min < x_max and y_min < y_max, not {bounds!r}"
+    edges = _numbers(bounds, rule)
+    if edges.shape != (4,) or not (np.isfinite(edges).all() and edges[0] < edges[2] and edges[1] < edges[3]):
+        raise QueryError(rule)
+    return float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3])
 
 
 def _everywhere() -> FreeSpace:
     """A floor without cells; its arrays are read-only like all others, so that kernels are compiled only once."""
     cells, distance = np.empty((0, 0), np.uint8), np.empty((0, 0), np.float32)
-    vertices, starts = np.empty((0, 2)), np.zeros(1, np.int64)
-    for array in (cells, distance, vertices, starts):
+    vertices, starts, radii = np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0)
+    for array in (cells, distance, vertices, starts, radii):
         array.setflags(write=False)
-    return FreeSpace(Raster(cells, distance, 0.0, 0.0, 0.0, 0.0, 1.0, vertices, starts, 0.0))
+    return FreeSpace(Raster(cells, distance, 0.0, 0.0, 0.0, 0.0, 1.0, vertices, starts, radii))
 
 
 EVERYWHERE = _everywhere()

@@ -35,7 +35,8 @@ class Raster(NamedTuple):
     """Free space as arrays for kernels.
 
     `cells` (nx, ny) of BLOCKED, FREE, MIXED; `distance` (nx, ny) from a cell's centre to the nearest centre of a cell
-    that is not blocked [m]; polygons as `vertices` (v, 2) with `starts` (m + 1,). No cells at all: free everywhere.
+    that is not blocked [m]; polygons as `vertices` (v, 2) with `starts` (m + 1,), each grown
+    by its `radii` (m,) [m]. No cells at all: free everywhere.
     """
 
     cells: Bytes
@@ -47,7 +48,7 @@ class Raster(NamedTuple):
     resolution: float
     vertices: Floats
     starts: NDArray[np.int64]
-    radius: float
+    radii: Floats
 
 
 @njit(cache=True)
@@ -70,10 +71,10 @@ def outline_distance(vertices: Floats, first: int, last: int, x: float, y: float
 
 
 @njit(cache=True)
-def is_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: float, y: float) -> bool:
-    """Whether a point is farther than `radius` from every outline: `outline_distance` without its square roots."""
-    limit = radius * radius
+def is_outside(vertices: Floats, starts: NDArray[np.int64], radii: Floats, x: float, y: float) -> bool:
+    """Whether a point is farther than its radius from every outline: `outline_distance` without its square roots."""
     for m in range(starts.shape[0] - 1):
+        limit = radii[m] * radii[m]
         inside = False
         ax, ay = x - vertices[starts[m + 1] - 1, 0], y - vertices[starts[m + 1] - 1, 1]
         for k in range(starts[m], starts[m + 1]):
@@ -98,11 +99,11 @@ def is_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: fl
 
 
 @njit(cache=True)
-def are_outside(vertices: Floats, starts: NDArray[np.int64], radius: float, x: Floats, y: Floats) -> NDArray[np.bool_]:
+def are_outside(vertices: Floats, starts: NDArray[np.int64], radii: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
     """`is_outside` of many points (n,)."""
     outside = np.empty(x.shape[0], np.bool_)
     for k in range(x.shape[0]):
-        outside[k] = is_outside(vertices, starts, radius, x[k], y[k])
+        outside[k] = is_outside(vertices, starts, radii, x[k], y[k])
     return outside
 
 
@@ -133,7 +134,7 @@ def point_is_free(raster: Raster, x: float, y: float) -> bool:
         kind = raster.cells[i, j]
         free = kind == FREE
         if kind == MIXED:
-            free = is_outside(raster.vertices, raster.starts, raster.radius, x, y)
+            free = is_outside(raster.vertices, raster.starts, raster.radii, x, y)
     return free
 
 
@@ -153,12 +154,12 @@ def floor_distance(raster: Raster, x: float, y: float) -> float:
 
 @njit(cache=True)
 def floor_gap(raster: Raster, x: float, y: float) -> float:
-    """A tighter bound than `floor_distance` near furniture: a free point is farther than `radius` from each outline."""
+    """A tighter bound than `floor_distance` near furniture: a free point is outside every grown outline."""
     gap = floor_distance(raster, x, y)
     if gap > 0.0:
         vertices, starts = raster.vertices, raster.starts
         for m in range(starts.shape[0] - 1):
-            gap = max(gap, raster.radius - outline_distance(vertices, starts[m], starts[m + 1], x, y))
+            gap = max(gap, raster.radii[m] - outline_distance(vertices, starts[m], starts[m + 1], x, y))
     return gap
 
 
@@ -171,13 +172,13 @@ def classify_cells(
     resolution: float,
     vertices: Floats,
     starts: NDArray[np.int64],
-    radius: float,
+    radii: Floats,
 ) -> Bytes:
     """Classify every cell by its centre's distance to each outline, plus or minus half the cell's diagonal."""
     cells = np.full((width, depth), FREE, np.uint8)
     slack = 0.7072 * resolution
     for m in range(starts.shape[0] - 1):
-        corners = vertices[starts[m] : starts[m + 1]]
+        corners, radius = vertices[starts[m] : starts[m + 1]], radii[m]
         grown = radius + resolution
         first_x = max(0, int((corners[:, 0].min() - grown - x0) / resolution) - 1)
         last_x = min(width, int((corners[:, 0].max() + grown - x0) / resolution) + 2)
