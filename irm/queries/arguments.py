@@ -59,6 +59,7 @@ class QueryKeywords(TypedDict, total=False):
     k: int
     separation: float
     yaw_step: float
+    exact: bool | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,8 @@ class QueryOptions:
         k: number of bases to return at most, 1 to 100,000.
         separation: smallest distance between two of them [m].
         yaw_step: largest distance between two approach yaws that are tried, at least 0.001 [rad].
+        exact: whether the bases are decided by exact inverse kinematics. Those that certainly do not reach are dropped,
+            and `certain` is exact. None: for paths of arms with a closed form only, where it takes little time.
 
     Raises:
         QueryError: a value is not of its kind, not finite or out of its range.
@@ -83,6 +86,7 @@ class QueryOptions:
     k: int = 1
     separation: float = SEPARATION
     yaw_step: float = YAW_STEP
+    exact: bool | None = None
 
     def __post_init__(self) -> None:
         for name, unit in (("pitch", "[rad]"), ("roll", "[rad]"), ("separation", "[m]"), ("yaw_step", "[rad]")):
@@ -93,6 +97,8 @@ class QueryOptions:
             raise QueryError(f"yaw_step must be at least {SMALLEST_YAW_STEP} rad, not {self.yaw_step}")
         if not (self.free_space is None or isinstance(self.free_space, FreeSpace)):
             raise QueryError(f"free_space is a FreeSpace or None, not {type(self.free_space).__name__}")
+        if not (self.exact is None or isinstance(self.exact, bool | np.bool_)):
+            raise QueryError(f"exact is True, False or None, not {self.exact!r}")
         object.__setattr__(self, "k", _as_count(self.k))
 
     @staticmethod

@@ -20,6 +20,7 @@ from irm.queries.arguments import (
     as_yaw_range,
     as_yaw_ranges,
 )
+from irm.queries.exact_bases import SPARE_BASES
 from irm.queries.keyed_bases import KeyedBases
 from irm.queries.keys import YawWindow, find_key, find_keys, flat_key, yaw_window
 from irm.queries.multi_target import place_for_path, place_for_path_at, place_for_targets
@@ -35,6 +36,9 @@ Floats = NDArray[np.float64]
 
 _ROWS_AT_A_TIME = 4096
 """Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
+
+_CLOSE_BASES = 64
+"""Bases decided exactly, beyond the number wanted, before an answer is given without a certain base."""
 
 
 class InverseReachabilityMap:
@@ -84,6 +88,7 @@ class InverseReachabilityMap:
                 k: number of bases to return at most, 1 by default.
                 separation: smallest distance between two of them, 0.1 by default [m].
                 yaw_step: largest distance between two approach yaws that are tried, 15 degrees by default [rad].
+                exact: True to decide the bases by exact inverse kinematics: see `QueryOptions`.
 
         Returns:
             At most k bases, best first. The status is NO if certainly no base exists for any yaw in the range.
@@ -99,7 +104,11 @@ class InverseReachabilityMap:
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         place = TcpPlace(flat_key(grid, key.layer, key.group), point[0], point[1], key.height_offset, key.exact)
-        rows = self._best_bases(place, yaw_window(grid, key, bounds, options.yaw_step), space, options)
+        window = yaw_window(grid, key, bounds, options.yaw_step)
+        if bases.exact.is_wanted(options, by_default=False):
+            rows = self._decided_bases(place, window, space, point, options)
+        else:
+            rows = self._best_bases(place, window, space, options.k, options.separation)
         if len(rows):
             return BasePlacement.of_rows(rows)
         possible = bases.may_exist(point, options.pitch, key, bounds, space)
@@ -142,6 +151,8 @@ class InverseReachabilityMap:
             where = keys[some], points[some], height_offsets[some], turned[some]
             kernel = self.tiles, *where, window, key.exact, options.floor.raster, apart
             best_bases_batch(*kernel, rows[some], counts[some])
+        if self._bases.exact.is_wanted(options, by_default=False):
+            self._decide_batch(rows, counts, points, options)
         return PlacementBatch.of_rows(rows, counts)
 
     def query_path(
@@ -200,14 +211,52 @@ class InverseReachabilityMap:
         options = QueryOptions.of(keywords, "yaw_ranges")
         return place_for_targets(self._bases, as_positions(targets), yaw_ranges, options)
 
-    def _best_bases(self, place: TcpPlace, window: YawWindow, space: FreeSpace, options: QueryOptions) -> Floats:
-        """(m, 7) rows of `best_bases`, m ≤ k. Many are computed in parts, between which the call can be interrupted."""
-        rows, progress = np.empty((options.k, 7)), np.zeros(3, dtype=np.int64)
-        apart = max(options.separation, SAME_PLACE)
-        while progress[0] == progress[2] < options.k:
+    def _best_bases(
+        self, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
+    ) -> Floats:
+        """(m, 7) rows of `best_bases`, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
+        rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
+        apart = max(separation, SAME_PLACE)
+        while progress[0] == progress[2] < count:
             progress[2] += _ROWS_AT_A_TIME
             best_bases_in_window(self.tiles, place, window, space.raster, apart, rows, progress)
         return rows[: progress[0]]
+
+    def _decided_bases(
+        self,
+        place: TcpPlace,
+        window: YawWindow,
+        space: FreeSpace,
+        point: tuple[float, float, float],
+        options: QueryOptions,
+    ) -> Floats:
+        """As `_best_bases`, decided exactly. If none of the bases reaches, more of them are tried, closer together."""
+        tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
+        for count, separation in tries:
+            rows = self._best_bases(place, window, space, count, separation)
+            rows = rows[self._decide(rows, np.tile(point, (len(rows), 1)), options)][: options.k]
+            if rows[:, 6].any():
+                break
+        return rows
+
+    def _decide(self, rows: Floats, points: Floats, options: QueryOptions) -> NDArray[np.bool_]:
+        """Whether the bases of rows (m, 7) may reach their points (m, 3); sets exact torso heights and certainty."""
+        decided = self._bases.exact.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+        rows[:, 6] = decided.certain
+        rows[decided.certain, 5] = decided.torso[decided.certain, 0]
+        return decided.may_reach
+
+    def _decide_batch(self, rows: Floats, counts: NDArray[np.int64], points: Floats, options: QueryOptions) -> None:
+        """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
+        rank = np.arange(options.k)
+        kept = rank < counts[:, None]
+        found, some = rows[kept], points[np.nonzero(kept)[0]]
+        kept[kept] = self._decide(found, some, options)
+        rows[rank < counts[:, None]] = found
+        order = np.argsort(np.logical_not(kept), axis=1, kind="stable")
+        rows[:] = np.take_along_axis(rows, order[..., None], axis=1)
+        counts[:] = kept.sum(axis=1)
+        rows[rank >= counts[:, None]] = (*[np.nan] * 6, 0.0)
 
     def _turned_ranges(self, window: YawWindow, ranges: Floats, n: int) -> Floats:
         """(n, 2) lowest and highest turn of each query [rad]; `window` is that of the first range."""

@@ -10,6 +10,7 @@ from irm.arm.reach_bound import WristDisc, wrist_disc
 from irm.floor.free_space import FreeSpace
 from irm.maps.grid import MapGrid
 from irm.maps.reachability import ReachabilityMap
+from irm.queries.exact_bases import ExactBases
 from irm.queries.keys import Key, evenly, flat_key, nearby_keys, outer_turns
 from irm.queries.multi_target_kernel import GroupField, group_field
 from irm.queries.outer_map_kernel import any_base_near, disc_meets_floor
@@ -29,12 +30,14 @@ class KeyedBases:
         reachability_map: the map that was inverted.
         grid: its cells.
         tiles: the bases.
+        exact: what decides bases by exact inverse kinematics.
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
         self.grid: MapGrid = reachability_map.grid
         self.tiles: Tiles = invert_map(reachability_map)
+        self.exact = ExactBases(reachability_map)
         self._fields: dict[int, GroupField] = {}
 
     def field(self, group: int) -> GroupField:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.errors import QueryError
 from irm.queries.arguments import QueryOptions, as_yaw_ranges
+from irm.queries.exact_bases import SPARE_BASES
 from irm.queries.keyed_bases import KeyedBases
 from irm.queries.keys import Key, base_turns, find_key, flat_key
 from irm.queries.multi_target_kernel import MultiTargetQuery, best_common_bases
@@ -39,6 +40,14 @@ class _Search(NamedTuple):
     windows: Floats
     same_yaw: bool
     fixed: NDArray[np.bool_]
+
+
+class _Found(NamedTuple):
+    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m)."""
+
+    rows: Floats
+    torsos: Floats
+    yaws: Floats
 
 
 def place_for_path(
@@ -113,6 +122,21 @@ def _keys(bases: KeyedBases, points: Floats, options: QueryOptions) -> list[Key]
 
 def _find(bases: KeyedBases, search: _Search, options: QueryOptions) -> BasePlacement:
     """The best bases common to all positions of a search."""
+    found = _common_bases(bases, search, options, options.k)
+    if len(found.rows) and bases.exact.is_wanted(options, by_default=search.same_yaw):
+        kept = _decided(bases, search, options, found)
+        if len(kept.rows) < len(found.rows):
+            kept = _decided(bases, search, options, _common_bases(bases, search, options, options.k + SPARE_BASES))
+        found = _Found(*(column[: options.k] for column in kept))
+    if len(found.rows):
+        status = Status.YES if found.rows[:, 4].any() else Status.UNKNOWN
+    else:
+        status = Status.NO if _is_out_of_reach(bases, search, options) else Status.UNKNOWN
+    return BasePlacement.of_multi_rows(*found, status)
+
+
+def _common_bases(bases: KeyedBases, search: _Search, options: QueryOptions, count: int) -> _Found:
+    """At most `count` bases common to all positions of a search, by the map."""
     keys, key, windows = search.keys, search.keys[search.reference], search.windows
     order = np.concatenate([[search.reference], np.delete(np.arange(len(keys)), search.reference)])
     spans = np.column_stack([windows[:, 0] - key.yaw_shift, windows[:, 1] - windows[:, 0]])
@@ -120,21 +144,30 @@ def _find(bases: KeyedBases, search: _Search, options: QueryOptions) -> BasePlac
     if orientations.is_pole(key.group) and orientations.free_roll:
         spans[:] = -np.pi, 2 * np.pi
     query = MultiTargetQuery(np.ascontiguousarray(search.points[:, order]), search.turns, spans[order], search.same_yaw)
-    rows = np.empty((options.k, 5))
-    torsos, yaws = np.empty((options.k, len(keys))), np.empty((options.k, len(keys)))
+    rows, torsos, yaws = np.empty((count, 5)), np.empty((count, len(keys))), np.empty((count, len(keys)))
     flat, apart = flat_key(bases.grid, key.layer, key.group), max(options.separation, SAME_PLACE)
     kernel = (bases.tiles, flat, query, bases.field(key.group), key.exact, options.floor.raster, apart)
     found = wanted = 0
-    while found == wanted < options.k:
-        wanted = min(options.k, wanted + _BASES_AT_A_TIME)
+    while found == wanted < count:
+        wanted = min(count, wanted + _BASES_AT_A_TIME)
         found = best_common_bases(*kernel, rows, torsos, yaws, found, wanted)
     back = np.argsort(order)
-    torsos, yaws = torsos[:found, back], yaws[:found, back] + key.yaw_shift
-    if found:
-        status = Status.YES if rows[:found, 4].any() else Status.UNKNOWN
-    else:
-        status = Status.NO if _is_out_of_reach(bases, search, options) else Status.UNKNOWN
-    return BasePlacement.of_multi_rows(rows[:found], torsos, yaws, status)
+    return _Found(rows[:found], torsos[:found, back], yaws[:found, back] + key.yaw_shift)
+
+
+def _decided(bases: KeyedBases, search: _Search, options: QueryOptions, found: _Found) -> _Found:
+    """Those of the bases that may reach all positions, with exact torso heights and certainty."""
+    points = _points_of(search, found.yaws[:, search.reference] - search.keys[search.reference].yaw_shift)
+    decided = bases.exact.decide(found.rows[:, :3], points, found.yaws, options)
+    found.rows[:, 4] = decided.certain
+    found.torsos[decided.certain] = decided.torso[decided.certain]
+    return _Found(*(column[decided.may_reach] for column in found))
+
+
+def _points_of(search: _Search, turns: Floats) -> Floats:
+    """(k, m, 3) positions of the search at some of its turns (k,)."""
+    off = np.abs((turns[:, None] - search.turns + np.pi) % (2 * np.pi) - np.pi)
+    return np.asarray(search.points[off.argmin(axis=1)])
 
 
 def _is_out_of_reach(bases: KeyedBases, search: _Search, options: QueryOptions) -> bool:
