@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import ChainLink, RobotSpec
+from assets.robots import ChainLink, RobotSpec, UnknownRobot
+from assets.robots import robot as robot_of
 from irm.errors import ChainError
 
 if TYPE_CHECKING:
@@ -71,17 +72,22 @@ class ArmChain:
         return self.axes.size
 
     @staticmethod
-    def of(robot: RobotSpec | ArmChain) -> ArmChain:
-        """The chain of a robot, or the chain itself.
+    def of(robot: RobotSpec | ArmChain | str) -> ArmChain:
+        """The chain of a robot, of the project's robot of that name, or the chain itself.
 
         Raises:
-            ChainError: it is neither, or the robot's joints are not those of an arm.
+            ChainError: it is none of these, or the robot's joints are not those of an arm.
         """
         if isinstance(robot, ArmChain):
             return robot
-        if not isinstance(robot, RobotSpec):
-            raise ChainError(f"a robot is a RobotSpec, such as assets.robots.FETCH, or an ArmChain, not {robot!r}")
-        return ArmChain.from_robot(robot)
+        if not isinstance(robot, RobotSpec | str):
+            raise ChainError(
+                f"a robot is a name, a RobotSpec such as assets.robots.FETCH, or an ArmChain, not {robot!r}"
+            )
+        try:
+            return ArmChain.from_robot(robot_of(robot))
+        except UnknownRobot as problem:
+            raise ChainError(str(problem)) from problem
 
     @staticmethod
     def from_robot(robot: RobotSpec) -> ArmChain:

@@ -21,7 +21,7 @@ __all__ = ["cache_file", "cached_map"]
 _LOG = logging.getLogger(__name__)
 
 
-def cache_file(robot: RobotSpec | ArmChain, **parameters: Any) -> Path:
+def cache_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
     """The file of a robot's map: in the directory `CLUTTER_ENV_CACHE` if set, else in the user's cache directory."""
     chain = ArmChain.of(robot)
     key = map_key(chain, MapParameters(**parameters))
@@ -29,7 +29,7 @@ def cache_file(robot: RobotSpec | ArmChain, **parameters: Any) -> Path:
     return Path(folder) / f"{chain.robot}-{key}.npz"
 
 
-def cached_map(robot: RobotSpec | ArmChain, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
+def cached_map(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
     """The map of a robot, from the cache if it is there; a damaged file, or one of another robot, is replaced.
 
     Args:

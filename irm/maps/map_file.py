@@ -1,4 +1,7 @@
-"""One map in one `.npz` file, with the checks that it is complete and belongs to the robot."""
+"""One map in one `.npz` file, with the checks that it is complete and belongs to the robot.
+
+A file may come from anywhere: no number in it is believed before it is checked against the size of the file.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import json
 import os
 import tempfile
 import zipfile
-import zlib
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +21,9 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
-from irm.maps.grid import MapParameters
+from irm.maps.grid import MapGrid, MapParameters
 
-__all__ = ["load_arrays", "map_key", "save_arrays"]
+__all__ = ["StoredMap", "content_key", "load_map", "map_key", "save_map"]
 
 FORMAT = "reachability map 2"
 """Changed whenever the numbers of a map, or their meaning, change."""
@@ -32,6 +35,24 @@ _COLUMNS = {
     "flags": np.uint8,
 }
 
+_ALL_FLAGS = 3
+"""Largest value of `flags`."""
+
+_LONGEST_TEXT = 1_000_000
+"""[bytes] Largest description of a map; a real one has less than a thousand."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredMap:
+    """What a file contains; `chain` is None for a map of poses that were computed elsewhere."""
+
+    robot: str
+    key: str
+    parameters: MapParameters
+    grid: MapGrid
+    columns: dict[str, NDArray[Any]]
+    chain: ArmChain | None
+
 
 def map_key(chain: ArmChain, parameters: MapParameters) -> str:
     """Digest of everything a map depends on: format, kinematics, parameters."""
@@ -42,15 +63,26 @@ def map_key(chain: ArmChain, parameters: MapParameters) -> str:
     return digest.hexdigest()[:16]
 
 
-def save_arrays(path: Path, robot: str, key: str, parameters: MapParameters, arrays: dict[str, NDArray[Any]]) -> None:
+def content_key(columns: dict[str, NDArray[Any]]) -> str:
+    """Digest of the poses of a map that no chain describes."""
+    digest = hashlib.sha256(FORMAT.encode())
+    for name in _COLUMNS:
+        digest.update(columns[name].tobytes())
+    return f"poses{digest.hexdigest()[:16]}"
+
+
+def save_map(path: Path, stored: StoredMap) -> None:
     """Write a map; the new file replaces an old one only when it is complete.
 
     Raises:
         OSError: the disk is full or cannot be written; the error names the file, and nothing is left behind.
     """
-    about = {"format": FORMAT, "robot": robot, "key": key, "parameters": dataclasses.asdict(parameters)}
+    about: dict[str, Any] = {"format": FORMAT, "robot": stored.robot, "key": stored.key}
+    about |= {"parameters": dataclasses.asdict(stored.parameters)}
+    if stored.chain is None:
+        about |= {"grid": stored.grid.extent()}
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+    np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **stored.columns)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _write(path, content.getbuffer())
@@ -72,39 +104,74 @@ def _write(path: Path, content: memoryview) -> None:
         raise
 
 
-def load_arrays(path: Path, chain: ArmChain) -> tuple[str, MapParameters, dict[str, NDArray[Any]]]:
-    """Key, parameters and columns of a map file.
+def load_map(path: Path, chain: ArmChain | None) -> StoredMap:
+    """Read and check a map file.
+
+    Args:
+        path: of the file.
+        chain: of the arm the map should belong to; None for a map of poses that were computed elsewhere.
 
     Raises:
         FileNotFoundError: no such file.
         MapFileError: the file is damaged or is no map.
         MapMismatchError: it is the map of another robot, or of this one before it was changed.
     """
-    about, arrays = _read(path)
+    about, columns = _read(path)
     if about.get("format") != FORMAT:
         raise MapFileError(f"{path} is no {FORMAT!r} but {about.get('format')!r}; build it again")
     parameters = _parameters(path, about)
-    robot, key = about.get("robot"), str(about.get("key"))
+    robot, key, extent = about.get("robot"), about.get("key"), about.get("grid")
+    if not isinstance(robot, str) or not isinstance(key, str):
+        raise MapFileError(f"{path} does not name its robot; build it again")
+    if (extent is None) != (chain is not None):
+        raise MapMismatchError(
+            f"{path} is a map of poses that no arm is known of; load it without a robot"
+            if chain is not None
+            else f"{path} is a map of the robot {robot!r}; load it together with that RobotSpec or ArmChain"
+        )
+    if chain is not None:
+        _check_arm(path, robot, key, chain, parameters)
+    grid = _grid(path, chain, parameters, extent)
+    _check_columns(path, columns, grid)
+    return StoredMap(robot, key, parameters, grid, columns, chain)
+
+
+def _check_arm(path: Path, robot: str, key: str, chain: ArmChain, parameters: MapParameters) -> None:
+    """Raise if a map is not that of an arm."""
     if robot != chain.robot:
         raise MapMismatchError(f"{path} is a map of robot {robot!r}, not of {chain.robot!r}")
     if key.split("-")[0] != map_key(chain, parameters):
         raise MapMismatchError(f"{path} was built for {robot!r} with other joints, limits or lengths; build it again")
-    _check_columns(path, arrays)
-    return key, parameters, arrays
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            about = json.loads(str(file["about"]))
-            arrays = {name: file[name] for name in _COLUMNS}
+        with zipfile.ZipFile(path) as file:
+            text = _array(file, "about")
+            about = json.loads(str(text[()]) if text.shape == () and text.nbytes < _LONGEST_TEXT else "")
+            columns = {name: _array(file, name) for name in _COLUMNS}
     except FileNotFoundError:
         raise
-    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, EOFError, KeyError, ValueError, TypeError, RecursionError, zipfile.BadZipFile) as error:
         raise MapFileError(f"{path} is damaged or is no map file ({error}); build it again") from error
     if not isinstance(about, dict):
         raise MapFileError(f"{path} is no map file; build it again")
-    return about, arrays
+    return about, columns
+
+
+def _array(file: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """An array of the file, if its header says exactly as many bytes as there are: nothing is allocated before."""
+    entry = file.getinfo(f"{name}.npy")
+    if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 1:
+        raise ValueError(f"{name} is compressed or encrypted")
+    content = io.BytesIO(file.read(entry))
+    if np.lib.format.read_magic(content) != (1, 0):
+        raise ValueError(f"{name} has an unknown version")
+    shape, _, kind = np.lib.format.read_array_header_1_0(content)
+    left = len(content.getbuffer()) - content.tell()
+    if kind.hasobject or min(shape, default=0) < 0 or prod(shape) * kind.itemsize != left:
+        raise ValueError(f"{name} has {left} bytes, and its header {shape} of {kind}")
+    return np.frombuffer(content.getbuffer(), kind, offset=content.tell()).reshape(shape)
 
 
 def _parameters(path: Path, about: dict[str, Any]) -> MapParameters:
@@ -117,12 +184,23 @@ def _parameters(path: Path, about: dict[str, Any]) -> MapParameters:
         raise MapFileError(f"{path} has no valid parameters ({error}); build it again") from error
 
 
-def _check_columns(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    count = arrays["cells"].shape
+def _grid(path: Path, chain: ArmChain | None, parameters: MapParameters, extent: Any) -> MapGrid:
+    try:
+        return MapGrid.of_extent(parameters, extent) if chain is None else MapGrid.of(chain, parameters)
+    except ReachabilityError as error:
+        raise MapFileError(f"{path} has no valid grid ({error}); build it again") from error
+
+
+def _check_columns(path: Path, columns: dict[str, NDArray[Any]], grid: MapGrid) -> None:
+    count = columns["cells"].shape
     for name, kind in _COLUMNS.items():
-        if arrays[name].dtype != kind or arrays[name].shape != count or len(count) != 1:
+        if columns[name].dtype != kind or columns[name].shape != count or len(count) != 1:
             raise MapFileError(f"{path}: {name} has the wrong type or shape; build the map again")
-        arrays[name].setflags(write=False)
-    cells, mu = arrays["cells"].astype(np.int64), arrays["manipulability"]
-    if np.any(np.diff(cells) <= 0) or not np.all((mu > 0) & (mu <= 1)):
+        columns[name].setflags(write=False)
+    cells, mu = columns["cells"], columns["manipulability"]
+    if np.any(cells[1:] <= cells[:-1]) or not np.all((mu > 0) & (mu <= 1)):
         raise MapFileError(f"{path} has values that are impossible in a map; build it again")
+    largest = {"cells": grid.size - 1, "torso_index": len(grid.torsos) - 1, "flags": _ALL_FLAGS}
+    for name, limit in largest.items():
+        if columns[name].size and int(columns[name].max()) > limit:
+            raise MapFileError(f"{path} has {name} outside its grid; build it again")

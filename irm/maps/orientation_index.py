@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from irm.maps.grid import Orientations
+from irm.errors import QueryError
+from irm.maps.orientations import Orientations
 
-__all__ = ["nearest_orientation", "orientation_neighbours", "rotation", "yaw_pitch_roll"]
+__all__ = ["as_poses", "nearest_orientation", "orientation_neighbours", "rotation", "rotations", "yaw_pitch_roll"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -15,17 +18,49 @@ Integers = NDArray[np.int64]
 _POLE = 1e-6
 """Horizontal length of the approach axis below which the yaw is undefined and is set to 0."""
 
+_ORTHONORMAL = 1e-3
+"""Largest entry of RᵀR - I of a rotation matrix: files have rounded numbers."""
+
+
+def as_poses(T: ArrayLike) -> Floats:
+    """Poses (n, 4, 4).
+
+    Raises:
+        QueryError: not of this shape, not finite, or without a rotation; the message names the first such pose.
+    """
+    try:
+        poses = np.asarray(T, dtype=float)
+    except (TypeError, ValueError):
+        raise QueryError(f"TCP poses are an array (n, 4, 4) of numbers, not {T!r}") from None
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
+        raise QueryError(f"TCP poses are an array (n, 4, 4) of finite numbers, not {poses.shape}")
+    R = poses[:, :3, :3]
+    away = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    wrong = (away > _ORTHONORMAL) | (np.linalg.det(R) < 0) | np.any(poses[:, 3] != (0, 0, 0, 1), axis=1)
+    if wrong.any():
+        k = int(wrong.argmax())
+        raise QueryError(f"TCP pose {k} of {len(poses)} has no rotation, or a last row other than 0 0 0 1: {poses[k]}")
+    return poses
+
 
 def rotation(yaw: float, pitch: float, roll: float) -> Floats:
-    """R(γ, β, α) = Rz(yaw) Ry(pitch) Rx(roll), the paper's ZYX convention."""
-    cy, sy, cp, sp, cr, sr = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    """R(γ, β, α) = Rz(yaw) Ry(pitch) Rx(roll) (3, 3), the paper's ZYX convention."""
+    return np.array(_rows(np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)))
+
+
+def rotations(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
+    """The same for many angles (n,) [rad]: (n, 3, 3)."""
+    rows = _rows(np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll))
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))
+
+
+def _rows(cy: Any, sy: Any, cp: Any, sp: Any, cr: Any, sr: Any) -> list[list[Any]]:
+    """Rows of R(γ, β, α), from the cosines and sines of its angles: numbers or arrays."""
+    return [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
 
 
 def yaw_pitch_roll(R: Floats) -> Floats:

@@ -9,15 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
-from irm.errors import MapFileError, ReachabilityError
+from irm.errors import ReachabilityError
+from irm.maps.certainty import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, certainty
 from irm.maps.closed_form_field import closed_form_layers
+from irm.maps.equations import reachability_index, reachability_map
 from irm.maps.grid import MapGrid, MapParameters, Orientations
-from irm.maps.map_file import load_arrays, map_key, save_arrays
+from irm.maps.map_file import StoredMap, content_key, load_map, map_key, save_map
+from irm.maps.orientation_index import as_poses, nearest_orientation
 from irm.maps.sampled_field import sampled_layers
 
 __all__ = ["CERTAIN_IN_HEIGHT", "CERTAIN_IN_PITCH", "ReachabilityMap"]
@@ -26,11 +29,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-CERTAIN_IN_HEIGHT = 1
-"""Bit of `flags`: the cells above and below are reachable too."""
-
-CERTAIN_IN_PITCH = 2
-"""Bit of `flags`: the neighbouring pitches (and rolls), and the cells above and below these, are reachable too."""
+_ROUNDING = 1e-9
+"""Part of a voxel by which rounding may move a pose."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class ReachabilityMap:
     chain: ArmChain | None = None
 
     @staticmethod
-    def build(robot: RobotSpec | ArmChain, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
+    def build(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
         """The map of a robot.
 
         Args:
@@ -83,10 +83,46 @@ class ReachabilityMap:
         field = closed_form_layers if chain.has_closed_form else sampled_layers(wanted)
         layers = tqdm(field(chain, grid, heights), "reachability map", heights.size, disable=not progress)
         best, torso = _merge_torso_heights(layers, grid)
-        cells = np.flatnonzero(best)
-        flags = _certainty(best > 0, grid.orientations)
-        columns = _columns(cells, best, torso, flags)
-        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, *columns, chain=chain)
+        columns = _columns(best, torso, grid.orientations)
+        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)
+
+    @staticmethod
+    def from_poses(
+        T_base_tcp: ArrayLike, manipulability: ArrayLike, *, robot: str = "unknown", **parameters: Any
+    ) -> ReachabilityMap:
+        """A map of TCP poses that were computed elsewhere, each in the cell whose centre is nearest.
+
+        Its grid lies around the poses. It is saved, loaded, inverted and queried like any other map, but no exact
+        answers are known for it, and nothing is known about other heights.
+
+        Args:
+            T_base_tcp: (n, 4, 4) TCP poses in reach, x along the approach, in a base frame on the floor with z up.
+                Poses below the floor, and those on no ring of `pitches`, are left out.
+            manipulability: (n,) how good each pose is, in (0, 1].
+            robot: a name.
+            **parameters: `voxel`, `orientations`, `pitches` and `rolls` of `MapParameters`, as fine as the poses are.
+                With 1 roll, the default, the map does not distinguish rolls.
+
+        Raises:
+            ReachabilityError: these are no poses, or values out of range, or none is left.
+
+        Example:
+            T, mu = read_pose_table("robocare_right_reachability_map.npy")
+            rm = ReachabilityMap.from_poses(T, mu, orientations=266, pitches=(0.0,))
+        """
+        wanted = MapParameters(**{"rolls": 1, "lift": False, **parameters})
+        T, mu = as_poses(T_base_tcp), np.asarray(manipulability, dtype=np.float32)
+        if mu.shape != T.shape[:1] or not np.all((mu > 0) & (mu <= 1)):
+            raise ReachabilityError(f"manipulability is one value in (0, 1] for each of the {len(T)} poses")
+        above = T[:, 2, 3] >= 0.0
+        if not above.any():
+            raise ReachabilityError("a map needs at least one pose above the floor")
+        grid = MapGrid.around(T[above, :3, 3], wanted)
+        best = _best_of_cells(grid, T[above], mu[above])
+        columns = _columns(best, np.zeros(grid.shape, dtype=np.uint8), grid.orientations)
+        if not len(columns["cells"]):
+            raise ReachabilityError("none of the poses has one of these pitches")
+        return ReachabilityMap(robot, content_key(columns), wanted, grid, **columns)
 
     def save(self, path: str | Path) -> None:
         """Write the map to one `.npz` file.
@@ -94,25 +130,30 @@ class ReachabilityMap:
         Raises:
             OSError: the disk is full or cannot be written; an old file of that name stays.
         """
-        arrays: dict[str, NDArray[Any]] = {"cells": self.cells, "manipulability": self.manipulability}
-        arrays |= {"torso_index": self.torso_index, "flags": self.flags}
-        save_arrays(Path(path), self.robot, self.key, self.parameters, arrays)
+        save_map(Path(path), StoredMap(self.robot, self.key, self.parameters, self.grid, self._stored, self.chain))
 
     @staticmethod
-    def load(path: str | Path, robot: RobotSpec | ArmChain) -> ReachabilityMap:
+    def load(path: str | Path, robot: RobotSpec | ArmChain | str | None = None) -> ReachabilityMap:
         """Read a map that `save` wrote.
+
+        Args:
+            path: of the file.
+            robot: that the map should belong to; None for a map made by `from_poses`.
 
         Raises:
             FileNotFoundError: no such file.
             MapFileError: the file is damaged or is no map.
             MapMismatchError: it is the map of another robot, or of this robot before it was changed.
         """
-        chain = ArmChain.of(robot)
-        key, parameters, arrays = load_arrays(Path(path), chain)
-        grid = MapGrid.of(chain, parameters)
-        if arrays["cells"].size and int(arrays["cells"][-1]) >= grid.size:
-            raise MapFileError(f"{path} has cells outside its grid; build it again")
-        return ReachabilityMap(chain.robot, key, parameters, grid, **arrays, chain=chain)
+        stored = load_map(Path(path), None if robot is None else ArmChain.of(robot))
+        columns: dict[str, Any] = stored.columns
+        about = stored.robot, stored.key, stored.parameters, stored.grid
+        return ReachabilityMap(*about, **columns, chain=stored.chain)
+
+    @property
+    def _stored(self) -> dict[str, NDArray[Any]]:
+        """The columns that a file holds."""
+        return {name: getattr(self, name) for name in ("cells", "manipulability", "torso_index", "flags")}
 
     def __len__(self) -> int:
         return self.cells.size
@@ -123,9 +164,7 @@ class ReachabilityMap:
         Args:
             keep: mask (n,) or increasing indices.
         """
-        columns: dict[str, NDArray[Any]] = {"cells": self.cells, "manipulability": self.manipulability}
-        columns |= {"torso_index": self.torso_index, "flags": self.flags}
-        chosen: dict[str, Any] = {name: _read_only(column[keep]) for name, column in columns.items()}
+        chosen: dict[str, Any] = {name: _read_only(column[keep]) for name, column in self._stored.items()}
         if np.any(np.diff(chosen["cells"].astype(np.int64)) <= 0):
             raise ReachabilityError("subset needs a mask or increasing indices")
         return replace(self, key=f"{self.key}-{len(chosen['cells'])}", **chosen)
@@ -159,7 +198,7 @@ class ReachabilityMap:
         layers, orientations, width, depth = self.grid.shape
         z, _, x, y = self.indices()
         reached = np.bincount(np.ravel_multi_index((z, x, y), (layers, width, depth)), minlength=layers * width * depth)
-        return reached.reshape(layers, width, depth) / orientations * 100.0
+        return reachability_index(reached.reshape(layers, width, depth), orientations)
 
     @cached_property
     def reachable(self) -> Bools:
@@ -174,9 +213,23 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def _columns(cells: NDArray[Any], best: Singles, torso: NDArray[Any], flags: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    flat = [cells.astype(np.uint32), *(volume.reshape(-1)[cells] for volume in (best, torso, flags))]
-    return tuple(_read_only(array) for array in flat)
+def _columns(best: Singles, torso: NDArray[np.uint8], orientations: Orientations) -> dict[str, Any]:
+    """The columns of a map, given μ and torso height of every cell."""
+    cells, mu = reachability_map(best)
+    flags = certainty(best > 0, orientations)
+    columns: dict[str, NDArray[Any]] = {"cells": cells.astype(np.uint32), "manipulability": mu}
+    columns |= {"torso_index": torso.reshape(-1)[cells], "flags": flags.reshape(-1)[cells]}
+    return {name: _read_only(column) for name, column in columns.items()}
+
+
+def _best_of_cells(grid: MapGrid, T: Floats, mu: Singles) -> Singles:
+    """Best μ of the poses (n, 4, 4) in each cell, 0 where there is none."""
+    origin = np.array([*grid.centre, grid.bottom])
+    x, y, z = np.floor((T[:, :3, 3] - origin) / grid.voxel + _ROUNDING).astype(np.int64).T
+    orientation = nearest_orientation(grid.orientations, T[:, :3, :3])
+    best, on_ring = np.zeros(grid.shape, dtype=np.float32), orientation >= 0
+    np.maximum.at(best, tuple(index[on_ring] for index in (z, orientation, x + grid.half, y + grid.half)), mu[on_ring])
+    return best
 
 
 def _heights_without_torso(grid: MapGrid) -> Floats:
@@ -198,42 +251,3 @@ def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Sing
                 best[z][better] = layer[better]
                 torso[z][better] = k
     return best, torso
-
-
-def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:
-    """Flags of every cell."""
-    upright = _with_neighbours(reachable)
-    flags = upright.astype(np.uint8) * np.uint8(CERTAIN_IN_HEIGHT)
-    for group in range(len(orientations.pitch)):
-        beside = _neighbouring_groups(orientations, group)
-        if not beside:
-            continue
-        first, last = orientations.start[group : group + 2]
-        certain = upright[:, first:last].copy()
-        for other in beside:
-            start, end = orientations.start[other : other + 2]
-            block = upright[:, start:end]
-            certain &= block if end - start == last - first else block.all(axis=1, keepdims=True)
-        flags[:, first:last] |= certain.astype(np.uint8) * np.uint8(CERTAIN_IN_PITCH)
-    return flags
-
-
-def _with_neighbours(reachable: Bools) -> Bools:
-    """Whether a cell and those above and below it are reachable; false in the outermost layers."""
-    inside = np.zeros_like(reachable)
-    inside[1:-1] = reachable[1:-1] & reachable[:-2] & reachable[2:]
-    return inside
-
-
-def _neighbouring_groups(orientations: Orientations, group: int) -> list[int]:
-    """Groups within one step of pitch and roll; empty if the map lacks the ring on one side."""
-    pitch, roll = orientations.pitch, orientations.roll
-    near_pitch = np.abs(pitch - pitch[group]) < orientations.step * 1.01
-    sides = np.unique(np.sign(np.round((pitch[near_pitch] - pitch[group]) / orientations.step)))
-    if len(sides) < (2 if orientations.is_pole(group) else 3):
-        return []
-    poles = np.array([orientations.is_pole(k) for k in range(len(pitch))])
-    apart = np.abs((roll - roll[group] + np.pi) % (2 * np.pi) - np.pi)
-    rolls = len(np.unique(roll))
-    near_roll = poles | poles[group] | (apart < 2 * np.pi / rolls * 1.01)
-    return [int(k) for k in np.flatnonzero(near_pitch & near_roll)]
