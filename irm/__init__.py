@@ -17,6 +17,7 @@ from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
+from irm.maps.pose_tables import read_pose_table, read_reuleaux
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.classical import ClassicalInverseReachabilityMap
 from irm.queries.inverse import InverseReachabilityMap
@@ -39,6 +40,8 @@ __all__ = [
     "classify",
     "decide",
     "predict",
+    "read_pose_table",
+    "read_reuleaux",
     "tcp_poses",
     "verify",
 ]

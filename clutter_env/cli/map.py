@@ -1,9 +1,12 @@
-"""Build the reachability map of a robot and save it.
+"""Build the reachability map of a robot, save it, and draw it.
 
-`clutter-env map figures` draws maps and `clutter-env map benchmark` measures them; each has its own --help.
+    clutter-env map panda.xml --base link0 --tip hand --approach z
+    clutter-env map --robot fetch
 
-The robot is one of the project's robots by name, or your own `RobotSpec` as module:NAME. If it has an MJCF file, its
-chain is first compared with the model, because a map of wrong kinematics is useless.
+The robot is any arm in an MJCF file, with the names of its base and of its TCP; or one of the project's robots by name;
+or your own `RobotSpec` as module:NAME. Its chain is first compared with the model in MuJoCo, because a map of wrong
+kinematics is useless. `clutter-env map figures` draws maps and `clutter-env map benchmark` measures them; each has its
+own --help.
 """
 
 from __future__ import annotations
@@ -14,8 +17,15 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import tyro
 
 from clutter_env.cli.command import run_command
+
+if TYPE_CHECKING:
+    from assets.robots import RobotSpec
+    from irm.arm.chain import ArmChain
 
 OTHERS = {"figures": "clutter_env.cli.map_figures", "benchmark": "clutter_env.cli.map_benchmark"}
 """Sub-commands beside `build`, and their modules."""
@@ -25,6 +35,14 @@ OTHERS = {"figures": "clutter_env.cli.map_figures", "benchmark": "clutter_env.cl
 class Arguments:
     """Command line."""
 
+    mjcf: tyro.conf.Positional[Path | None] = None
+    """MJCF file of an arm; it needs --base and --tip."""
+    base: str = ""
+    """Body of the MJCF file whose frame is the base frame, with z up."""
+    tip: str = ""
+    """Site or body of the MJCF file whose frame is the TCP frame."""
+    approach: Literal["x", "-x", "y", "-y", "z", "-z"] = "x"
+    """Axis of the tip along which the gripper approaches."""
     robot: str = "fetch"
     """Name of a robot, or module:NAME of a RobotSpec."""
     output: Path | None = None
@@ -52,15 +70,13 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """Check the chain, build the map, save it, and print a report."""
+    """Check the chain, build the map, save it, draw it, and print a report."""
     from clutter_env.experiments.maps.building import build_map
-    from clutter_env.experiments.maps.model_check import check_chain, robot_by_name
     from clutter_env.reporting.json_file import write_json
+    from irm.arm.chain import ArmChain
     from irm.maps.grid import MapParameters
 
-    robot = robot_by_name(arguments.robot)
-    if arguments.check:
-        check_chain(robot)
+    robot = _robot(arguments)
     parameters = MapParameters(
         voxel=arguments.voxel,
         orientations=arguments.orientations,
@@ -71,10 +87,27 @@ def run(arguments: Arguments) -> None:
         samples=arguments.samples,
         seed=arguments.seed,
     )
-    report = build_map(robot, parameters, arguments.output or Path("outputs") / f"{robot.name}.npz")
+    name = robot.robot if isinstance(robot, ArmChain) else robot.name
+    report = build_map(robot, parameters, arguments.output or Path("outputs") / f"{name}.npz")
     print(report)
     if arguments.json is not None:
         write_json(arguments.json, report)
+
+
+def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
+    """The robot that the arguments name, compared with its MJCF file if wanted."""
+    from clutter_env.experiments.maps.model_check import check_chain, checked_chain, robot_by_name
+    from irm.arm.chain import ArmChain
+
+    if arguments.mjcf is None:
+        robot = robot_by_name(arguments.robot)
+        if arguments.check:
+            check_chain(robot)
+        return robot
+    if not (arguments.base and arguments.tip):
+        raise ValueError("an MJCF file needs --base, a body, and --tip, a site or a body")
+    read = checked_chain if arguments.check else ArmChain.from_mjcf
+    return read(arguments.mjcf, arguments.base, arguments.tip, arguments.approach)
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from irm.arm.self_collision import self_collision_pairs
 from irm.errors import ChainError
 
-__all__ = ["ModelArm", "read_arm"]
+__all__ = ["APPROACHES", "ModelArm", "read_arm"]
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ CONTINUOUS = 2 * np.pi
 _PARALLEL = 1e-9
 """Entry of a unit vector or rotation below which two directions are the same but for rounding."""
 
-_APPROACHES = {
+APPROACHES = {
     name: np.array(rows, dtype=float)
     for name, rows in {
         "x": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -142,9 +142,9 @@ def _pose(R: Floats, p: Floats) -> Floats:
 
 
 def _tool_rotation(approach: str) -> Floats:
-    if approach not in _APPROACHES:
-        raise ChainError(f"there is no approach axis {approach!r}; there are {', '.join(map(repr, _APPROACHES))}")
-    return _APPROACHES[approach]
+    if approach not in APPROACHES:
+        raise ChainError(f"there is no approach axis {approach!r}; there are {', '.join(map(repr, APPROACHES))}")
+    return APPROACHES[approach]
 
 
 def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str, str]) -> list[int]:

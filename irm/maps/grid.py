@@ -168,6 +168,10 @@ class MapGrid:
         """(2 half,) cell centres along x (side 0) or y (side 1) in the base frame [m]."""
         return np.asarray(self.centre[side] + (np.arange(2 * self.half) + 0.5 - self.half) * self.voxel)
 
+    def edges(self, side: int) -> Floats:
+        """(2 half + 1,) borders of the cells along x (side 0) or y (side 1) in the base frame [m]."""
+        return np.asarray(self.centre[side] + np.arange(-self.half, self.half + 1) * self.voxel)
+
 
 def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, ...]:
     """Heights one voxel apart, centred in the lift's range.

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from assets.robots import RobotSpec
+from clutter_env.experiments.maps.slices import draw_arm_map
+from irm.arm.chain import ArmChain
 from irm.maps.grid import MapParameters
 from irm.maps.reachability import ReachabilityMap
 
@@ -27,7 +29,7 @@ class MapReport:
         best_manipulability: largest μ of the map (equation 2).
         build_s: CPU time [s].
         megabytes: size of the file.
-        file: where the map is.
+        file, picture: where the map is, and the slices through it.
     """
 
     robot: str
@@ -38,6 +40,7 @@ class MapReport:
     build_s: float
     megabytes: float
     file: str
+    picture: str
 
     def __str__(self) -> str:
         """One line for each attribute."""
@@ -45,8 +48,8 @@ class MapReport:
         return "\n".join(f"{name:>24}: {value}" for name, value in values.items())
 
 
-def build_map(robot: RobotSpec, parameters: MapParameters, output: Path) -> MapReport:
-    """Build a map with a progress bar and save it to one file.
+def build_map(robot: RobotSpec | ArmChain, parameters: MapParameters, output: Path) -> MapReport:
+    """Build a map with a progress bar, save it to one file, and draw slices through it into a picture beside it.
 
     Raises:
         ReachabilityError: the robot or the parameters make no sense.
@@ -55,6 +58,8 @@ def build_map(robot: RobotSpec, parameters: MapParameters, output: Path) -> MapR
     rm = ReachabilityMap.build(robot, progress=True, **asdict(parameters))
     seconds = time.process_time() - start
     rm.save(output)
+    picture = output.with_suffix(".png")
+    draw_arm_map(rm).savefig(picture, dpi=90)
     index = rm.reachability_index
     return MapReport(
         robot=rm.robot,
@@ -65,4 +70,5 @@ def build_map(robot: RobotSpec, parameters: MapParameters, output: Path) -> MapR
         build_s=seconds,
         megabytes=output.stat().st_size / 1e6,
         file=str(output),
+        picture=str(picture),
     )

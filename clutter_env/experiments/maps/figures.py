@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.experiments.maps.map_renderer import Arrows, MapRenderer, View
 from clutter_env.experiments.maps.placement_figure import draw_placement
+from clutter_env.experiments.maps.slices import best_manipulability, draw_slice
 from irm.maps.cache import cached_map
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import ReachabilityMap
@@ -153,29 +153,23 @@ def draw_slices(robot: RobotSpec) -> Figure:
     layer = grid.layer(_table_height(rm, robot))
     z, height = grid.layer_height(layer), (-0.25, 2.15)
     side, top = rm.reachability_index[:, :, grid.half], rm.reachability_index[layer]
-    best = _best_manipulability(rm, layer)
+    best = best_manipulability(rm, layer)
     figure = Figure(figsize=(13.6, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
-    x_edges, y_edges = (np.append(grid.axis(k) - grid.voxel / 2, grid.axis(k)[-1] + grid.voxel / 2) for k in (0, 1))
+    edges = grid.edges(0), grid.edges(1)
     z_edges = grid.bottom + np.arange(grid.layers + 1) * grid.voxel
     share = "reachability index D [%]"
-    _slice(
-        axes[0],
-        x_edges,
-        z_edges,
-        side,
-        "viridis",
-        share,
-        "z [m]",
-        f"D in the plane y = {grid.axis(1)[grid.half]:.3f} m",
+    draw_slice(
+        axes[0], (x_edges, z_edges), side, ("viridis", share, f"D in the plane y = {grid.axis(1)[grid.half]:.3f} m")
     )
+    axes[0].set(ylabel="z [m]")
     axes[0].imshow(robot_beside, extent=(x_middle - half, x_middle + half, *height), zorder=3)
     axes[0].set(ylim=height)
-    _slice(axes[1], x_edges, y_edges, top.T, "viridis", share, "y [m]", f"D at z = {z:.3f} m")
-    _slice(axes[2], x_edges, y_edges, best.T, COLOURS, "best manipulability μ", "y [m]", f"best μ at z = {z:.3f} m")
+    draw_slice(axes[1], edges, top.T, ("viridis", share, f"D at z = {z:.3f} m"))
+    draw_slice(axes[2], edges, best.T, (COLOURS, "best manipulability μ", f"best μ at z = {z:.3f} m"))
     for axis in axes[1:]:
         axis.imshow(robot_below, extent=(x_middle - half, x_middle + half, -half, half), zorder=3, alpha=0.9)
-        axis.set(ylim=(-half, half))
+        axis.set(ylim=(-half, half), ylabel="y [m]")
     for axis in axes:
         axis.set(xlim=(x_middle - half, x_middle + half), aspect="equal", xlabel="x [m]")
     return figure
@@ -184,27 +178,3 @@ def draw_slices(robot: RobotSpec) -> Figure:
 def _table_height(rm: ReachabilityMap, robot: RobotSpec) -> float:
     """A TCP height above a table."""
     return min(rm.grid.top, 0.75 + robot.grasp_height)
-
-
-def _best_manipulability(rm: ReachabilityMap, layer: int) -> Floats:
-    """(x, y) best μ over the orientations, NaN where there is none."""
-    z, _, i, j = rm.indices()
-    mine = z == layer
-    best = np.zeros(rm.grid.shape[2:])
-    np.maximum.at(best, (i[mine], j[mine]), rm.manipulability[mine])
-    return np.where(best > 0, best, np.nan)
-
-
-def _slice(
-    axis: Axes,
-    x: NDArray[Any],
-    y: NDArray[Any],
-    values: NDArray[Any],
-    colours: str,
-    label: str,
-    y_label: str,
-    title: str,
-) -> None:
-    mesh = axis.pcolormesh(x, y, np.where(values > 0, values, np.nan), cmap=colours)
-    axis.figure.colorbar(mesh, ax=axis, label=label, shrink=0.9, aspect=22)
-    axis.set(ylabel=y_label, title=title, facecolor="#f4f4f6")

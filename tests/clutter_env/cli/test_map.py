@@ -2,15 +2,20 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 
 from assets.robots import FETCH
 from clutter_env.cli.main import main
-from clutter_env.experiments.maps.model_check import check_chain, robot_by_name
+from clutter_env.experiments.maps.model_check import check_chain, checked_chain, compare_with_model, robot_by_name
+from irm.arm.chain import ArmChain
 from irm.errors import ChainError
 from irm.maps.reachability import ReachabilityMap
 
+PANDA = Path(__file__).resolve().parents[2] / "data" / "arms" / "panda.xml"
 COARSE = ["--voxel", "0.25", "--orientations", "6"]
 
 
@@ -21,6 +26,34 @@ def test_a_map_is_built_saved_and_reported(words, tmp_path, capsys):
     rm = ReachabilityMap.load(file, FETCH)
     assert json.loads(report.read_text())["poses"] == len(rm)
     assert f"poses: {len(rm)}" in capsys.readouterr().out
+
+
+def test_any_arm_of_an_mjcf_file_in_one_command(tmp_path, capsys):
+    file = tmp_path / "panda.npz"
+    names = ["--base", "base", "--tip", "tcp", "--approach", "z"]
+    main(["map", str(PANDA), *names, *COARSE, "--samples", "20000", "--output", str(file)])
+    rm = ReachabilityMap.load(file, ArmChain.from_mjcf(PANDA, "base", "tcp", "z"))
+    assert f"poses: {len(rm)}" in capsys.readouterr().out
+    assert file.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([str(PANDA)], "needs --base"),
+        ([str(PANDA), "--base", "bse", "--tip", "tcp"], "no body 'bse'; there are 'world', 'base'"),
+        (["none.xml", "--base", "base", "--tip", "tcp"], "none.xml cannot be read"),
+    ],
+)
+def test_an_arm_that_does_not_exist_is_a_clear_message(words, message):
+    with pytest.raises(SystemExit, match=message):
+        main(["map", *words])
+
+
+def test_a_chain_of_an_mjcf_file_is_compared_with_it():
+    chain = checked_chain(PANDA, "base", "tcp", "z")
+    with pytest.raises(ChainError, match="does not agree"):
+        compare_with_model(mujoco.MjModel.from_xml_path(str(PANDA)), chain, "base", "tcp", np.eye(3))
 
 
 @pytest.mark.parametrize("words", [["map"], ["map", "build"], ["map", "figures"], ["map", "benchmark"]])
