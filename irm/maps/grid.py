@@ -172,6 +172,10 @@ class MapGrid:
         """(2 half + 1,) borders of the cells along x (side 0) or y (side 1) in the base frame [m]."""
         return np.asarray(self.centre[side] + np.arange(-self.half, self.half + 1) * self.voxel)
 
+    def z_edges(self) -> Floats:
+        """(layers + 1,) borders of the layers [m]."""
+        return np.asarray(self.bottom + np.arange(self.layers + 1) * self.voxel)
+
 
 def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, ...]:
     """Heights one voxel apart, centred in the lift's range.

@@ -157,11 +157,8 @@ def draw_slices(robot: RobotSpec) -> Figure:
     figure = Figure(figsize=(13.6, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     edges = grid.edges(0), grid.edges(1)
-    z_edges = grid.bottom + np.arange(grid.layers + 1) * grid.voxel
-    share = "reachability index D [%]"
-    draw_slice(
-        axes[0], (x_edges, z_edges), side, ("viridis", share, f"D in the plane y = {grid.axis(1)[grid.half]:.3f} m")
-    )
+    share, title = "reachability index D [%]", f"D in the plane y = {grid.axis(1)[grid.half]:.3f} m"
+    draw_slice(axes[0], (edges[0], grid.z_edges()), side, ("viridis", share, title))
     axes[0].set(ylabel="z [m]")
     axes[0].imshow(robot_beside, extent=(x_middle - half, x_middle + half, *height), zorder=3)
     axes[0].set(ylim=height)

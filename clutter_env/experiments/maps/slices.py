@@ -25,8 +25,7 @@ def draw_arm_map(rm: ReachabilityMap, colours: str = "turbo_r") -> Figure:
     """
     grid = rm.grid
     layer = int(np.bincount(rm.indices()[0], minlength=grid.layers).argmax())
-    x, y = grid.edges(0), grid.edges(1)
-    z = grid.bottom + np.arange(grid.layers + 1) * grid.voxel
+    x, y, z = grid.edges(0), grid.edges(1), grid.z_edges()
     share, at = "reachability index D [%]", f"at z = {grid.layer_height(layer):.3f} m"
     index = rm.reachability_index
     figure = Figure(figsize=(13.6, 4.2), layout="constrained")
