@@ -8,7 +8,7 @@ in reach: the pose is outside the outer map. Otherwise the cells are too coarse 
 
 from __future__ import annotations
 
-from math import floor, pi
+from math import copysign, floor, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -16,45 +16,44 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.compilation import njit
 from irm.errors import QueryError
-from irm.maps.orientation_index import nearest_orientation, yaw_pitch_roll
+from irm.maps.grid import MapGrid
+from irm.maps.orientation_index import as_poses, yaw_pitch_roll
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.status import Status
 
-__all__ = ["as_poses", "classify", "predict"]
+__all__ = ["classify", "predict"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_NOT_RIGID = 1e-5
-"""How far RᵀR may be from the identity: poses in single precision count as poses."""
+_STEEP = pi / 2.0 - 1e-6
+"""[rad] Pitch of a pole, but for rounding."""
 
 _WHOLE_MAP = "three-valued answers need a map of all pitches and heights: build it without `pitches` and `heights`"
 
 
 def predict(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> Bools:
-    """The answer of the plain map: whether the centre of the cell that contains a pose is in reach.
+    """The answer of the map alone, YES or NO: whether more than half of the cells around a pose are in reach.
+
+    Their centres enclose the pose: eight voxels, two rings of pitch, two yaws (and two rolls). They count by their
+    nearness to the pose in every one of these directions (linear interpolation). For the centre of a cell the answer
+    is that of the cell. Outside the grid nothing is in reach.
 
     Args:
         rm: any map.
         T_base_tcp: (n, 4, 4) TCP poses in the base frame.
 
     Returns:
-        (n,) True where it is.
+        (n,) True where it is; False for a pitch that the map was built without.
 
     Raises:
         QueryError: not an array of poses.
     """
     T = as_poses(T_base_tcp)
-    grid = rm.grid
-    x, y = (np.floor((T[:, k, 3] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
-    z = np.floor((T[:, 2, 3] - grid.bottom) / grid.voxel).astype(np.int64)
-    orientation = nearest_orientation(grid.orientations, T[:, :3, :3])
-    width = 2 * grid.half
-    inside = (x >= 0) & (x < width) & (y >= 0) & (y < width) & (z >= 0) & (z < grid.layers) & (orientation >= 0)
-    answer = np.zeros(len(T), dtype=bool)
-    answer[inside] = rm.reachable[z[inside], orientation[inside], x[inside], y[inside]]
-    return answer
+    shares = np.empty(len(T))
+    _interpolate(rm.reachable, *_place(rm.grid, T), shares)
+    return shares > 0.5
 
 
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike, margin: int = 1) -> NDArray[np.int8]:
@@ -76,51 +75,38 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike, margin: int = 1) -> NDA
     T = as_poses(T_base_tcp)
     if isinstance(margin, bool) or not isinstance(margin, int | np.integer) or margin < 0:
         raise QueryError(f"margin is a number of voxels ≥ 0, not {margin!r}")
-    grid, orientations = rm.grid, rm.grid.orientations
+    grid = rm.grid
     if grid.cut_below or grid.cut_above or rm.parameters.pitches:
         raise QueryError(_WHOLE_MAP)
+    answers = np.empty(len(T), dtype=np.int8)
+    _classify(rm.reachable, *_place(grid, T), int(margin), answers)
+    answers[(T[:, 2, 3] < 0.0) & (answers == Status.NO.value)] = Status.UNKNOWN.value
+    return answers
+
+
+def _place(grid: MapGrid, T: Floats) -> tuple[Floats, Floats, _Rings]:
+    """For kernels: positions (n, 3) of poses in cells from the centre of the first one, their yaw, pitch and roll
+    (n, 3) [rad], and the rings of the grid."""
+    edge = grid.half * grid.voxel
+    corner = np.array([grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom])
+    voxels = (T[:, :3, 3] - corner) / (grid.voxel, grid.voxel, grid.thickness) - 0.5
+    orientations = grid.orientations
     pitches, first_group, groups = np.unique(orientations.pitch, return_index=True, return_counts=True)
     rings = _Rings(
-        len(pitches),
+        np.asarray(pitches, dtype=float),
         1 if orientations.free_roll else int(groups.max()),
         orientations.step,
         orientations.start[first_group],
         orientations.count[first_group],
     )
-    corner = np.array([grid.centre[0] - grid.half * grid.voxel, grid.centre[1] - grid.half * grid.voxel, grid.bottom])
-    answers = np.empty(len(T), dtype=np.int8)
-    voxels = (T[:, :3, 3] - corner) / grid.voxel - 0.5
-    _classify(rm.reachable, voxels, yaw_pitch_roll(T[:, :3, :3]), rings, int(margin), answers)
-    answers[(T[:, 2, 3] < 0.0) & (answers == Status.NO.value)] = Status.UNKNOWN.value
-    return answers
-
-
-def as_poses(T_base_tcp: ArrayLike) -> Floats:
-    """(n, 4, 4) poses.
-
-    Raises:
-        QueryError: not an array of finite numbers of that shape, or not rotations and translations.
-    """
-    try:
-        T = np.asarray(T_base_tcp, dtype=float)
-    except (TypeError, ValueError):
-        raise QueryError("TCP poses are an array (n, 4, 4) of finite numbers") from None
-    if T.ndim != 3 or T.shape[1:] != (4, 4) or not np.isfinite(T).all():
-        raise QueryError(f"TCP poses are an array (n, 4, 4) of finite numbers, not {T.shape}")
-    R = T[:, :3, :3]
-    off = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    off = np.maximum(off, np.abs(T[:, 3] - (0, 0, 0, 1)).max(axis=1, initial=0.0))
-    valid = (off < _NOT_RIGID) & (np.linalg.det(R) > 0.0)
-    if not valid.all():
-        raise QueryError(f"pose {int(valid.argmin())} is not a rotation and a translation:\n{T[int(valid.argmin())]}")
-    return T
+    return voxels, yaw_pitch_roll(T[:, :3, :3]), rings
 
 
 class _Rings(NamedTuple):
-    """The rings of pitch, from straight up to straight down: their number, rolls, step [rad], and for each ring its
-    first orientation and its number of yaws."""
+    """The rings of pitch, from straight up to straight down: their `pitch` [rad], rolls, step [rad], and for each ring
+    its first orientation and its number of yaws."""
 
-    number: int
+    pitch: Floats
     rolls: int
     step: float
     start: Integers
@@ -131,11 +117,67 @@ class _Rings(NamedTuple):
 def _orientation(rings: _Rings, ring: int, yaw: float, roll: float, next_yaw: int, next_roll: int) -> int:
     """The orientation sample of a ring at or below a yaw and a roll, or the next one."""
     start, count = rings.start[ring], rings.yaws[ring]
-    if ring == 0 or ring == rings.number - 1:
-        turn = yaw + roll if ring == 0 else yaw - roll
+    if abs(rings.pitch[ring]) > _STEEP:
+        turn = yaw - copysign(roll, rings.pitch[ring])
         return start + (floor(turn / (2.0 * pi) * count) + next_yaw) % count if count > 1 else start
     group = (floor(roll / (2.0 * pi) * rings.rolls) + next_roll) % rings.rolls if rings.rolls > 1 else 0
     return start + group * count + (floor(yaw / (2.0 * pi) * count) + next_yaw) % count
+
+
+@njit(cache=True)
+def _share(angle: float, samples: int, following: int) -> float:
+    """How much the sample at or below an angle counts, or the `following` one, of some samples per turn."""
+    if samples == 1:
+        return 0.0 if following else 1.0
+    beyond = angle / (2.0 * pi) * samples
+    beyond -= floor(beyond)
+    return beyond if following else 1.0 - beyond
+
+
+@njit(cache=True)
+def _pitch_share(rings: _Rings, ring: int, pitch: float) -> float:
+    """How much a ring counts at a pitch; between rings that the map lacks, the nearest one counts alone."""
+    off = (pitch - rings.pitch[ring]) / rings.step
+    beside = ring + (1 if off > 0.0 else -1)
+    is_there = 0 <= beside < rings.pitch.shape[0] and abs(rings.pitch[beside] - rings.pitch[ring]) < 1.01 * rings.step
+    if is_there:
+        return max(0.0, 1.0 - abs(off))
+    return 1.0 if abs(off) <= 0.5 else 0.0
+
+
+@njit(cache=True)
+def _voxel_share(reachable: Bools, orientation: int, voxel: Floats) -> float:
+    """How much of the eight voxels around a point is reachable, by linear interpolation."""
+    layers, _, width, depth = reachable.shape
+    i, j, k = floor(voxel[0]), floor(voxel[1]), floor(voxel[2])
+    total = 0.0
+    for z in range(max(0, k), min(layers, k + 2)):
+        for x in range(max(0, i), min(width, i + 2)):
+            for y in range(max(0, j), min(depth, j + 2)):
+                if reachable[z, orientation, x, y]:
+                    total += (1.0 - abs(voxel[0] - x)) * (1.0 - abs(voxel[1] - y)) * (1.0 - abs(voxel[2] - z))
+    return total
+
+
+@njit(cache=True)
+def _interpolate(reachable: Bools, voxels: Floats, angles: Floats, rings: _Rings, shares: Floats) -> None:
+    """Fill `shares` (n,) with how much of the cells around each pose is reachable; arguments as in `_classify`."""
+    for n in range(voxels.shape[0]):
+        yaw, pitch, roll = angles[n, 0], angles[n, 1], angles[n, 2]
+        shares[n] = 0.0
+        for ring in range(rings.pitch.shape[0]):
+            by_pitch = _pitch_share(rings, ring, pitch)
+            if by_pitch == 0.0:
+                continue
+            is_pole = abs(rings.pitch[ring]) > _STEEP
+            turn = yaw - copysign(roll, rings.pitch[ring]) if is_pole else yaw
+            for next_yaw in range(2):
+                by_yaw = _share(turn, rings.yaws[ring], next_yaw)
+                for next_roll in range(2):
+                    by_roll = _share(roll, 1 if is_pole else rings.rolls, next_roll)
+                    if by_yaw * by_roll > 0.0:
+                        orientation = _orientation(rings, ring, yaw, roll, next_yaw, next_roll)
+                        shares[n] += by_pitch * by_yaw * by_roll * _voxel_share(reachable, orientation, voxels[n])
 
 
 @njit(cache=True)
@@ -165,7 +207,7 @@ def _classify(
         ring = floor((angles[n, 1] + pi / 2.0) / rings.step)
         inner, outer = True, False
         for next_ring in range(2):
-            on = min(rings.number - 1, max(0, ring + next_ring))
+            on = min(rings.pitch.shape[0] - 1, max(0, ring + next_ring))
             for next_yaw in range(2):
                 for next_roll in range(2 if rings.rolls > 1 else 1):
                     orientation = _orientation(rings, on, angles[n, 0], angles[n, 2], next_yaw, next_roll)

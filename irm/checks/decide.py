@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.arm.exact import ExactSolver, exact_solver
-from irm.checks.classification import as_poses, classify
+from irm.checks.classification import classify
+from irm.maps.orientation_index import as_poses
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.status import Status
 

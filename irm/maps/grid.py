@@ -34,18 +34,21 @@ class MapGrid:
     (pitch, roll) are consecutive. The x, y grid is centred on the axis of the arm's first joint.
 
     Attributes:
-        voxel: [m].
+        voxel: [m] edge of the cells along x and y.
+        thickness: [m] of a layer: the voxel's edge, or a little less, so that torso heights one layer apart include
+            both ends of the lift.
         centre: (2,) x, y of the grid's centre in the base frame [m].
         half: cells from the centre to the edge; the grid is (2 half, 2 half).
         bottom: [m] lower face of the lowest layer.
         layers: number of layers.
-        torsos: (t,) torso heights, `voxel` apart [m].
+        torsos: (t,) torso heights, `thickness` apart [m].
         torso_range: lowest and highest torso height of the map's configurations [m]; equal for a fixed torso.
         orientations: of the TCP.
         cut_below, cut_above: whether the parameters' heights, not the floor or the arm's reach, end the grid there.
     """
 
     voxel: float
+    thickness: float
     centre: tuple[float, float]
     half: int
     bottom: float
@@ -60,22 +63,23 @@ class MapGrid:
     def of(chain: ArmChain, parameters: MapParameters) -> MapGrid:
         """The grid of all cells that the arm may reach within the heights of the parameters."""
         voxel = parameters.voxel
-        torsos = _torso_samples(chain, parameters)
+        thickness, torsos = _torso_samples(chain, parameters)
         reach = float(np.linalg.norm(chain.offsets[2:, :3], axis=1).sum() + np.linalg.norm(chain.tip[:3]))
         slides = chain.axes[1:] >= PRISMATIC
         reach += float(np.maximum(np.abs(chain.lower[1:]), np.abs(chain.upper[1:]))[slides].sum())
         shoulder = chain.offsets[0, :3] + chain.offsets[1, :3]
         floor = max(0.0, float(shoulder[2] + torsos[0] - reach))
         ceiling = float(shoulder[2] + torsos[-1] + reach)
-        lowest = int(np.floor(max(parameters.heights[0], floor) / voxel + 1e-9))
-        highest = int(np.ceil(min(parameters.heights[1], ceiling) / voxel - 1e-9))
+        lowest = int(np.floor(max(parameters.heights[0], floor) / thickness + 1e-9))
+        highest = int(np.ceil(min(parameters.heights[1], ceiling) / thickness - 1e-9))
         if highest <= lowest:
             raise ReachabilityError(f"{chain.robot} reaches nothing at heights {parameters.heights} m")
         grid = MapGrid(
             voxel=voxel,
+            thickness=thickness,
             centre=(float(shoulder[0]), float(shoulder[1])),
             half=int(np.ceil(reach / voxel)),
-            bottom=lowest * voxel,
+            bottom=lowest * thickness,
             layers=highest - lowest,
             torsos=torsos,
             torso_range=(float(chain.lower[0]), float(chain.upper[0])) if parameters.lift else (torsos[0], torsos[0]),
@@ -111,6 +115,7 @@ class MapGrid:
             raise ReachabilityError(f"{extent} is no extent of a grid")
         grid = MapGrid(
             voxel=parameters.voxel,
+            thickness=parameters.voxel,
             centre=(x, y),
             half=half,
             bottom=bottom,
@@ -144,7 +149,7 @@ class MapGrid:
     @property
     def top(self) -> float:
         """[m] upper face of the highest layer."""
-        return self.bottom + self.layers * self.voxel
+        return self.bottom + self.layers * self.thickness
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -158,11 +163,11 @@ class MapGrid:
 
     def layer(self, z: float) -> int:
         """Index of the layer that contains a height [m]; may be outside the grid."""
-        return floor((z - self.bottom) / self.voxel)
+        return floor((z - self.bottom) / self.thickness)
 
     def layer_height(self, layer: int) -> float:
         """[m] of a layer's middle."""
-        return self.bottom + (layer + 0.5) * self.voxel
+        return self.bottom + (layer + 0.5) * self.thickness
 
     def axis(self, side: int) -> Floats:
         """(2 half,) cell centres along x (side 0) or y (side 1) in the base frame [m]."""
@@ -174,17 +179,17 @@ class MapGrid:
 
     def z_edges(self) -> Floats:
         """(layers + 1,) borders of the layers [m]."""
-        return np.asarray(self.bottom + np.arange(self.layers + 1) * self.voxel)
+        return np.asarray(self.bottom + np.arange(self.layers + 1) * self.thickness)
 
 
-def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, ...]:
-    """Heights one voxel apart, centred in the lift's range.
+def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, tuple[float, ...]]:
+    """Thickness of a layer, at most the voxel's edge, and torso heights that far apart, both ends of the lift included.
 
-    The rest of the range at both ends makes up for TCP heights between the middles of two layers.
+    A lift by one sample moves the map of a fixed torso by one layer.
     """
     lower, upper = float(chain.lower[0]), float(chain.upper[0])
     if not parameters.lift:
-        return (float(np.clip(chain.home_torso, lower, upper)),)
-    steps = int(np.floor((upper - lower) / parameters.voxel + 1e-9))
-    first = (lower + upper - steps * parameters.voxel) / 2
-    return tuple(first + k * parameters.voxel for k in range(steps + 1))
+        return parameters.voxel, (float(np.clip(chain.home_torso, lower, upper)),)
+    steps = int(np.ceil((upper - lower) / parameters.voxel - 1e-9))
+    thickness = (upper - lower) / steps if steps else parameters.voxel
+    return thickness, (*(lower + k * thickness for k in range(steps)), upper)

@@ -25,7 +25,7 @@ from irm.maps.grid import MapGrid, MapParameters
 
 __all__ = ["StoredMap", "content_key", "load_map", "map_key", "save_map"]
 
-FORMAT = "reachability map 2"
+FORMAT = "reachability map 3"
 """Changed whenever the numbers of a map, or their meaning, change."""
 
 _COLUMNS = {

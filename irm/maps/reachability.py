@@ -178,7 +178,7 @@ class ReachabilityMap:
         """(n, 3) TCP positions in the base frame [m]."""
         z, _, x, y = self.indices()
         return np.column_stack(
-            [self.grid.axis(0)[x], self.grid.axis(1)[y], self.grid.bottom + (z + 0.5) * self.grid.voxel]
+            [self.grid.axis(0)[x], self.grid.axis(1)[y], self.grid.bottom + (z + 0.5) * self.grid.thickness]
         )
 
     @property
@@ -233,9 +233,9 @@ def _best_of_cells(grid: MapGrid, T: Floats, mu: Singles) -> Singles:
 
 
 def _heights_without_torso(grid: MapGrid) -> Floats:
-    """Every height of a layer's middle above a torso sample; samples are one voxel apart, so most heights coincide."""
+    """Every height of a layer's middle above a torso sample; samples are one layer apart, so most heights coincide."""
     lowest = grid.layer_height(0) - grid.torsos[-1]
-    return np.asarray(lowest + np.arange(grid.layers + len(grid.torsos) - 1) * grid.voxel)
+    return np.asarray(lowest + np.arange(grid.layers + len(grid.torsos) - 1) * grid.thickness)
 
 
 def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:

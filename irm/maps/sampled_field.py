@@ -88,7 +88,7 @@ def _sorted_by_layer(
     """The configurations whose TCP is inside a cell, and that cell (layer, orientation, x, y), lowest layer first."""
     R, p = _tcp_frames(chain.offsets, chain.axes, chain.tip, configurations)
     half = 2 * grid.half
-    layer = np.floor((p[:, 2] - heights[0]) / grid.voxel + 0.5).astype(np.int64)
+    layer = np.floor((p[:, 2] - heights[0]) / grid.thickness + 0.5).astype(np.int64)
     x, y = (np.floor((p[:, k] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
     orientation = nearest_orientation(grid.orientations, R)
     inside = (layer >= 0) & (layer < heights.size) & (x >= 0) & (x < half) & (y >= 0) & (y < half) & (orientation >= 0)

@@ -32,9 +32,9 @@ class ClassicalInverseReachabilityMap:
     """Equation 4: T_eff = I, T_base = T_eff⁻¹ for every pose of the reachability map.
 
     Which of these bases stand on the ground is known only at the query. The query moves the whole map to the TCP and
-    keeps the bases that are upright and at most half a voxel from the floor. It does so for every allowed approach yaw.
+    keeps the bases that are upright and at most half a layer from the floor. It does so for every allowed approach yaw.
 
-    The half voxel, and the nearest ring in place of the TCP's own pitch and roll, are the same as in the key of
+    The half layer, and the nearest ring in place of the TCP's own pitch and roll, are the same as in the key of
     equation 5. So both maps have the same candidates and give the same best μ.
 
     Example:
@@ -105,7 +105,7 @@ class ClassicalInverseReachabilityMap:
     def _on_ground(self, T_world_tcp: Floats, block: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Indices (m,) and x, y, yaw (3, m) of the bases that stand on the ground, for one block moved to the TCP."""
         T_world_base = (T_world_tcp @ block.reshape(4, -1)).reshape(block.shape)
-        half = self.reachability_map.grid.voxel / 2
+        half = self.reachability_map.grid.thickness / 2
         height = T_world_base[2, :, 3]
         upright = (height >= -half) & (height < half) & (T_world_base[2, :, 2] > 1 - _UPRIGHT)
         base = np.flatnonzero(upright)

@@ -140,7 +140,7 @@ class InverseReachabilityMap:
         n = max(len(points), len(ranges))
         if len(points) not in (1, n) or len(ranges) not in (1, n):
             raise QueryError(f"{len(points)} positions do not go with {len(ranges)} yaw ranges")
-        points = np.ascontiguousarray(np.broadcast_to(points, (n, 3)))
+        points = np.array(np.broadcast_to(points, (n, 3)), order="C")
         key, keys, height_offsets = find_keys(self._bases.grid, points[:, 2], options.pitch, options.roll)
         window = yaw_window(self._bases.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
         turned = self._turned_ranges(window, ranges, n)
@@ -262,4 +262,4 @@ class InverseReachabilityMap:
         """(n, 2) lowest and highest turn of each query [rad]; `window` is that of the first range."""
         if len(ranges) == 1 or window.low != ranges[0, 0] - window.shift:
             return np.tile((window.low, window.high), (n, 1))
-        return np.ascontiguousarray(np.broadcast_to(ranges - window.shift, (n, 2)))
+        return np.array(np.broadcast_to(ranges - window.shift, (n, 2)), order="C")

@@ -98,10 +98,10 @@ def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key,
         if not 0 <= grid.layer(height) < grid.layers:
             _require_covered(grid, height)
     group, exact, shift = _find_group(grid.orientations, pitch, roll)
-    layers = np.floor((z - grid.bottom) / grid.voxel).astype(np.int64)
+    layers = np.floor((z - grid.bottom) / grid.thickness).astype(np.int64)
     keys = layers * len(grid.orientations.pitch) + group
     keys[(layers < 0) | (layers >= grid.layers)] = -1
-    return Key(0, group, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.voxel)
+    return Key(0, group, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.thickness)
 
 
 @lru_cache(maxsize=1024)

@@ -31,7 +31,8 @@ _ROUNDING = 1e-5
 class GroupField(NamedTuple):
     """The map of one pitch and roll as dense arrays `mu` and `torso` (layer, yaw, x, y).
 
-    `x0`, `y0`, `z0`: lowest corner of the grid in the base frame [m]; `voxel`: edge of its cells [m].
+    `x0`, `y0`, `z0`: lowest corner of the grid in the base frame [m]; `voxel`: edge of its cells [m];
+    `thickness` of its layers [m].
     """
 
     mu: NDArray[np.float32]
@@ -40,6 +41,7 @@ class GroupField(NamedTuple):
     y0: float
     z0: float
     voxel: float
+    thickness: float
 
 
 class MultiTargetQuery(NamedTuple):
@@ -67,7 +69,7 @@ def group_field(rm: ReachabilityMap, group: int) -> GroupField:
     place = z[mine], orientation[mine] - start[group], x[mine], y[mine]
     mu[place], torso[place] = rm.manipulability[mine], rm.torso[mine]
     edge = grid.half * grid.voxel
-    return GroupField(mu, torso, grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom, grid.voxel)
+    return GroupField(mu, torso, grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom, grid.voxel, grid.thickness)
 
 
 @njit(cache=True, inline="always")
@@ -78,7 +80,7 @@ def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shif
     """
     c, s = cos(yaw), sin(yaw)
     dx, dy = point[0] - x, point[1] - y
-    layer = floor((point[2] - field.z0) / field.voxel - shift)
+    layer = floor((point[2] - field.z0) / field.thickness - shift)
     i = floor((c * dx + s * dy - field.x0) / field.voxel - shift)
     j = floor((c * dy - s * dx - field.y0) / field.voxel - shift)
     more = 1 if shift > 0.0 else 0
@@ -229,7 +231,7 @@ def best_common_bases(
                 _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
             layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
             certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
-            height_offset = point[2] - field.z0 - (layer + 0.5) * field.voxel
+            height_offset = point[2] - field.z0 - (layer + 0.5) * field.thickness
             torso = field.torso[layer, sample, i, j] + height_offset
             torsos[k, m] = min(tiles.torso_upper, max(tiles.torso_lower, torso))
             yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)

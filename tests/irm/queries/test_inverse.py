@@ -198,7 +198,7 @@ def test_queries_without_meaning_are_refused(level_inverse, coarse_inverse):
         level_inverse.query([0, 0, 0.9], yaw_range=(0, 7.0))
     with pytest.raises(QueryError, match="pair of numbers"):
         level_inverse.query([0, 0, 0.9], yaw_range=0.5)
-    with pytest.raises(QueryError, match=r"covers TCP heights 0\.70 to 1\.20"):
+    with pytest.raises(QueryError, match=r"covers TCP heights 0\.69 to 1\.24"):
         level_inverse.query([0, 0, 0.3])
     with pytest.raises(QueryError, match=r"rings at 0\.0"):
         level_inverse.query([0, 0, 0.9], pitch=0.5)

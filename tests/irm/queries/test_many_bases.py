@@ -48,7 +48,8 @@ def test_kernels_are_compiled_once_with_and_without_a_floor(coarse_inverse, tabl
     for floor in (None, table_floor):
         for yaw_range in RANGES:
             coarse_inverse.query(POSITION, yaw_range=yaw_range, free_space=floor)
-            coarse_inverse.query_batch([POSITION], yaw_ranges=yaw_range, free_space=floor)
+            for positions in ([POSITION], [POSITION, POSITION]):
+                coarse_inverse.query_batch(positions, yaw_ranges=yaw_range, free_space=floor)
             coarse_inverse.query_path([POSITION], yaw_range=yaw_range, free_space=floor)
     for kernel in (best_bases_in_window, best_bases_batch, best_common_bases):
         assert len(kernel.signatures) == 1
