@@ -22,7 +22,7 @@ from irm.queries.full_scan import full_scan
 from irm.queries.inverse import InverseReachabilityMap
 from irm.queries.status import Status
 
-__all__ = ["Accuracy", "Strips", "measure_accuracy", "measure_strips"]
+__all__ = ["Accuracy", "Strips", "measure_accuracy", "measure_strips", "solve_by_scan"]
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def measure_accuracy(robot: RobotSpec, orientations: int, count: int, seed: int)
     rm = cached_map(robot, orientations=orientations)
     chain = ArmChain.from_robot(robot)
     T = _random_poses(rm, count, np.random.default_rng(seed))
-    truth = np.concatenate([_solve_exactly(chain, part) for part in tqdm(_chunks(T), f"exact, {orientations}")])
+    truth = np.concatenate([solve_by_scan(chain, part) for part in tqdm(_chunks(T), f"exact, {orientations}")])
     plain, answer = predict(rm, T), classify(rm, T)
     return Accuracy(
         orientations=orientations,
@@ -101,7 +101,8 @@ def _random_poses(rm: ReachabilityMap, count: int, rng: np.random.Generator) -> 
     return T
 
 
-def _solve_exactly(chain: ArmChain, T: Floats) -> NDArray[np.bool_]:
+def solve_by_scan(chain: ArmChain, T: Floats) -> NDArray[np.bool_]:
+    """(n,) whether a fine grid of pan angles and torso heights holds a configuration for each pose (n, 4, 4)."""
     pans = np.linspace(chain.lower[1], chain.upper[1], PANS)
     turns = np.column_stack([np.cos(pans), np.sin(pans)])
     torsos = np.linspace(chain.lower[0], chain.upper[0], TORSOS)

@@ -19,6 +19,7 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.maps.accuracy import Accuracy, Strips, measure_accuracy, measure_strips
 from clutter_env.experiments.maps.base_quality import Targets, measure_targets
 from clutter_env.experiments.maps.build_times import BUILDS, BuildCost, measure_build
+from clutter_env.experiments.maps.decisions import Decisions, measure_decisions
 from clutter_env.experiments.maps.settings import BenchmarkSettings, Part
 from clutter_env.experiments.maps.speed import Timing, measure_speed, plot_speed, speed_table
 from clutter_env.reporting.tables import markdown_table
@@ -42,6 +43,7 @@ def measure_parts(robot: RobotSpec, settings: BenchmarkSettings) -> Iterator[Mea
         "build": _build,
         "speed": _speed,
         "accuracy": _accuracy,
+        "decide": _decide,
         "strips": _strips,
         "targets": _targets,
     }
@@ -104,6 +106,23 @@ def _accuracy(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
         f"{settings.poses:,} random TCP poses, {100 * rows[0].reachable:.1f}% in reach\n\n{markdown_table(head, body)}"
     )
     return Measurement(text, {"accuracy": [asdict(row) for row in rows]})
+
+
+def _decide(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
+    numbers = (62, 266), settings.poses, settings.grasps, settings.seed
+    rows: list[Decisions] = _in_own_process(measure_decisions, robot, *numbers)
+    of_map = ("poses", "map", "in reach", "accuracy", "false +", "UNKNOWN (of those in reach)", "wrong")
+    head = (*of_map, "decide: UNKNOWN (of those in reach)", "wrong", "µs a pose")
+    body = []
+    for r in rows:
+        shares = (f"{100 * share:.2f}%" for share in (r.reachable, r.accuracy, r.false_positives))
+        from_map, decided = (
+            f"{100 * of_all:.2f}% ({100 * in_reach:.2f}%)"
+            for of_all, in_reach in ((r.map_unknown, r.map_unknown_in_reach), (r.unknown, r.unknown_in_reach))
+        )
+        cells = (from_map, str(r.map_wrong), decided, str(r.wrong), f"{r.time_us:.2f}")
+        body.append((f"{r.poses:,} {r.poses_of}", str(r.orientations), *shares, *cells))
+    return Measurement(markdown_table(head, body), {"decide": [asdict(row) for row in rows]})
 
 
 def _strips(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:

@@ -8,15 +8,16 @@ from typing import Literal
 
 __all__ = ["BenchmarkSettings", "Part"]
 
-Part = Literal["speed", "build", "accuracy", "strips", "targets"]
+Part = Literal["speed", "build", "accuracy", "decide", "strips", "targets"]
 
 
 @dataclass(frozen=True)
 class BenchmarkSettings:
     """What is measured, and how often."""
 
-    parts: tuple[Part, ...] = ("build", "speed", "accuracy", "strips", "targets")
-    """What to measure: times of building; times of queries; right and wrong answers; narrow strips of free floor; bases
+    parts: tuple[Part, ...] = ("build", "speed", "accuracy", "decide", "strips", "targets")
+    """What to measure: times of building; times of queries; right and wrong answers of the maps; exact
+    answers; narrow strips of free floor; bases
     for targets on a table."""
     queries: int = 500
     """Random cup positions for each map and each range of approach yaws."""
@@ -25,6 +26,8 @@ class BenchmarkSettings:
     takes half an hour."""
     poses: int = 100_000
     """Random TCP poses for which the answers of the maps are checked."""
+    grasps: int = 10_000
+    """Random level grasps above a table for which exact answers are checked."""
     strips: int = 500
     """Random strips of free floor."""
     targets: int = 200
