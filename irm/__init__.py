@@ -2,10 +2,10 @@
 
 Example:
     from assets.robots import FETCH
-    from irm import FreeSpace, InverseReachabilityMap, cached_map
+    from irm import FreeSpace, InverseReachabilityMap, cached_map, robot_radius
 
     inverse_map = InverseReachabilityMap(cached_map(FETCH))  # built at the first call
-    floor = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=FETCH.base_radius)
+    floor = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=robot_radius(FETCH, 0.0, 0.75))
     placement = inverse_map.query((0.1, 0.0, 0.85), yaw_range=(-0.8, 0.8), free_space=floor, k=5)
     print(placement.status, placement.poses)
 """
@@ -16,6 +16,7 @@ from irm.checks.decide import decide
 from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
+from irm.floor.robot_outline import robot_radius
 from irm.maps.cache import cached_map
 from irm.maps.pose_tables import read_pose_table, read_reuleaux
 from irm.maps.reachability import ReachabilityMap
@@ -42,6 +43,7 @@ __all__ = [
     "predict",
     "read_pose_table",
     "read_reuleaux",
+    "robot_radius",
     "tcp_poses",
     "verify",
 ]

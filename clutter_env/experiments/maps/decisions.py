@@ -39,8 +39,8 @@ SAME_POSE = 1e-6
 class Decisions:
     """Answers to one set of poses.
 
-    `orientations` of the map; `poses`, `map_wrong` and `wrong` are counts; `time_us` is the CPU time of `decide` for one
-    pose [µs]; all others are shares in 0 … 1.
+    `orientations` of the map; `poses`, `map_wrong` and `wrong` are counts; `time_us` is the CPU time of `decide` for
+    one pose [µs]; all others are shares in 0 … 1.
     """
 
     poses_of: str
