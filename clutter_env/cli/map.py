@@ -5,8 +5,10 @@
 
 The robot is any arm in an MJCF file, with the names of its base and of its TCP; or one of the project's robots by name;
 or your own `RobotSpec` as module:NAME. Its chain is first compared with the model in MuJoCo, because a map of wrong
-kinematics is useless. `clutter-env map figures` draws maps and `clutter-env map benchmark` measures them; each has its
-own --help.
+kinematics is useless.
+
+`clutter-env map check` measures the answers about any arm, `map figures` draws maps, and `map benchmark` measures them;
+each has its own --help.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from assets.robots import RobotSpec
     from irm.arm.chain import ArmChain
 
-OTHERS = {"figures": "clutter_env.cli.map_figures", "benchmark": "clutter_env.cli.map_benchmark"}
+OTHERS = {name: f"clutter_env.cli.map_{name}" for name in ("check", "figures", "benchmark")}
 """Sub-commands beside `build`, and their modules."""
 
 
@@ -96,7 +98,7 @@ def run(arguments: Arguments) -> None:
 
 def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
     """The robot that the arguments name, compared with its MJCF file if wanted."""
-    from clutter_env.experiments.maps.model_check import check_chain, checked_chain, robot_by_name
+    from clutter_env.experiments.maps.model_check import check_chain, checked_arm, robot_by_name
     from irm.arm.chain import ArmChain
 
     if arguments.mjcf is None:
@@ -106,8 +108,8 @@ def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
         return robot
     if not (arguments.base and arguments.tip):
         raise ValueError("an MJCF file needs --base, a body, and --tip, a site or a body")
-    read = checked_chain if arguments.check else ArmChain.from_mjcf
-    return read(arguments.mjcf, arguments.base, arguments.tip, arguments.approach)
+    names = arguments.base, arguments.tip, arguments.approach
+    return checked_arm(arguments.mjcf, *names).chain if arguments.check else ArmChain.from_mjcf(arguments.mjcf, *names)
 
 
 def main(words: Sequence[str] | None = None) -> None:

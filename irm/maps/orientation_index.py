@@ -18,29 +18,29 @@ Integers = NDArray[np.int64]
 _POLE = 1e-6
 """Horizontal length of the approach axis below which the yaw is undefined and is set to 0."""
 
-_ORTHONORMAL = 1e-3
-"""Largest entry of RᵀR - I of a rotation matrix: files have rounded numbers."""
+_NOT_RIGID = 1e-5
+"""How far RᵀR may be from the identity: poses in single precision count as poses."""
 
 
-def as_poses(T: ArrayLike) -> Floats:
-    """Poses (n, 4, 4).
+def as_poses(T_base_tcp: ArrayLike) -> Floats:
+    """(n, 4, 4) poses.
 
     Raises:
-        QueryError: not of this shape, not finite, or without a rotation; the message names the first such pose.
+        QueryError: not an array of finite numbers of that shape, or not rotations and translations.
     """
     try:
-        poses = np.asarray(T, dtype=float)
+        T = np.asarray(T_base_tcp, dtype=float)
     except (TypeError, ValueError):
-        raise QueryError(f"TCP poses are an array (n, 4, 4) of numbers, not {T!r}") from None
-    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
-        raise QueryError(f"TCP poses are an array (n, 4, 4) of finite numbers, not {poses.shape}")
-    R = poses[:, :3, :3]
-    away = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    wrong = (away > _ORTHONORMAL) | (np.linalg.det(R) < 0) | np.any(poses[:, 3] != (0, 0, 0, 1), axis=1)
-    if wrong.any():
-        k = int(wrong.argmax())
-        raise QueryError(f"TCP pose {k} of {len(poses)} has no rotation, or a last row other than 0 0 0 1: {poses[k]}")
-    return poses
+        raise QueryError("TCP poses are an array (n, 4, 4) of finite numbers") from None
+    if T.ndim != 3 or T.shape[1:] != (4, 4) or not np.isfinite(T).all():
+        raise QueryError(f"TCP poses are an array (n, 4, 4) of finite numbers, not {T.shape}")
+    R = T[:, :3, :3]
+    off = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    off = np.maximum(off, np.abs(T[:, 3] - (0, 0, 0, 1)).max(axis=1, initial=0.0))
+    valid = (off < _NOT_RIGID) & (np.linalg.det(R) > 0.0)
+    if not valid.all():
+        raise QueryError(f"pose {int(valid.argmin())} is not a rotation and a translation:\n{T[int(valid.argmin())]}")
+    return T
 
 
 def rotation(yaw: float, pitch: float, roll: float) -> Floats:

@@ -4,13 +4,12 @@ import dataclasses
 import json
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
 from clutter_env.cli.main import main
-from clutter_env.experiments.maps.model_check import check_chain, checked_chain, compare_with_model, robot_by_name
+from clutter_env.experiments.maps.model_check import check_chain, checked_arm, compare_with_model, robot_by_name
 from irm.arm.chain import ArmChain
 from irm.errors import ChainError
 from irm.maps.reachability import ReachabilityMap
@@ -51,9 +50,19 @@ def test_an_arm_that_does_not_exist_is_a_clear_message(words, message):
 
 
 def test_a_chain_of_an_mjcf_file_is_compared_with_it():
-    chain = checked_chain(PANDA, "base", "tcp", "z")
+    arm = checked_arm(PANDA, "base", "tcp", "z")
     with pytest.raises(ChainError, match="does not agree"):
-        compare_with_model(mujoco.MjModel.from_xml_path(str(PANDA)), chain, "base", "tcp", np.eye(3))
+        compare_with_model(dataclasses.replace(arm, R_tip_tcp=np.eye(3)))
+
+
+def test_the_answers_about_an_arm_are_checked_against_mujoco(tmp_path, capsys):
+    report = tmp_path / "report.json"
+    names = [str(PANDA), "--base", "base", "--tip", "tcp", "--approach", "z"]
+    main(["map", "check", *names, *COARSE, "--poses", "200", "--refutations", "5", "--json", str(report)])
+    results = json.loads(report.read_text())
+    assert (results["yes_wrong"], results["no_wrong"]) == (0, 0)
+    assert results["unknown"] <= 0.05
+    assert "no_wrong: 0" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("words", [["map"], ["map", "build"], ["map", "figures"], ["map", "benchmark"]])

@@ -104,7 +104,7 @@ def test_a_foreign_map_and_a_robots_map_are_told_apart(foreign, coarse_map, tmp_
 def test_what_are_no_poses_is_refused():
     good = np.eye(4)[None]
     for bad in (np.zeros((1, 4, 4)), np.eye(4), np.full((1, 4, 4), np.nan), np.diag([1, 1, -1, 1])[None], "poses"):
-        with pytest.raises(QueryError, match="TCP pose"):
+        with pytest.raises(QueryError, match="pose"):
             ReachabilityMap.from_poses(bad, [0.1])
     for values in ([0.0], [1.5], [np.nan], [0.1, 0.2]):
         with pytest.raises(ReachabilityError, match=r"in \(0, 1\]"):
