@@ -157,7 +157,8 @@ def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str
         first = int(model.body_jntadr[body])
         found = list(range(first, first + int(model.body_jntnum[body]))) + found if first >= 0 else found
         body = int(model.body_parentid[body])
-    wrong = [k for k in found if model.jnt_type[k] in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)]
+    known = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    wrong = [k for k in found if int(model.jnt_type[k]) not in known]
     if wrong or not found:
         listed = ", ".join(repr(model.joint(k).name) for k in wrong) or "no joint"
         raise ChainError(
@@ -170,7 +171,7 @@ def _read_joint(model: mujoco.MjModel, data: mujoco.MjData, number: int, T_base_
     lower, upper = model.jnt_range[number] if model.jnt_limited[number] else (-CONTINUOUS, CONTINUOUS)
     return _Joint(
         str(model.joint(number).name) or f"joint {number}",
-        model.jnt_type[number] == mujoco.mjtJoint.mjJNT_SLIDE,
+        int(model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_SLIDE),
         T_base_world[:3, :3] @ data.xanchor[number] + T_base_world[:3, 3],
         T_base_world[:3, :3] @ data.xaxis[number],
         float(lower),

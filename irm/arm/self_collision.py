@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-__all__ = ["self_collision_pairs"]
+__all__ = ["body_name", "self_collision_pairs"]
 
 
 def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, str], ...]:
@@ -25,11 +25,12 @@ def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, s
             )
             kept = rigid[0] != rigid[1] and not (is_parent and rigid.all()) and (first, second) not in excluded
             if kept and _may_touch(model, first, second):
-                pairs.append((_name(model, first), _name(model, second)))
+                pairs.append((body_name(model, first), body_name(model, second)))
     return tuple(pairs)
 
 
-def _name(model: mujoco.MjModel, body: int) -> str:
+def body_name(model: mujoco.MjModel, body: int) -> str:
+    """The name of a body, or its number if it has none."""
     return str(model.body(body).name) or f"body {body}"
 
 
