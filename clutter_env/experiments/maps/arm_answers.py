@@ -37,8 +37,10 @@ REACHED = 1e-4
 """[m], and the same number for entries of rotation matrices: a configuration this close reaches a pose."""
 RESTARTS, STEPS = 20, 60
 """Random configurations and steps of the inverse kinematics that tries to refute a NO."""
-DAMPING, LARGEST_STEP = 1e-4, 0.3
-"""Of its damped least squares; [rad]."""
+DAMPING, LARGEST_STEP = 0.05, 0.3
+"""Of its damped least squares: per unit of the remaining error; [rad]."""
+REFUTED = 1e-6
+"""[m], [rad]: closer than REACHED, since a pose may be out of reach by that little."""
 NO, UNKNOWN, YES = Status.NO.value, Status.UNKNOWN.value, Status.YES.value
 
 
@@ -171,10 +173,11 @@ def _finds_solution(arm: TipModel, T: Floats, rng: np.random.Generator) -> bool:
         q = middle + half * rng.uniform(-1, 1, chain.size)
         for _ in range(STEPS):
             error = _error(arm.tcp_pose(q), T)
-            if np.abs(error).max() < REACHED:
+            if np.abs(error).max() < REFUTED:
                 return True
+            damping = (DAMPING * np.abs(error).max()) ** 2 + 1e-10
             J = arm.jacobian()
-            step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), error)
+            step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
             q = np.clip(q + step * min(1.0, LARGEST_STEP / np.abs(step).max()), chain.lower, chain.upper)
     return False
 
