@@ -24,6 +24,9 @@ Floats = NDArray[np.float64]
 CONTINUOUS = 2 * np.pi
 """[rad] Limits of a joint that turns without end: from minus to plus this."""
 
+_UNNAMED = "MuJoCo Model"
+"""What MuJoCo calls a model without a name."""
+
 _PARALLEL = 1e-9
 """Entry of a unit vector or rotation below which two directions are the same but for rounding."""
 
@@ -72,8 +75,9 @@ _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> ModelArm:
     """The arm from `base` to `tip`; see `ArmChain.from_mjcf`."""
+    name = ""
     if not isinstance(model, mujoco.MjModel):
-        model = _load(Path(model))
+        name, model = Path(model).stem, _load(Path(model))
     base_body = _body(model, base)
     numbers = _joints_between(model, base_body, _tip_body(model, tip), (base, tip))
     data = mujoco.MjData(model)
@@ -86,7 +90,7 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     offsets, axes, tool = _frames(hinges, T_base_tip)
     joints = (lift, *hinges)
     return ModelArm(
-        name=bytes(model.names).split(b"\0", 1)[0].decode() or "robot",
+        name=_model_name(model) or name or "arm",
         offsets=offsets,
         axes=axes,
         lower=np.array([joint.lower for joint in joints]),
@@ -102,6 +106,12 @@ def _load(path: Path) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
         raise ChainError(f"{path} cannot be read as an MJCF file: {problem}") from problem
+
+
+def _model_name(model: mujoco.MjModel) -> str:
+    """The name that the file gives to the model; "" if it gives none."""
+    name = bytes(model.names).split(b"\0", 1)[0].decode()
+    return "" if name == _UNNAMED else name
 
 
 def _body(model: mujoco.MjModel, name: str) -> int:

@@ -32,7 +32,7 @@ COARSE_STEP = 2.5 * pi / 180.0
 HALVINGS = 9
 """How often an interval is halved before it is called open: down to 0.005 degrees."""
 
-SLOPE = 30.0
+SLOPE = 20.0
 """Largest slope of the excess that is assumed, measured: with it no reachable pose was called out of reach, see
 docs/irm.md."""
 

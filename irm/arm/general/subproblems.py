@@ -27,23 +27,19 @@ def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
 @njit(cache=True)
 def angles_to_meet(
     axis_1: Vector, start_1: Vector, axis_2: Vector, start_2: Vector
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float]:
     """Subproblem 2: angles for which Rot(axis_1, a) start_1 = Rot(axis_2, b) start_2; only directions count.
 
     Returns:
-        a and b of the first solution, a and b of the second, and the angle by which the two cones fail to meet [rad].
+        a and b of the first solution, a and b of the second; the angle by which the two cones fail to meet [rad]; and
+        how far the common direction is from the plane of the axes, 0 to 1: near 0 both angles change fast.
     """
     u, v = scale(1.0 / max(norm(start_1), _TINY), start_1), scale(1.0 / max(norm(start_2), _TINY), start_2)
     between, c1, c2 = dot(axis_1, axis_2), dot(axis_1, u), dot(axis_2, v)
     square = 1.0 - between * between
     if square < _TINY:
-        return (
-            0.0,
-            angle_about(axis_2, v, u),
-            0.0,
-            angle_about(axis_2, v, u),
-            abs(acos(_cosine(c1)) - acos(_cosine(c2))),
-        )
+        b = angle_about(axis_2, v, u)
+        return 0.0, b, 0.0, b, abs(acos(_cosine(c1)) - acos(_cosine(c2))), 1.0
     alpha, beta = (c1 - between * c2) / square, (c2 - between * c1) / square
     rest = 1.0 - alpha * alpha - beta * beta - 2.0 * alpha * beta * between
     normal = cross(axis_1, axis_2)
@@ -60,6 +56,7 @@ def angles_to_meet(
         angle_about(axis_1, u, second),
         angle_about(axis_2, v, second),
         missed,
+        sqrt(max(rest, 0.0)),
     )
 
 
