@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from assets.robots import RobotSpec
     from irm.arm.chain import ArmChain
 
-OTHERS = {name: f"clutter_env.cli.maps.{name}" for name in ("check", "figures", "benchmark")}
+OTHERS = {name: f"clutter_env.cli.maps.{name}" for name in ("check", "figures", "benchmark", "rm4d")}
 """Sub-commands beside `build`, and their modules."""
 
 

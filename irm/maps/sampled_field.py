@@ -20,7 +20,7 @@ from irm.compilation import njit
 from irm.maps.grid import MapGrid, MapParameters
 from irm.maps.orientation_index import nearest_orientation, orientation_neighbours, rotation
 
-__all__ = ["sampled_layers"]
+__all__ = ["sampled_layers", "tcp_frames"]
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -86,7 +86,7 @@ def _sorted_by_layer(
     chain: ArmChain, grid: MapGrid, configurations: Floats, heights: Floats
 ) -> tuple[Floats, Integers]:
     """The configurations whose TCP is inside a cell, and that cell (layer, orientation, x, y), lowest layer first."""
-    R, p = _tcp_frames(chain.offsets, chain.axes, chain.tip, configurations)
+    R, p = tcp_frames(chain.offsets, chain.axes, chain.tip, configurations)
     half = 2 * grid.half
     layer = np.floor((p[:, 2] - heights[0]) / grid.thickness + 0.5).astype(np.int64)
     x, y = (np.floor((p[:, k] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
@@ -98,7 +98,7 @@ def _sorted_by_layer(
 
 
 @njit(cache=True)
-def _tcp_frames(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
+def tcp_frames(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
     """Orientations (m, 3, 3) and positions (m, 3) of the TCP at many configurations."""
     m, n = configurations.shape
     out_R, out_p = np.empty((m, 3, 3)), np.empty((m, 3))
