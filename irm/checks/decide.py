@@ -19,8 +19,9 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 
     The map answers first, see `irm.checks.classification.classify`. The arm's exact solver decides the poses for which
     the map says UNKNOWN: by arithmetic (the wrist centre farther from the shoulder than upper arm and forearm are
-    long), then by inverse kinematics. UNKNOWN is left where even the solver has no answer, or where the map is that of
-    somebody else and its arm is not known.
+    long), then by inverse kinematics. It also decides those for which a map that was built by sampling says NO: such a
+    map may miss narrow parts of the workspace. UNKNOWN is left where even the solver has no answer, or where the map
+    is that of somebody else and its arm is not known.
 
     Args:
         rm: of any pitches and heights: poses that it does not cover are decided by the solver alone.
@@ -37,7 +38,7 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     answers = classify(rm, T) if is_whole else np.full(len(T), Status.UNKNOWN.value, dtype=np.int8)
     if rm.chain is None:
         return answers
-    is_open = answers == Status.UNKNOWN.value
+    is_open = answers == Status.UNKNOWN.value if rm.chain.has_closed_form else answers != Status.YES.value
     answers[is_open] = _solver(rm).solve(T[is_open])[0]
     return answers
 

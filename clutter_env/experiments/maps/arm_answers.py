@@ -57,7 +57,8 @@ class ArmAnswers:
         map_unknown, map_unknown_of_reachable: UNKNOWN of `classify`: of all poses, and of those in reach.
         unknown: share of UNKNOWN of `decide`.
         microseconds: CPU time of `decide` per pose.
-        yes_wrong, no_wrong: wrong answers of `classify` or `decide`, all three tests together.
+        map_wrong: wrong answers of `classify`, in the first two tests.
+        wrong: wrong answers of `decide`, all three tests together.
         reached, refutations: number of poses of the first and of the third test.
     """
 
@@ -73,8 +74,8 @@ class ArmAnswers:
     map_unknown_of_reachable: float
     unknown: float
     microseconds: float
-    yes_wrong: int
-    no_wrong: int
+    map_wrong: int
+    wrong: int
     reached: int
     refutations: int
 
@@ -100,7 +101,6 @@ def measure_arm(arm: TipModel, parameters: MapParameters, counts: tuple[int, int
     truth = _proved(arm, T)
     mapped, plain, known = classify(rm, T), predict(rm, T), truth != UNKNOWN
     T_reached = _reached_poses(arm, counts[0], rng)
-    of_reached = np.concatenate([classify(rm, T_reached), decide(rm, T_reached)])
     tried = np.flatnonzero(answer == NO)[: counts[1]]
     refuted = sum(_finds_solution(arm, T[k], rng) for k in tqdm(tried, "trying to refute NO"))
     return ArmAnswers(
@@ -116,13 +116,16 @@ def measure_arm(arm: TipModel, parameters: MapParameters, counts: tuple[int, int
         map_unknown_of_reachable=float(np.mean(mapped[truth == YES] == UNKNOWN)),
         unknown=float(np.mean(answer == UNKNOWN)),
         microseconds=seconds / len(T) * 1e6,
-        yes_wrong=sum(int(np.sum((some == YES) & (truth != YES))) for some in (mapped, answer)),
-        no_wrong=sum(int(np.sum((some == NO) & (truth == YES))) for some in (mapped, answer))
-        + int(np.sum(of_reached == NO))
-        + refuted,
+        map_wrong=_count_wrong(mapped, truth) + int(np.sum(classify(rm, T_reached) == NO)),
+        wrong=_count_wrong(answer, truth) + int(np.sum(decide(rm, T_reached) == NO)) + refuted,
         reached=len(T_reached),
         refutations=len(tried),
     )
+
+
+def _count_wrong(answers: Answers, truth: Answers) -> int:
+    """Every YES without a configuration, and every NO with one."""
+    return int(np.sum(((answers == YES) & (truth != YES)) | ((answers == NO) & (truth == YES))))
 
 
 def _random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
