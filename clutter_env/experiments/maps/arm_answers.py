@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from clutter_env.experiments.maps.tip_model import TipModel
+from clutter_env.experiments.maps.model_check import TipModel
 from irm.arm.chain import ArmChain
 from irm.arm.exact import exact_solver
 from irm.checks.classification import classify, predict
