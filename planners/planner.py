@@ -18,7 +18,7 @@ from planners.clearing.minimum_clearances import clearance_floor as floor_of_opt
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
-from planners.grasping.base_placement import MapPlacer
+from planners.grasping.base_placement import MAP_PARAMETERS, MapPlacer
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.families import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
@@ -237,4 +237,4 @@ class _Blockers:
 
 @cache
 def _inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
-    return InverseReachabilityMap(cached_map(robot))
+    return InverseReachabilityMap(cached_map(robot, **MAP_PARAMETERS))

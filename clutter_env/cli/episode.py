@@ -32,6 +32,7 @@ from clutter_env.experiments.episodes.episode import (
 from clutter_env.experiments.episodes.many import counts_text, play_many
 from clutter_env.scene.layout import LAYOUTS
 from irm.maps.cache import cache_file, cached_map
+from planners.grasping.base_placement import MAP_PARAMETERS
 from planners.strategies import find_strategy
 
 
@@ -82,9 +83,10 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
-    if not cache_file(FETCH).exists():
-        print(f"building the reachability map, once; it is kept in {cache_file(FETCH).parent}", flush=True)
-    cached_map(FETCH, progress=True)
+    file = cache_file(FETCH, **MAP_PARAMETERS)
+    if not file.exists():
+        print(f"building the reachability map, once; it is kept in {file.parent}", flush=True)
+    cached_map(FETCH, progress=True, **MAP_PARAMETERS)
     arguments.output.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.output / "report.json", arguments.json)):

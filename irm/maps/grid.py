@@ -183,13 +183,16 @@ class MapGrid:
 
 
 def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, tuple[float, ...]]:
-    """Thickness of a layer, at most the voxel's edge, and torso heights that far apart, both ends of the lift included.
+    """Thickness of a layer, at most the voxel's edge, and torso heights that far apart.
 
-    A lift by one sample moves the map of a fixed torso by one layer.
+    They include both ends of the lift, but for the margin of the parameters. A lift by one sample moves the map of a
+    fixed torso by one layer.
     """
     lower, upper = float(chain.lower[0]), float(chain.upper[0])
     if not parameters.lift:
         return parameters.voxel, (float(np.clip(chain.home_torso, lower, upper)),)
+    margin = min(parameters.torso_margin, (upper - lower) / 2)
+    lower, upper = lower + margin, upper - margin
     steps = int(np.ceil((upper - lower) / parameters.voxel - 1e-9))
     thickness = (upper - lower) / steps if steps else parameters.voxel
     return thickness, (*(lower + k * thickness for k in range(steps)), upper)

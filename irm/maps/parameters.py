@@ -32,6 +32,7 @@ class MapParameters:
         pitches: the rings to keep [rad], () for all.
         heights: lowest and highest TCP position to cover [m]; limited by the reach of the arm.
         lift: whether the torso is a free parameter of the map; if not, it stays at the height it has at home.
+        torso_margin: distance that the torso keeps from both ends of its lift [m].
         samples: random configurations, for arms without a closed form.
         seed: of those configurations.
     """
@@ -42,12 +43,14 @@ class MapParameters:
     pitches: tuple[float, ...] = ()
     heights: tuple[float, float] = (0.0, 10.0)
     lift: bool = True
+    torso_margin: float = 0.0
     samples: int = 400_000
     seed: int = 0
 
     def __post_init__(self) -> None:
         try:
-            numbers = {"voxel": float(self.voxel)} | {name: index(getattr(self, name)) for name in _COUNTS}
+            numbers = {name: float(getattr(self, name)) for name in ("voxel", "torso_margin")}
+            numbers |= {name: index(getattr(self, name)) for name in _COUNTS}
             pairs = {name: tuple(float(v) for v in getattr(self, name)) for name in ("pitches", "heights")}
         except (TypeError, ValueError) as problem:
             raise ReachabilityError(f"parameters of a map are numbers, pitches and heights tuples: {self}") from problem
@@ -55,6 +58,8 @@ class MapParameters:
             object.__setattr__(self, name, value)
         if not all(np.isfinite((self.voxel, *self.heights, *self.pitches))) or not 0.005 <= self.voxel <= 0.5:
             raise ReachabilityError(f"voxel must be 0.005 to 0.5 m and every number finite: {self}")
+        if not 0.0 <= self.torso_margin < np.inf:
+            raise ReachabilityError(f"torso_margin must be a number ≥ 0 [m], not {self.torso_margin}")
         if len(self.heights) != 2 or not 0.0 <= self.heights[0] < self.heights[1]:
             raise ReachabilityError(f"heights must be an increasing pair of numbers ≥ 0, not {self.heights}")
         if not 0 <= self.rolls <= _MAX_ROLLS or self.samples < 1:
