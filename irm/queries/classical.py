@@ -8,6 +8,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.errors import QueryError
 from irm.floor.free_space import FreeSpace
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
@@ -69,9 +70,11 @@ class ClassicalInverseReachabilityMap:
                 `InverseReachabilityMap.query`.
 
         Raises:
-            QueryError: as in `InverseReachabilityMap.query`.
+            QueryError: as in `InverseReachabilityMap.query`, or `exact` is asked for.
         """
         options = QueryOptions.of(keywords, "yaw_range")
+        if options.exact:
+            raise QueryError("exact=True is for the queries of InverseReachabilityMap")
         grid, space = self.reachability_map.grid, options.floor
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)

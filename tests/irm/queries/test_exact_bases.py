@@ -10,6 +10,7 @@ from irm.checks.verification import NotVerified, tcp_poses, verify
 from irm.errors import QueryError
 from irm.floor.free_space import FreeSpace
 from irm.maps.orientation_index import rotation
+from irm.queries.classical import ClassicalInverseReachabilityMap
 from irm.queries.status import Status
 
 CHAIN = ArmChain.from_robot(FETCH)
@@ -120,6 +121,8 @@ def test_targets_of_several_are_decided_on_request(coarse_inverse, table_floor):
         assert torso.shape == (2,)
 
 
-def test_exact_is_refused_if_it_is_no_answer(coarse_inverse):
+def test_exact_is_refused_if_it_is_no_answer(coarse_map, coarse_inverse):
+    with pytest.raises(QueryError, match="queries of InverseReachabilityMap"):
+        ClassicalInverseReachabilityMap(coarse_map).query((0.0, 0.0, 0.9), exact=True)
     with pytest.raises(QueryError, match="exact is True, False or None"):
         coarse_inverse.query((0.0, 0.0, 0.9), exact="yes")
