@@ -141,9 +141,16 @@ def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: fl
 
 
 def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Floats:
-    """(n,) turns for a checked range of approach yaws, as kernels lay them out; see `yaw_window`."""
+    """(n,) turns for a checked range of approach yaws, as kernels lay them out, read-only; see `yaw_window`."""
     window = yaw_window(grid, key, yaw_range, step)
-    return approach_yaws((window.low, window.high), window.step, window.samples)
+    return _turns(window.low, window.high, window.step, window.samples)
+
+
+@lru_cache(maxsize=256)
+def _turns(low: float, high: float, step: float, samples: int) -> Floats:
+    turns = approach_yaws((low, high), step, samples)
+    turns.setflags(write=False)
+    return turns
 
 
 def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:

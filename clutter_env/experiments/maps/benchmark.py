@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.accuracy import Accuracy, Strips, measure_accuracy, measure_strips
 from clutter_env.experiments.maps.base_quality import Targets, measure_targets
 from clutter_env.experiments.maps.build_times import BUILDS, BuildCost, measure_build
 from clutter_env.experiments.maps.decisions import Decisions, measure_decisions
 from clutter_env.experiments.maps.settings import BenchmarkSettings, Part
 from clutter_env.experiments.maps.speed import Timing, measure_speed, plot_speed, speed_table
+from clutter_env.experiments.maps.strips import Strips, measure_strips
 from clutter_env.reporting.tables import markdown_table
 
 __all__ = ["Measurement", "measure_parts"]
@@ -42,7 +42,6 @@ def measure_parts(robot: RobotSpec, settings: BenchmarkSettings) -> Iterator[Mea
     measure: dict[Part, Callable[[RobotSpec, BenchmarkSettings], Measurement]] = {
         "build": _build,
         "speed": _speed,
-        "accuracy": _accuracy,
         "decide": _decide,
         "strips": _strips,
         "targets": _targets,
@@ -89,23 +88,6 @@ def _summary(row: Timing) -> dict[str, Any]:
     times = np.array(row.times)
     spread = {"mean_ms": times.mean(), "deviation_ms": times.std(), "median_ms": np.median(times)}
     return {"poses": row.poses, "method": row.method, "same_best": row.same_best, **spread}
-
-
-def _accuracy(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
-    rows: list[Accuracy] = [
-        _in_own_process(measure_accuracy, robot, orientations, settings.poses, settings.seed)
-        for orientations in (62, 266)
-    ]
-    head = ("orientations", "accuracy", "true +", "false +", "YES", "NO", "UNKNOWN", "YES wrong", "NO wrong")
-    body = []
-    for r in rows:
-        shares = (r.accuracy, r.true_positives, r.false_positives, r.yes, r.no, r.unknown)
-        cells = (f"{100 * share:.1f}%" for share in shares)
-        body.append((str(r.orientations), *cells, str(r.yes_wrong), str(r.no_wrong)))
-    text = (
-        f"{settings.poses:,} random TCP poses, {100 * rows[0].reachable:.1f}% in reach\n\n{markdown_table(head, body)}"
-    )
-    return Measurement(text, {"accuracy": [asdict(row) for row in rows]})
 
 
 def _decide(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.accuracy import solve_by_scan
+from irm.arm.closed_form import ik_pan
 from irm.arm.exact import exact_solver
 from irm.arm.kinematics import ArmChain
 from irm.checks.classification import classify, predict
 from irm.checks.decide import decide
+from irm.compilation import njit
 from irm.maps.cache import cached_map
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import ReachabilityMap
@@ -31,6 +32,8 @@ Floats = NDArray[np.float64]
 
 BALL = 1.25
 """[m] Radius of the ball of TCP positions, around the shoulder at half the torso's lift."""
+PANS, TORSOS = 361, 36
+"""Grid of the scan: half a degree of pan, one centimetre of torso lift."""
 SAME_POSE = 1e-6
 """[m] and entries of a rotation by which the TCP may miss a pose in MuJoCo."""
 
@@ -66,7 +69,7 @@ def measure_decisions(
     chain = ArmChain.from_robot(robot)
     rows = []
     for name, T in (("ball", _ball(chain, poses, rng)), ("table", _table_grasps(grasps, rng))):
-        truth = solve_by_scan(chain, T) | _is_reached_in_mujoco(robot, chain, T)
+        truth = _solve_by_scan(chain, T) | _is_reached_in_mujoco(robot, chain, T)
         rows += [_measure(cached_map(robot, orientations=number), name, T, truth) for number in orientations]
     return rows
 
@@ -147,3 +150,34 @@ def _is_reached_in_mujoco(robot: RobotSpec, chain: ArmChain, T: Floats) -> NDArr
             miss < SAME_POSE and np.all(q >= limits[:, 0] - SAME_POSE) and np.all(q <= limits[:, 1] + SAME_POSE)
         )
     return reached
+
+
+def _solve_by_scan(chain: ArmChain, T: Floats) -> NDArray[np.bool_]:
+    """(n,) whether a fine grid of pan angles and torso heights holds a configuration for each pose (n, 4, 4)."""
+    pans = np.linspace(chain.lower[1], chain.upper[1], PANS)
+    turns = np.column_stack([np.cos(pans), np.sin(pans)])
+    torsos = np.linspace(chain.lower[0], chain.upper[0], TORSOS)
+    return np.asarray(_any_solution(chain.links, chain.lower, chain.upper, T, torsos, turns))
+
+
+@njit(cache=True)
+def _any_solution(
+    links: Floats, lower: Floats, upper: Floats, T: Floats, torsos: Floats, turns: Floats
+) -> NDArray[np.bool_]:
+    """Whether any torso height and pan angle of a fine grid solves each pose; the roll of the TCP is free."""
+    answers = np.zeros(T.shape[0], np.bool_)
+    rows, wrist, approach = np.empty((2, 5)), np.empty(3), np.empty(3)
+    for n in range(T.shape[0]):
+        for torso in torsos:
+            for i in range(3):
+                approach[i] = T[n, i, 0]
+                wrist[i] = T[n, i, 3] - links[6] * approach[i]
+            wrist[0] -= links[0]
+            wrist[2] -= links[1] + torso
+            for k in range(turns.shape[0]):
+                if ik_pan(links, approach, wrist, turns[k, 0], turns[k, 1], lower, upper, rows) > 0:
+                    answers[n] = True
+                    break
+            if answers[n]:
+                break
+    return answers

@@ -8,16 +8,15 @@ from typing import Literal
 
 __all__ = ["BenchmarkSettings", "Part"]
 
-Part = Literal["speed", "build", "accuracy", "decide", "strips", "targets"]
+Part = Literal["speed", "build", "decide", "strips", "targets"]
 
 
 @dataclass(frozen=True)
 class BenchmarkSettings:
     """What is measured, and how often."""
 
-    parts: tuple[Part, ...] = ("build", "speed", "accuracy", "decide", "strips", "targets")
-    """What to measure: times of building; times of queries; right and wrong answers of the maps; exact
-    answers; narrow strips of free floor; bases
+    parts: tuple[Part, ...] = ("build", "speed", "decide", "strips", "targets")
+    """What to measure: times of building; times of queries; right and wrong answers; narrow strips of free floor; bases
     for targets on a table."""
     queries: int = 500
     """Random cup positions for each map and each range of approach yaws."""
