@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from irm.errors import QueryError
 from irm.floor.free_space import FreeSpace
+from irm.maps.equations import inverse_reachability
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
 from irm.queries.arguments import FULL_TURN, QueryKeywords, QueryOptions, as_position, as_yaw_range
@@ -130,10 +131,10 @@ def _inverse_transforms(rm: ReachabilityMap) -> Floats:
     """T_base of equation 4 (4, n, 4): row r of transform k is [r, k], so that one product transforms all of them."""
     R = np.array([rotation(*angles) for angles in rm.grid.orientations.angles])
     _, orientation, _, _ = rm.indices()
-    R_transposed = R.transpose(0, 2, 1)[orientation]
+    R_base, p_base = inverse_reachability(R[orientation], rm.positions)
     T = np.zeros((4, len(rm), 4))
-    T[:3, :, :3] = R_transposed.transpose(1, 0, 2)
-    T[:3, :, 3] = -np.einsum("nij,nj->in", R_transposed, rm.positions)
+    T[:3, :, :3] = R_base.transpose(1, 0, 2)
+    T[:3, :, 3] = p_base.T
     T[3, :, 3] = 1.0
     return T
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.maps.equations import inverse_reachability_on_floor
 from irm.maps.reachability import ReachabilityMap
 
 __all__ = ["RADIUS_STEP", "SECTORS", "TILE", "Ranking", "Tiles", "invert_map"]
@@ -83,10 +84,8 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     z, orientation, i, j = rm.indices()
     group = np.searchsorted(grid.orientations.start, orientation, side="right") - 1
     groups = len(grid.orientations.pitch)
-    yaw = -grid.orientations.yaw[orientation]
-    c, s = np.cos(np.pi + yaw), np.sin(np.pi + yaw)
-    tcp_x, tcp_y = grid.axis(0)[i], grid.axis(1)[j]
-    x, y = c * tcp_x - s * tcp_y, s * tcp_x + c * tcp_y
+    tcp_yaw = grid.orientations.yaw[orientation]
+    x, y, yaw = inverse_reachability_on_floor(grid.axis(0)[i], grid.axis(1)[j], tcp_yaw)
     key, keys = z * groups + group, grid.layers * groups
     order, tiles = _tiles(key, keys, x, y, rm.manipulability)
     columns: tuple[NDArray[Any], ...] = (x, y, yaw, rm.manipulability, rm.torso)

@@ -21,6 +21,7 @@ from clutter_env.experiments.maps.map_renderer import Arrows, MapRenderer, View
 from clutter_env.experiments.maps.placement_figure import draw_placement
 from clutter_env.experiments.maps.slices import best_manipulability, draw_slice
 from irm.maps.cache import cached_map
+from irm.maps.equations import inverse_reachability, inverse_reachability_on_floor
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import ReachabilityMap
 
@@ -95,11 +96,10 @@ def _rotations(rm: ReachabilityMap) -> Floats:
 
 def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
     """T_base = T_eff⁻¹ around one TCP pose, drawn in the air; the half in front of it is left out."""
-    R = _rotations(rm)
-    place = -np.einsum("nji,nj->ni", R, rm.positions)
+    R_base, place = inverse_reachability(_rotations(rm), rm.positions)
     far = place[:, 1] > 0
     tcp = Arrows(np.zeros((1, 3)), np.eye(3)[:1], BLACK[None], 0.4, 0.03)
-    bases = Arrows(place[far], R[far, 0, :], colours[far], 0.12, 0.009)
+    bases = Arrows(place[far], R_base[far, :, 0], colours[far], 0.12, 0.009)
     return _Bases((_raised(bases), _raised(tcp)), View((-0.1, 0.3, 1.2), 5.0, 110.0, -14.0))
 
 
@@ -112,10 +112,10 @@ def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
     x, y, z = rm.positions.T
     yaw, pitch, _ = rm.yaw_pitch_roll.T
     order = np.argsort(rm.manipulability)
-    c, s = np.cos(np.pi - yaw), np.sin(np.pi - yaw)
+    base_x, base_y, base_yaw = inverse_reachability_on_floor(x, y, yaw)
     lift = 0.02 + 0.02 * np.argsort(order) / len(order)
-    place = np.column_stack([c * x - s * y, s * x + c * y, lift])
-    ahead = np.column_stack([np.cos(yaw), -np.sin(yaw), np.zeros(len(yaw))])
+    place = np.column_stack([base_x, base_y, lift])
+    ahead = np.column_stack([np.cos(base_yaw), np.sin(base_yaw), np.zeros(len(yaw))])
     keys = np.unique(np.column_stack([z, pitch]).round(6), axis=0)
     tails = np.column_stack([np.zeros((len(keys), 2)), keys[:, 0]])
     points = np.column_stack([np.cos(keys[:, 1]), np.zeros(len(keys)), -np.sin(keys[:, 1])])
