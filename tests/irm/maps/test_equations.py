@@ -35,7 +35,7 @@ def test_equation_4_is_the_inverse_transform():
 
 
 def test_equation_5_puts_the_base_where_the_tcp_has_yaw_0_and_the_origin_of_the_floor():
-    """T_world_base @ T_base_tcp has the TCP above the origin, at its own height, with yaw 0 and its own pitch and roll."""
+    """T_world_base @ T_base_tcp has the TCP above the origin, with its height, pitch and roll, and yaw 0."""
     rng = np.random.default_rng(1)
     x, y, z, yaw, pitch, roll = rng.uniform(-1.5, 1.5, (6, 20))
     for k, base in enumerate(zip(*inverse_reachability_on_floor(x, y, yaw), strict=True)):
