@@ -13,18 +13,26 @@ from numpy.typing import NDArray
 from planners.collision.validation import OVERLAP
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
-from planners.motion.arm import FIXED_BITS, ArmPath, NoPath, on_base, plan_arm
+from planners.motion.arm import FIXED_BITS, ROOM, ArmPath, NoPath, on_base, plan_arm, unwrap_joints
 from planners.motion.arm_query import ArmQuery
 from planners.motion.straight_lines import trace_by_torso, trace_straight
-from planners.scene import RobotState
+from planners.scene import SELF_BIT, RobotState
 
-__all__ = ["plan_home"]
+__all__ = ["is_among_objects", "plan_home"]
 
 Array = NDArray[np.float64]
 
 _UP = np.array([0.0, 0.0, 1.0])
 _RISES = (0.25, 0.19, 0.12, 0.06)
 """[m] that the gripper moves straight up, tried in this order."""
+
+
+def is_among_objects(world: CollisionWorld, state: RobotState) -> bool:
+    """Whether the robot, away from home, is nearer than `ROOM` to something other than itself."""
+    if np.array_equal(state.q, unwrap_joints(world.robot, state.q, world.scene.robot.home)):
+        return False
+    gap, held = world.scene.robot.finger_gap_closed + 2 * state.finger_position, world.scene.held
+    return bool(world.with_padding(ROOM).hits(state.base, state.q, gap, held, 1 << SELF_BIT))
 
 
 def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator) -> ArmPath | NoPath:
@@ -43,10 +51,10 @@ def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator
     """
     held, robot = world.scene.held, world.scene.robot
     gap = robot.finger_gap_closed + 2 * state.finger_position
-    touched = world.hits(state.base, state.q, gap, held)
+    touched, is_among = world.hits(state.base, state.q, gap, held), is_among_objects(world, state)
     opening = min(gap + 2 * SIDE_CLEARANCE, robot.max_opening) if touched and held is None else gap
     for padded in (world, world.with_padding(0.0), world.with_padding(-OVERLAP)):
-        for line in _lines_up(padded, state):
+        for line in sorted(_lines_up(padded, state), key=len, reverse=is_among):
             ignore = padded.hits(state.base, state.q, opening, held) & ~FIXED_BITS
             if padded.path_hits(on_base(state.base, line), opening, held, ignore):
                 continue

@@ -20,7 +20,7 @@ from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import stand_off
 from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
-from planners.motion.homing import plan_home
+from planners.motion.homing import is_among_objects, plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import (
     PickMotion,
@@ -194,20 +194,24 @@ class MotionLayer:
         return self.drive(scene, _outside(scene, placement))
 
     def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
-        """Drive to a base pose in the present configuration; where that is not free, the arm moves home first."""
-        world, homing = self._compiled(scene), None
-        found = plan_base(world, scene.state.base, base, scene.state.q, held=scene.held)
-        if isinstance(found, NoPath):
-            home = plan_home(world, scene.state, self.rng)
-            if isinstance(home, NoPath) or not self.is_accepted(scene, [home]):
-                return found
-            found, homing = plan_base(world, scene.state.base, base, home.end, held=scene.held), home
+        """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
+        world, state = self._compiled(scene), scene.state
+        homing = self._home(scene) if is_among_objects(world, state) else None
+        found = plan_base(world, state.base, base, state.q if homing is None else homing.end, held=scene.held)
+        if isinstance(found, NoPath) and homing is None:
+            homing = self._home(scene)
+            found = found if homing is None else plan_base(world, state.base, base, homing.end, held=scene.held)
         if isinstance(found, NoPath):
             return found
         trajectory = drive_trajectory(scene.robot, found, scene.state, homing)
         state = RobotState(found.waypoints[-1], found.q, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
+
+    def _home(self, scene: Scene) -> ArmPath | None:
+        """The arm's way home, if one is found and accepted."""
+        home = plan_home(self._compiled(scene), scene.state, self.rng)
+        return home if isinstance(home, ArmPath) and self.is_accepted(scene, [home]) else None
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
         """Take an object through a grasp, and carry it."""

@@ -56,10 +56,10 @@ def test_the_plan_is_the_same_but_for_the_time_it_takes(plans: tuple[Solution, S
 
 def test_actions_join_and_start_where_their_scenes_say(plans: tuple[Solution, Solution]) -> None:
     for before, after in itertools.pairwise(plans[1].actions):
-        np.testing.assert_array_equal(before.trajectory.states[-1], after.trajectory.states[0])
+        np.testing.assert_allclose(before.trajectory.states[-1], after.trajectory.states[0], atol=1e-9)
     for action in plans[1].actions:
         state, start = action.scene.state, action.trajectory.states[0]
-        np.testing.assert_array_equal(start, [*state.base, *state.q, state.finger_position])
+        np.testing.assert_allclose(start, [*state.base, *state.q, state.finger_position])
 
 
 def test_the_shorter_motions_keep_the_limits_and_touch_nothing(plans: tuple[Solution, Solution]) -> None:
