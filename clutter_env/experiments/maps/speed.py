@@ -91,7 +91,21 @@ def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list
             results.append(Timing(len(rm), f"{letter}{name}", times, same))
         results.append(Timing(len(rm), f"compiled {name}", fast, len(cups)))
         results.append(_batch(proposed, len(rm), name, keywords, answers, cups, seed))
+    results.append(_own_ranges(proposed, floor, cups, seed))
     return results
+
+
+def _own_ranges(proposed: InverseReachabilityMap, floor: FreeSpace, cups: NDArray[np.float64], seed: int) -> Timing:
+    """Calls as the planner makes them: each with one yaw of its own and three bases."""
+    yaws = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(cups))
+    proposed.query(cups[0], yaw_range=(0.0, 0.0), free_space=floor, k=3)
+    times, same = [], 0
+    for cup, yaw in zip(cups, yaws.tolist(), strict=True):
+        start = time.process_time_ns()
+        answer = proposed.query(cup, yaw_range=(yaw, yaw), free_space=floor, k=3)
+        times.append((time.process_time_ns() - start) * 1e-6)
+        same += bool(_best(answer) == _best(full_scan(proposed, cup, yaw_range=(yaw, yaw), free_space=floor)))
+    return Timing(len(proposed), "compiled own 180", tuple(times), same)
 
 
 def _cups(count: int, seed: int) -> NDArray[np.float64]:
