@@ -50,7 +50,7 @@ def test_answers_against_exact_inverse_kinematics():
     assert not np.any((answer == Status.YES.value) & ~truth)
     assert not np.any((answer == Status.NO.value) & truth)
     assert np.mean(answer == Status.UNKNOWN.value) < 0.3
-    assert np.mean(predict(rm, T) == truth) > 0.965
+    assert np.mean(predict(rm, T) == truth) > 0.98
 
 
 def test_the_inner_map_lies_in_the_plain_one_and_that_in_the_outer_one(coarse_map):
