@@ -6,6 +6,8 @@ succeed on a kinematic model: the object is put where the plan would put it, and
 
 from __future__ import annotations
 
+import math
+from itertools import compress
 from typing import Any, Literal
 
 import gymnasium as gym
@@ -26,7 +28,7 @@ from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeome
 from planners.skills.motion import SkillPlanner
 from planners.tamp.solution import BoundAction
 
-__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
+__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv", "is_as_placed"]
 
 SIMULATIONS = ("physics", "kinematic")
 SKILL_COST = 0.05
@@ -34,7 +36,7 @@ SKILL_COST = 0.05
 HOLD_STEPS = 20
 """Control steps for which the target is held up in the end, if that is not success yet."""
 UPRIGHT = 0.9
-"""Cosine of the tilt up to which an object counts as standing."""
+"""Cosine of the largest tilt of an object that still is as it was placed."""
 BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "is_box")
 """Columns of an object's row before its `DIRECTIONS` flags of failed attempts."""
 
@@ -96,6 +98,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             super().reset(seed=seed)
             _, info = self._physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
+        names, table_scene = self._physics_env.world.names, self._physics_env.world.scene
+        assert table_scene is not None
+        self._lying = frozenset(compress(names, table_scene.is_lying))
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()
         self._failed = np.zeros(self._size, dtype=np.bool_)
@@ -121,7 +126,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             self._failed[:] = False
             self._moved.append(skill.object)
         info = self._info(failure)
-        is_lost = not self._is_taken and not _stands(self._scene.body(self._target))
+        is_lost = not self._is_taken and not self._is_placed(self._scene.body(self._target))
         is_over = self._is_taken or is_lost or self._is_physics_over or self._left == 0
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
@@ -244,7 +249,11 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _bodies(self) -> list[Body | None]:
         """The objects that can be cleared or taken; None for those that have fallen."""
-        return [body if _stands(body) else None for body in self._scene.objects]
+        return [body if self._is_placed(body) else None for body in self._scene.objects]
+
+    def _is_placed(self, body: Body) -> bool:
+        """Whether it has neither toppled nor left the table."""
+        return is_as_placed(body, body.name in self._lying)
 
     def _observe(self) -> NDArray[np.float32]:
         rows = np.zeros((self._count, len(BODY_FIELDS) + DIRECTIONS), np.float32)
@@ -276,10 +285,12 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         }
 
 
-def _stands(body: Body) -> bool:
-    """Whether it is upright on the table, or held above it."""
+def is_as_placed(body: Body, is_lying: bool) -> bool:
+    """Whether it stands, or lies if it was placed so, on the table or is held above it."""
     _, x, y, _ = body.quaternion
-    return bool(1 - 2 * (x * x + y * y) > UPRIGHT and body.bottom > TABLE_HEIGHT - 0.02)
+    up = 1 - 2 * (x * x + y * y)
+    is_tilted = abs(up) > math.sqrt(1 - UPRIGHT**2) if is_lying else up <= UPRIGHT
+    return bool(not is_tilted and body.bottom > TABLE_HEIGHT - 0.02)
 
 
 def _checked(action: Any, count: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import gymnasium as gym
@@ -10,8 +11,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import clutter_env
-from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv
+from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv, is_as_placed
 from clutter_env.errors import ActionError, ConfigError
+from clutter_env.scene.layout import TABLE_HEIGHT
+from planners.scene import Body
 from planners.skills.geometry import DIRECTIONS
 
 BLOCKED_SEED = 2
@@ -187,3 +190,22 @@ def test_calls_before_the_first_reset_are_refused() -> None:
     for name in ("scene", "target"):
         with pytest.raises(ActionError, match="reset"):
             getattr(env, name)
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_lying_cylinders_have_not_fallen(simulation: str) -> None:
+    env = SkillEnv(simulation=simulation, num_objects=5, object_set="lying")
+    observation, _ = env.reset(seed=0)
+    rows = observation[:-2].reshape(5, -1)
+    assert rows[:, BODY_FIELDS.index("present")].all()
+    _, _, terminated, _, info = env.step(0)
+    assert not terminated, "the target has not been lost"
+    assert info["num_fallen"] == 0
+
+
+def test_a_lying_cylinder_that_stands_up_has_fallen() -> None:
+    body = Body("object_00", "cylinder", (0.025, 0.025, 0.07), (0.0, 0.0, TABLE_HEIGHT + 0.07), (1.0, 0.0, 0.0, 0.0))
+    lying = body.at((0.0, 0.0, TABLE_HEIGHT + 0.025), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+    assert (is_as_placed(body, is_lying=False), is_as_placed(lying, is_lying=True)) == (True, True)
+    assert (is_as_placed(body, is_lying=True), is_as_placed(lying, is_lying=False)) == (False, False)
+    assert not is_as_placed(lying.at((0.0, 0.0, 0.025)), is_lying=True), "it lies on the floor"
