@@ -21,9 +21,21 @@ import numpy as np
 import assets
 from clutter_env.errors import SuiteError
 
-__all__ = ["SPLITS", "Floor", "Suite", "SuiteScene", "content_digest", "scene_digests", "suite", "suite_names"]
+__all__ = [
+    "GRASPS",
+    "SPLITS",
+    "Floor",
+    "Suite",
+    "SuiteScene",
+    "content_digest",
+    "scene_digests",
+    "suite",
+    "suite_names",
+]
 
 SPLITS = ("test", "validation")
+GRASPS = ("side", "all")
+"""Grasp sets for which the suites have floors: level side grasps, and grasps of all kinds."""
 _DIGITS = 12
 """Hexadecimal digits of the digest of one part of a scene."""
 _ARRAYS = ("half_extents", "positions", "yaws", "masses", "base")
@@ -42,6 +54,20 @@ class Floor:
     count: int | None
     is_proved: bool
     cause: str = ""
+
+    @classmethod
+    def read(cls, entry: Any) -> Floor:
+        """The floor in an entry of a suite's file.
+
+        Raises:
+            SuiteError: not a number of clearances with its proof flag, or neither a number nor a cause without one.
+        """
+        match entry:
+            case {"count": int(count), "is_proved": bool(is_proved), "cause": ""} if count >= 0:
+                return cls(count, is_proved)
+            case {"count": None, "is_proved": bool(is_proved), "cause": str(cause)} if cause:
+                return cls(None, is_proved, cause)
+        raise SuiteError(f"{entry!r} is not a floor: a count with its proof flag, or the cause why there is no plan")
 
 
 @dataclass(frozen=True)
@@ -74,6 +100,21 @@ class SuiteScene:
     floor_side: Floor
     floor_all: Floor | None
     digests: Mapping[str, str]
+
+    def floor(self, grasps: str) -> Floor:
+        """The floor for a grasp set.
+
+        Raises:
+            SuiteError: neither "side" nor "all", or the floor has not been computed.
+        """
+        if grasps not in GRASPS:
+            raise SuiteError(f"no floors for grasps={grasps!r}; the suites have them for: {', '.join(GRASPS)}")
+        found = self.floor_side if grasps == "side" else self.floor_all
+        if found is None:
+            raise SuiteError(
+                f"suite {self.suite!r} has no floors for grasps={grasps!r} yet; make them with make_suites"
+            )
+        return found
 
     def make(self, **keywords: Any) -> gym.Env[Any, Any]:
         """The environment of this scene, with more keyword arguments that do not change the scene.
@@ -168,7 +209,7 @@ def suite(name: str) -> Suite:
         True
 
     Raises:
-        SuiteError: no suite of that name, the message lists them; or its file has been changed.
+        SuiteError: no suite of that name, the message lists them; or its file has been changed, or is not valid.
     """
     if name not in suite_names():
         raise SuiteError(f"no suite {name!r}; suites: {', '.join(suite_names())}")
@@ -215,7 +256,7 @@ def _scene(content: Mapping[str, Any], split: str, index: int, entry: Mapping[st
         seed=entry["seed"],
         options=MappingProxyType(content["options"]),
         target=entry["target"],
-        floor_side=Floor(**entry["floor_side"]),
-        floor_all=None if entry["floor_all"] is None else Floor(**entry["floor_all"]),
+        floor_side=Floor.read(entry["floor_side"]),
+        floor_all=None if entry["floor_all"] is None else Floor.read(entry["floor_all"]),
         digests=MappingProxyType(entry["digests"]),
     )

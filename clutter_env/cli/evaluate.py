@@ -60,7 +60,10 @@ def run(arguments: Arguments) -> None:
 def _text(content: Mapping[str, Any]) -> str:
     """The summary as a Markdown table."""
     summary = content["summary"]
-    rows = {"all": summary, **{f"floor {name}": rates for name, rates in summary["by_floor"].items()}}
+    rows = {
+        "all": summary,
+        **{f"floor {name}, {content['grasps']} grasps": rates for name, rates in summary["by_floor"].items()},
+    }
     lines = ["| scenes | episodes | clean success | lifted |", "|---|---|---|---|"]
     for name, rates in rows.items():
         clean, lifted = (

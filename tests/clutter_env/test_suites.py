@@ -14,7 +14,7 @@ import pytest
 import assets
 import clutter_env
 from clutter_env.errors import SuiteError
-from clutter_env.suites import SPLITS, content_digest, scene_digests
+from clutter_env.suites import SPLITS, Floor, content_digest, scene_digests
 
 NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v1", "shelf-16-v1", "side-15-v1", "side-25-v1", "side-40-v1")
 
@@ -100,6 +100,48 @@ def test_a_changed_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     changed.write_text(json.dumps(content))
     assert clutter_env.suite("side-15-v1").test[0].target == "object_14"
     clutter_env.suite.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"count": -1, "is_proved": True, "cause": ""},
+        {"count": 1.0, "is_proved": True, "cause": ""},
+        {"count": 1, "is_proved": 1, "cause": ""},
+        {"count": 1, "is_proved": True, "cause": "unreachable"},
+        {"count": None, "is_proved": True, "cause": ""},
+        {"count": 1},
+        3,
+    ],
+)
+def test_what_is_no_floor_is_refused(entry: object) -> None:
+    with pytest.raises(SuiteError, match="is not a floor"):
+        Floor.read(entry)
+
+
+def test_a_floor_belongs_to_a_grasp_set() -> None:
+    scene = replace(clutter_env.suite("side-15-v1").test[0], floor_side=Floor(2, True), floor_all=Floor(1, False))
+    assert (scene.floor("side"), scene.floor("all")) == (Floor(2, True), Floor(1, False))
+    with pytest.raises(SuiteError, match="have them for: side, all"):
+        scene.floor("top")
+    with pytest.raises(SuiteError, match="no floors for grasps='all' yet"):
+        replace(scene, floor_all=None).floor("all")
+
+
+def test_new_floors_leave_the_scenes_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    from clutter_env.experiments.suites import making
+
+    shipped = json.loads(assets.path("suites/side-15-v1.json").read_text())
+    content = {**shipped, "scenes": {split: shipped["scenes"][split][:2] for split in SPLITS}}
+    monkeypatch.setattr(making, "_floor", lambda _scene, _target, grasps: {"count": len(grasps)})
+    made = making.with_new_floors(content, 1)
+    for split in SPLITS:
+        for before, after in zip(content["scenes"][split], made["scenes"][split], strict=True):
+            assert after == {**before, "floor_side": {"count": 4}, "floor_all": {"count": 3}}
+    assert made["sha256"] == content_digest({name: value for name, value in made.items() if name != "sha256"})
+    content["scenes"]["test"][1]["digests"]["masses"] = "0" * 12
+    with pytest.raises(RuntimeError, match=r"seed 2000001 does not give the scene of suite side-15-v1 any more"):
+        making.with_new_floors(content, 1)
 
 
 def test_suites_need_neither_planner_nor_numba() -> None:

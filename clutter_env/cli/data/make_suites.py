@@ -2,19 +2,22 @@
 
     python scripts/make_suites.py --names side-15-v1 side-25-v1
 
-The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares.
+The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares. `--floors-only`
+keeps the scenes of the files and computes their floors again, after a change of the planner.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
-from clutter_env.experiments.suites.making import PLANS, SuitePlan, make_suite
+from clutter_env.experiments.suites.making import PLANS, SuitePlan, make_suite, with_new_floors
 from clutter_env.reporting.json_file import json_text, write_atomically
 
 
@@ -30,6 +33,8 @@ class Arguments:
     """Number of processes."""
     check: bool = False
     """Write nothing; fail if a file differs from what is made now."""
+    floors_only: bool = False
+    """Keep the scenes of the files and compute their floors again."""
     output: Path = Path("assets/suites")
     """Directory of the files."""
 
@@ -42,8 +47,8 @@ def run(arguments: Arguments) -> None:
             raise ValueError(f"no suite {name!r}; suites: {', '.join(plans)}")
     arguments.output.mkdir(parents=True, exist_ok=True)
     for name in arguments.names:
-        text = _text(plans[name], arguments)
         file = arguments.output / f"{name}.json"
+        text = _text(_content(plans[name], file, arguments))
         if not arguments.check:
             write_atomically(file, text.encode())
             print(f"written: {file}")
@@ -53,10 +58,18 @@ def run(arguments: Arguments) -> None:
             print(f"identical: {file}")
 
 
-def _text(plan: SuitePlan, arguments: Arguments) -> str:
+def _content(plan: SuitePlan, file: Path, arguments: Arguments) -> dict[str, Any]:
+    """The content of a suite's file, as it is made now."""
+    if not arguments.floors_only:
+        with tqdm(total=2 * arguments.scenes, desc=plan.name, unit="scene") as bar:
+            return make_suite(plan, arguments.scenes, arguments.workers, bar.update)
+    content = json.loads(file.read_text())
+    with tqdm(total=sum(map(len, content["scenes"].values())), desc=plan.name, unit="scene") as bar:
+        return with_new_floors(content, arguments.workers, bar.update)
+
+
+def _text(content: dict[str, Any]) -> str:
     """One scene a line."""
-    with tqdm(total=2 * arguments.scenes, desc=plan.name, unit="scene") as bar:
-        content = make_suite(plan, arguments.scenes, arguments.workers, bar.update)
     scenes = {
         split: "[\n" + ",\n".join(json_text(entry) for entry in entries) + "\n]"
         for split, entries in content.pop("scenes").items()

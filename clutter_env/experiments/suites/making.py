@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
@@ -14,11 +14,11 @@ import gymnasium as gym
 from assets.robots import robot as find_robot
 from clutter_env import OBJECT_COUNTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
-from clutter_env.suites import SPLITS, content_digest, scene_digests
+from clutter_env.suites import GRASPS, SPLITS, content_digest, scene_digests
 from planners.planner import Planner
 from planners.scene import Scene
 
-__all__ = ["PLANS", "SuitePlan", "make_suite"]
+__all__ = ["PLANS", "SuitePlan", "make_suite", "with_new_floors"]
 
 FORMAT = 1
 SEEDS_PER_SPLIT = 5_000
@@ -121,15 +121,41 @@ def make_suite(plan: SuitePlan, scenes: int, workers: int, tick: Callable[[], ob
     return {**content, "sha256": content_digest(content)}
 
 
+def with_new_floors(
+    content: Mapping[str, Any], workers: int, tick: Callable[[], object] = lambda: None
+) -> dict[str, Any]:
+    """The content of a suite's file with the same scenes, and the floors that the planner finds now.
+
+    Args:
+        content: of the file, JSON values.
+        workers: number of processes; the result does not depend on it.
+        tick: called after every scene.
+
+    Raises:
+        RuntimeError: a worker failed, or a seed does not give the scene any more.
+    """
+    keywords = tuple(content["keywords"].items())
+    entries = [entry for split in SPLITS for entry in content["scenes"][split]]
+    jobs = (_Job(content["env_id"], keywords, entry["seed"]) for entry in entries)
+    found: dict[int, dict[str, Any]] = {}
+    for job, entry in run_jobs(_entry, jobs, workers):
+        found[job.seed] = _checked(entry, job, content["name"])
+        tick()
+    for entry in entries:
+        if any(found[entry["seed"]][name] != entry[name] for name in ("target", "digests")):
+            raise RuntimeError(f"seed {entry['seed']} does not give the scene of suite {content['name']} any more")
+    scenes = {split: [found[entry["seed"]] for entry in content["scenes"][split]] for split in SPLITS}
+    changed = {name: value for name, value in content.items() if name != "sha256"} | {"scenes": scenes}
+    return {**changed, "sha256": content_digest(changed)}
+
+
 def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callable[[], object]) -> list[dict[str, Any]]:
     """The first scenes that qualify, in the order of their seeds."""
     found: dict[int, dict[str, Any]] = {}
     chosen: list[dict[str, Any]] = []
     expected = first
     for job, entry in run_jobs(_entry, _jobs(plan, first), workers):
-        if isinstance(entry, Crash | Killed):
-            raise RuntimeError(f"seed {job.seed} of suite {plan.name}: {entry}")
-        found[job.seed] = entry
+        found[job.seed] = _checked(entry, job, plan.name)
         while expected in found:
             entry = found.pop(expected)
             expected += 1
@@ -139,6 +165,13 @@ def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callab
             if len(chosen) == wanted:
                 return chosen
     raise RuntimeError(f"suite {plan.name}: the workers ended early")
+
+
+def _checked(entry: dict[str, Any] | Crash | Killed, job: _Job, name: str) -> dict[str, Any]:
+    """What a worker returned, unless it failed."""
+    if isinstance(entry, Crash | Killed):
+        raise RuntimeError(f"seed {job.seed} of suite {name}: {entry}")
+    return entry
 
 
 def _jobs(plan: SuitePlan, first: int) -> Iterator[_Job]:
@@ -152,14 +185,18 @@ def _entry(job: _Job) -> dict[str, Any]:
     _, info = env.reset(seed=job.seed)
     inner: Any = env.unwrapped
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
-    floor = _planner().clearance_floor(scene, info["target"])
     return {
         "seed": job.seed,
         "target": info["target"],
-        "floor_side": {"count": floor.count, "is_proved": floor.proved, "cause": str(floor.cause)},
-        "floor_all": None,
+        **{f"floor_{grasps}": _floor(scene, info["target"], grasps) for grasps in GRASPS},
         "digests": scene_digests(env),
     }
+
+
+def _floor(scene: Scene, target: str, grasps: str) -> dict[str, Any]:
+    """The minimum number of clearances for a grasp set, as in the file."""
+    floor = _planner(grasps).clearance_floor(scene, target)
+    return {"count": floor.count, "is_proved": floor.proved, "cause": str(floor.cause)}
 
 
 @cache
@@ -168,5 +205,5 @@ def _env(env_id: str, keywords: tuple[tuple[str, Any], ...]) -> gym.Env[Any, Any
 
 
 @cache
-def _planner() -> Planner:
-    return Planner(find_robot("fetch"), grasps="side")
+def _planner(grasps: str) -> Planner:
+    return Planner(find_robot("fetch"), grasps=grasps)

@@ -13,8 +13,9 @@ import gymnasium as gym
 from clutter_env.learning.demonstrations.experts import STRATEGY_NAMES, Expert, make_expert
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer, random_agent
+from clutter_env.suites import GRASPS
 
-__all__ = ["BUILT_IN", "SuitePolicy", "env_keywords", "load_policy"]
+__all__ = ["BUILT_IN", "SuitePolicy", "env_keywords", "load_policy", "policy_grasps"]
 
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
@@ -24,7 +25,8 @@ class SuitePolicy(Protocol):
     """What plays a suite. What it does in an episode must not depend on earlier episodes.
 
     Optional attributes: `env_keywords`, a dictionary of keyword arguments of the environment among control_mode,
-    obs_mode, image_size and reward_mode; `done`, true once the policy gives up; `failure`, then the reason.
+    obs_mode, image_size and reward_mode; `grasps`, "side" or "all" (the default): the grasps that it uses, by whose
+    floors its results are broken down; `done`, true once the policy gives up; `failure`, then the reason.
     """
 
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:
@@ -37,7 +39,9 @@ class SuitePolicy(Protocol):
 
 
 class ExpertPolicy:
-    """The task and motion planning expert, which reads the exact state of the simulation."""
+    """The task and motion planning expert with side grasps, which reads the exact state of the simulation."""
+
+    grasps = "side"
 
     def __init__(self, strategy: str) -> None:
         self._strategy = strategy
@@ -130,3 +134,15 @@ def env_keywords(policy: SuitePolicy) -> dict[str, Any]:
         if name not in _FREE_KEYWORDS:
             raise LearningError(f"a policy may not choose {name!r}; it may choose {', '.join(_FREE_KEYWORDS)}")
     return wanted
+
+
+def policy_grasps(policy: SuitePolicy) -> str:
+    """The grasp set by whose floors the results of a policy are broken down.
+
+    Raises:
+        LearningError: one for which the suites have no floors; the message lists the valid ones.
+    """
+    grasps = getattr(policy, "grasps", "all")
+    if grasps not in GRASPS:
+        raise LearningError(f"a policy's grasps={grasps!r} are not valid; it may have {', '.join(GRASPS)}")
+    return str(grasps)

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from clutter_env.errors import SuiteError
-from clutter_env.learning.comparison.suite_policies import SuitePolicy, env_keywords, load_policy
+from clutter_env.learning.comparison.suite_policies import SuitePolicy, env_keywords, load_policy, policy_grasps
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import versions
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
@@ -23,7 +23,8 @@ __all__ = ["STRATA", "Evaluation", "SuiteEpisode", "evaluate", "play_scene", "re
 
 FORMAT = 1
 STRATA = ("0", "1", "2", "3 or more", "none")
-"""Minimum numbers of clearances (side grasps) by which the success rates are broken down; "none": there is no plan."""
+"""Minimum numbers of clearances, for the policy's grasps, by which the success rates are broken down; "none":
+there is no plan."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class SuiteEpisode:
 
     Attributes:
         index, seed: of the scene.
-        floor: the minimum number of clearances for side grasps, None if there is no plan.
+        floor: the minimum number of clearances for the policy's grasps, None if there is no plan.
         clean: the target was lifted, and nothing had fallen or been disturbed by then.
         lifted: the target was lifted.
         steps: control steps.
@@ -104,13 +105,15 @@ def evaluate(
         LearningError: no such policy, fewer than one scene, or a worker was killed.
     """
     scenes = _scenes(evaluation)
-    env_keywords(load_policy(evaluation.policy, evaluation.seed))
+    policy = load_policy(evaluation.policy, evaluation.seed)
+    env_keywords(policy)
+    grasps = policy_grasps(policy)
     played: dict[int, _Played] = {}
     for job, result in run_jobs(_play, (_Job(evaluation, scene.index) for scene in scenes), workers, ray=ray):
         if isinstance(result, Killed) or (isinstance(result, Crash) and not result.is_final):
             raise LearningError(f"scene {job.scene} of suite {evaluation.suite!r}: {result}")
         if isinstance(result, Crash):
-            result = _Played(_crashed(scenes[job.scene], result.summary), "", 0.0)
+            result = _Played(_crashed(scenes[job.scene], grasps, result.summary), "", 0.0)
         if result.episode is None:
             raise SuiteError(result.mismatch)
         played[job.scene] = result
@@ -128,6 +131,7 @@ def results(evaluation: Evaluation, episodes: Sequence[SuiteEpisode]) -> dict[st
         "split": evaluation.split,
         "policy": evaluation.policy,
         "seed": evaluation.seed,
+        "grasps": policy_grasps(load_policy(evaluation.policy, evaluation.seed)),
         "episodes": [asdict(episode) for episode in episodes],
     }
     return {
@@ -161,7 +165,7 @@ def play_scene(scene: SuiteScene, env: gym.Env[Any, Any], policy: SuitePolicy) -
     return SuiteEpisode(
         index=scene.index,
         seed=scene.seed,
-        floor=scene.floor_side.count,
+        floor=scene.floor(policy_grasps(policy)).count,
         clean=clean,
         lifted=bool(info["lifted"]),
         steps=steps,
@@ -200,9 +204,9 @@ def _env_and_policy(evaluation: Evaluation) -> tuple[gym.Env[Any, Any], SuitePol
     return suite(evaluation.suite).test[0].make(**env_keywords(policy)), policy
 
 
-def _crashed(scene: SuiteScene, cause: str) -> SuiteEpisode:
+def _crashed(scene: SuiteScene, grasps: str, cause: str) -> SuiteEpisode:
     """The episode of a policy that raised an exception."""
-    return SuiteEpisode(scene.index, scene.seed, scene.floor_side.count, False, False, 0, 0.0, 0, 0, 0, cause)
+    return SuiteEpisode(scene.index, scene.seed, scene.floor(grasps).count, False, False, 0, 0.0, 0, 0, 0, cause)
 
 
 def _summary(episodes: Sequence[SuiteEpisode]) -> dict[str, Any]:

@@ -12,10 +12,10 @@ import pytest
 
 from clutter_env.cli.main import main
 from clutter_env.errors import SuiteError
-from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy
+from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy, policy_grasps
 from clutter_env.learning.comparison.suite_runs import Evaluation, SuiteEpisode, evaluate, play_scene, results
 from clutter_env.learning.errors import LearningError
-from clutter_env.suites import suite
+from clutter_env.suites import Floor, suite
 
 POLICY = """
 import numpy as np
@@ -44,6 +44,9 @@ class Mute:
 
 class Greedy(Patient):
     env_keywords = {"obstructed": False}
+
+class Handy(Patient):
+    grasps = "left-handed"
 """
 
 
@@ -117,6 +120,7 @@ def test_results_count_both_kinds_of_success_by_floor() -> None:
         "3 or more": 1,
         "none": 1,
     }
+    assert found["grasps"] == "all"
     changed = results(Evaluation("side-15-v1", "random"), [*episodes[:3], episode(3, None, False, True)])
     assert changed["digest"] != found["digest"]
 
@@ -134,6 +138,22 @@ def test_results_count_both_kinds_of_success_by_floor() -> None:
 def test_a_policy_that_cannot_play_is_refused(name: str, message: str) -> None:
     with pytest.raises(LearningError, match=message):
         load_policy(name, 0)
+
+
+@pytest.mark.parametrize(("grasps", "floor"), [("side", 2), ("all", 0), (None, 0)])
+def test_results_are_broken_down_by_the_floor_of_the_policy_s_grasps(grasps: str | None, floor: int) -> None:
+    scene = replace(suite("side-15-v1").test[0], max_steps=2, floor_side=Floor(2, True), floor_all=Floor(0, True))
+    policy = Idle()
+    if grasps is not None:
+        policy.grasps = grasps  # type: ignore[attr-defined]  # the attribute is optional
+    assert play_scene(scene, scene.make(), policy).floor == floor
+    assert policy_grasps(load_policy("lookahead", 0)) == "side"
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_policy_uses_grasps_for_which_there_are_floors() -> None:
+    with pytest.raises(LearningError, match="grasps='left-handed' are not valid; it may have side, all"):
+        policy_grasps(load_policy("my_policies:Handy", 0))
 
 
 @pytest.mark.usefixtures("folder")
