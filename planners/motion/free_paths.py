@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,6 +24,8 @@ _TORSO_SHARES = (0.5, 1.0)
 """Shares of the torso's travel at which the home configuration of the arm is tried where home itself does not fit."""
 _RISES = (0.25, 0.15, 0.05, 0.0)
 """[m] that the torso rises for carrying in the configuration of the arm at hand."""
+_SAMPLING = 0.1
+"""[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
 
 LIFTED = 0.10
 """[m] above where it stood that an object is carried, where that is possible: a target then counts as lifted."""
@@ -53,7 +54,12 @@ class Task(NamedTuple):
 
 
 def carry_configurations(
-    world: CollisionWorld, query: ArmQuery, q_grasp: Array, q_hover: Array, least_height: float = -np.inf
+    world: CollisionWorld,
+    query: ArmQuery,
+    q_grasp: Array,
+    q_hover: Array,
+    least_height: float = -np.inf,
+    only_home: bool = True,
 ) -> Array:
     """Configurations (k, 8) in which a motion may end, best first.
 
@@ -67,10 +73,11 @@ def carry_configurations(
         q_grasp: (8,) configuration of the grasp or release; continuous joints end near it at home.
         q_hover: (8,) configuration at the end of the straight lines.
         least_height: [m] of the held object's lowest point.
+        only_home: whether the others are left out where home fits and holds the object high enough.
     """
     robot = world.robot
     home = unwrap_joints(robot, q_grasp, world.scene.robot.home)
-    if _fits(world, query, home) and _held_height(world, query, home) >= least_height:
+    if only_home and _fits(world, query, home) and _held_height(world, query, home) >= least_height:
         return home[None]
     torsos = [robot.lower[0] + share * (robot.upper[0] - robot.lower[0]) for share in _TORSO_SHARES]
     rises = [min(q_hover[0] + rise, robot.upper[0]) for rise in _RISES]
@@ -127,20 +134,59 @@ def _free_path(
     hover, q_hover = lines[-1, :3], lines[-1, 3:]
     query = replace(query, base=hover, ignore=context.ignore | approach.hits)
     drive: BasePath | NoPath | None = None
-    ends: Sequence[Array] = (task.q,)
-    if is_loaded != task.starts_loaded:
-        least = world.scene.body(context.held.name).bottom + LIFTED if is_loaded else -np.inf
-        ends = tuple(carry_configurations(world, query, context.q, q_hover, least))
-    elif np.abs(task.base - hover).max() > SAME_BASE:
+    is_carry = is_loaded != task.starts_loaded
+    if not is_carry and np.abs(task.base - hover).max() > SAME_BASE:
         drive = plan_base(world, task.base, hover, task.q, opening=query.opening, held=query.held, rng=task.rng)
     if isinstance(drive, NoPath):
         return drive
-    path: ArmPath | BlockedBy | NoPath = NoPath("no carry configuration")
-    for end in ends:
-        start, goal = (q_hover, end) if is_loaded else (end, q_hover)
-        path = plan_arm(world, query, start, goal, rng=task.rng, config=task.config, find_blockers=find_blockers)
-        if isinstance(path, ArmPath):
-            break
+    if is_carry:
+        path = _carry_path(task, world, query, q_hover, find_blockers)
+    else:
+        path = _arm_path(task, world, query, q_hover, task.q, find_blockers)
     if not isinstance(path, ArmPath):
         return path
     return WholeBodyPath.joined(drive, path.reversed()).reversed() if is_loaded else WholeBodyPath.joined(drive, path)
+
+
+def _carry_path(
+    task: Task, world: CollisionWorld, query: ArmQuery, q_hover: Array, find_blockers: bool
+) -> ArmPath | BlockedBy | NoPath:
+    """The path between the hover configuration and a carry configuration.
+
+    One that lowers the held object below the support is taken only if there is no other: so low it counts as lost.
+    """
+    least = -np.inf if query.held is None else world.scene.body(query.held.name).bottom + LIFTED
+    path: ArmPath | BlockedBy | NoPath = NoPath("no carry configuration")
+    low: ArmPath | None = None
+    for only_home in (True, False):
+        for end in carry_configurations(world, query, task.context.q, q_hover, least, only_home):
+            path = _arm_path(task, world, query, q_hover, end, find_blockers)
+            if not isinstance(path, ArmPath):
+                continue
+            if not _sinks(world, path):
+                return path
+            low = low or path
+        if low is None:
+            return path
+    return low or path
+
+
+def _arm_path(
+    task: Task, world: CollisionWorld, query: ArmQuery, q_hover: Array, q: Array, find_blockers: bool
+) -> ArmPath | BlockedBy | NoPath:
+    """A free path from the hover configuration to another one (8,); without an object in reverse."""
+    start, goal = (q, q_hover) if query.held is None else (q_hover, q)
+    return plan_arm(world, query, start, goal, rng=task.rng, config=task.config, find_blockers=find_blockers)
+
+
+def _sinks(world: CollisionWorld, path: ArmPath) -> bool:
+    """Whether the held object comes below the top of the support, which it left at the start."""
+    query = ArmQuery(path.base, path.opening, path.held)
+    return any(_held_height(world, query, q) < world.scene.support.top for q in _sampled(path.waypoints))
+
+
+def _sampled(waypoints: Array) -> Array:
+    """Configurations (k, 8) along straight lines between waypoints (n, 8), `_SAMPLING` apart at most."""
+    steps = np.maximum(np.ceil(np.abs(np.diff(waypoints, axis=0)).max(axis=1) / _SAMPLING), 1).astype(int)
+    lines = zip(waypoints[:-1], waypoints[1:], steps, strict=True)
+    return np.vstack([waypoints[:1], *(np.linspace(start, end, count + 1)[1:] for start, end, count in lines)])
