@@ -75,7 +75,7 @@ class ControlledEnv(Protocol):
 
     @property
     def lift_height(self) -> float:
-        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        """[m] between the support that the target stood on and its lowest point, from which it counts as lifted."""
         ...
 
     def joint_action(self, q_target: Array, gripper_width: float) -> Array:

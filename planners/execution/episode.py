@@ -13,7 +13,7 @@ from planners.execution.config import ExpertConfig
 from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
-from planners.execution.holding import held_object
+from planners.execution.holding import held_object, height_below
 from planners.execution.monitor import Sensor
 from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene, warm_up
@@ -65,7 +65,7 @@ class Episode:
         self._executor: Executor | None = None
         self._wait = 0
         scene = self._read_scene()
-        scene.index(target)
+        self._stood_at = height_below(scene, scene.body(target))
         state = scene.state
         opening = env.robot.finger_gap_closed + 2 * state.finger_position
         self._last = Command(self._sensor.read().drive, opening)
@@ -147,10 +147,10 @@ class Episode:
         return held_object(self._measure())
 
     def _is_retrieved(self) -> bool:
-        """Whether the target is held, high enough for success."""
+        """Whether the target is held, high enough above the support that it stood on for success."""
         scene = self._measure()
-        height = scene.body(self.target).bottom - scene.support.top
-        return self._held() == self.target and height > self._env.lift_height
+        height = scene.body(self.target).bottom - self._stood_at
+        return held_object(scene) == self.target and height > self._env.lift_height
 
     def _plan(self, scene: Scene) -> None:
         """Solve and begin to execute, or end the episode with the reason for failure."""

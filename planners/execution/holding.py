@@ -1,4 +1,4 @@
-"""Which object the gripper holds, from where things are."""
+"""Which object the gripper holds, and from where it was lifted, from where things are."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from planners.motion.arm import tcp_pose
 from planners.scene import Body, Scene
 
-__all__ = ["held_object"]
+__all__ = ["held_object", "height_below"]
 
 Array = NDArray[np.float64]
 
 _OFF_SUPPORT = 0.01
 """[m] above the support; a lower object may still stand on it."""
+_SUNK = 0.005
+"""[m] below the top of a support that the lowest point of an object which stands on it may be: it leans, or sinks in."""
 _BETWEEN_PADS = 0.01
 """[m] wider than the object the fingers may be: they touch it, or are about to."""
 _REACH = 0.02
@@ -29,10 +31,20 @@ def held_object(scene: Scene) -> str:
     T_world_tcp = tcp_pose(scene.robot, scene.state)
     gap = scene.robot.finger_gap_closed + 2 * scene.state.finger_position
     for body in scene.objects:
-        is_lifted = body.bottom > scene.support.top + _OFF_SUPPORT
+        is_lifted = body.bottom > height_below(scene, body) + _OFF_SUPPORT
         if is_lifted and _is_between_fingers(body, T_world_tcp, gap):
             return body.name
     return ""
+
+
+def height_below(scene: Scene, body: Body) -> float:
+    """[m] of the highest support under the centre of an object, on which it stands or would fall.
+
+    Beside the supports it is the height of the first one.
+    """
+    supports = [scene.support, *(scene.support_named(name) for name in scene.supports[1:])]
+    under = [support for support in supports if support.is_under(body.position[:2])]
+    return max((support.top for support in under if support.top <= body.bottom + _SUNK), default=scene.support.top)
 
 
 def _is_between_fingers(body: Body, T_world_tcp: Array, gap: float) -> bool:
