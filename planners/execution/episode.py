@@ -13,7 +13,7 @@ from planners.execution.config import ExpertConfig
 from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
-from planners.execution.holding import held_object, height_below
+from planners.execution.holding import height_below, held_object
 from planners.execution.monitor import Sensor
 from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene, warm_up

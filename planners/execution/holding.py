@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from planners.motion.arm import tcp_pose
 from planners.scene import Body, Scene
 
-__all__ = ["held_object", "height_below"]
+__all__ = ["height_below", "held_object"]
 
 Array = NDArray[np.float64]
 
 _OFF_SUPPORT = 0.01
 """[m] above the support; a lower object may still stand on it."""
 _SUNK = 0.005
-"""[m] below the top of a support that the lowest point of an object which stands on it may be: it leans, or sinks in."""
+"""[m] below the top of a support that the lowest point of an object on it may be: it leans, or sinks in."""
 _BETWEEN_PADS = 0.01
 """[m] wider than the object the fingers may be: they touch it, or are about to."""
 _REACH = 0.02
