@@ -1,6 +1,7 @@
 """Table 1 of Lee & Kim 2019 and more: strategies on scenes whose target is obstructed, planned or in physics.
 
     clutter-env table --objects 15 40 --strategies lookahead ngr --scenes 100
+    clutter-env table --layouts shelf two_boards cabinet --objects 10 16 25 --strategies lookahead --no-obstructed
 
 The scenes are resets of the environment from --seed on. Every trial is written to a file as soon as it ends: run the
 same command again after an interruption. JSON, a Markdown table and plots are written to the output directory.
@@ -12,9 +13,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from clutter_env.cli.command import command_line, run_command
+
+if TYPE_CHECKING:
+    from clutter_env.experiments.clearance_table.table import TableSettings
 
 STRATEGIES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
@@ -38,6 +42,8 @@ class Arguments:
     """First seed of the scenes."""
     layout: str = "paper"
     """Layout of the table."""
+    layouts: tuple[str, ...] = ()
+    """Compare layouts instead: one table of the first strategy over these layouts and all numbers of objects."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
     physics: bool = False
@@ -83,6 +89,9 @@ def run(arguments: Arguments) -> None:
         grasps=arguments.grasps,
         only_obstructed=arguments.obstructed,
     )
+    if arguments.layouts:
+        compare_layouts(arguments, settings)
+        return
     records = Records(arguments.out / "trials.jsonl", settings.of_trials)
     if not arguments.report_only:
         print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
@@ -101,6 +110,27 @@ def run(arguments: Arguments) -> None:
     print(f"tables, figures and plots: {arguments.out}")
     if crashed := sum(row.crashed for row in rows) + sum(scene.crashed for scene in scenes):
         print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")
+
+
+def compare_layouts(arguments: Arguments, settings: TableSettings) -> None:
+    """Run the first strategy over several layouts, and print one table."""
+    from clutter_env.experiments.clearance_table.layouts import run_layouts, summary
+    from clutter_env.reporting.json_file import write_json
+    from clutter_env.scene.layout import find_layout
+
+    for layout in arguments.layouts:
+        find_layout(layout)
+    rows = run_layouts(
+        settings,
+        arguments.layouts,
+        arguments.out,
+        arguments.workers,
+        arguments.retry_crashes,
+        arguments.report_only,
+    )
+    print(f"\n{summary(rows)}")
+    for path in filter(None, (arguments.out / "layouts.json", arguments.json)):
+        write_json(path, {"settings": settings.of_trials, "rows": rows})
 
 
 def main(words: Sequence[str] | None = None) -> None:

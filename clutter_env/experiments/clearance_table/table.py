@@ -11,17 +11,17 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
-from clutter_env import OBJECT_COUNTS
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.experiments.clearance_table.variants import VARIANTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.scene.object_sets import MAX_OBJECTS
 from planners.grasping.families import GRASP_SETS
 from planners.strategies import STRATEGIES
 
-__all__ = ["TableSettings", "failure_record", "run_trials", "summarise_table"]
+__all__ = ["TableSettings", "failure_record", "run_trials", "summarise_table", "table_seeds"]
 
 logger = logging.getLogger(__name__)
 
@@ -73,8 +73,8 @@ class TableSettings:
             if name not in VARIANTS:
                 raise ConfigError(f"no strategy {name!r}; known strategies: {', '.join(VARIANTS)}")
         for count in self.objects:
-            if count not in OBJECT_COUNTS:
-                raise ConfigError(f"objects={count} is not valid; valid numbers: {', '.join(map(str, OBJECT_COUNTS))}")
+            if not 1 <= count <= MAX_OBJECTS:
+                raise ConfigError(f"objects={count} is not valid; it must be from 1 to {MAX_OBJECTS}")
         if self.scenes < 1:
             raise ConfigError(f"scenes={self.scenes} is not valid; it must be at least 1")
 
@@ -104,7 +104,7 @@ def run_trials(settings: TableSettings, records: Records, workers: int, retry_cr
         with tqdm(desc=f"scenes with {objects} objects", unit="reset") as bar:
             for _ in trials.make(missing):
                 bar.update()
-                bar.set_postfix(obstructed=len(_table_seeds(settings, records, objects)))
+                bar.set_postfix(obstructed=len(table_seeds(settings, records, objects)))
     trials.try_strategies()
 
 
@@ -121,7 +121,7 @@ class _Trials:
         """Seeds that have not been assessed, in ascending order, until there are enough obstructed scenes."""
         settings = self.settings
         for seed in itertools.count(settings.seed):
-            if len(_table_seeds(settings, self.records, objects, before=seed)) >= settings.scenes:
+            if len(table_seeds(settings, self.records, objects, before=seed)) >= settings.scenes:
                 return
             if seed - settings.seed >= settings.scenes * _RESETS_PER_SCENE:
                 logger.warning("too few obstructed scenes with %d objects: stopped at seed %d", objects, seed)
@@ -134,7 +134,7 @@ class _Trials:
         trials = [
             self.settings.trial(objects, seed, name)
             for objects in self.settings.objects
-            for seed in _table_seeds(self.settings, self.records, objects)
+            for seed in table_seeds(self.settings, self.records, objects)
             for name in self.settings.strategies
         ]
         missing = [trial for trial in trials if self._is_missing(self.records.get(*trial.key))]
@@ -169,7 +169,7 @@ def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Sce
     """The scenes and the strategies' rows, from the trials there are."""
     scenes, rows = [], []
     for objects in settings.objects:
-        seeds = _table_seeds(settings, records, objects)
+        seeds = table_seeds(settings, records, objects)
         if not seeds:
             continue
         found = {
@@ -185,8 +185,8 @@ def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Sce
     return scenes, rows
 
 
-def _table_seeds(settings: TableSettings, records: Records, objects: int, before: int | None = None) -> list[int]:
-    """The seeds of the table's scenes: the first among those assessed that count, all below `before`."""
+def table_seeds(settings: TableSettings, records: Records, objects: int, before: int | None = None) -> list[int]:
+    """The seeds of the table's scenes: the first among those assessed that count, all below `before` if it is given."""
     found = records.assessments(objects)
     last = max(found, default=settings.seed) if before is None else before - 1
     counts = [seed for seed, scene in found.items() if scene.is_obstructed or not settings.only_obstructed]

@@ -15,7 +15,7 @@ from clutter_env.experiments.clearance_table.variants import VARIANTS
 from planners.execution.expert import ExpertConfig, TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
-from planners.tamp.solution import Infeasible
+from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "run_trial"]
 
@@ -118,6 +118,8 @@ class Attempt:
         fallen: number of objects that have fallen, in physics.
         disturbed: number of objects that have been disturbed, in physics.
         deviations: what made the expert replan, in physics.
+        is_taken_alone: whether the target of a scene without a plan is taken when it stands there alone; true where
+            there is a plan, and in physics, where it is not asked.
     """
 
     objects: int
@@ -140,6 +142,7 @@ class Attempt:
     fallen: int = 0
     disturbed: int = 0
     deviations: tuple[str, ...] = ()
+    is_taken_alone: bool = True
 
 
 def run_trial(trial: Trial) -> Assessment | Attempt:
@@ -174,9 +177,11 @@ def _solve(trial: Trial) -> Attempt:
     before = time.perf_counter()
     rng = np.random.default_rng(trial.seed)
     variant = VARIANTS[trial.strategy]
-    outcome = variant.planner(planner, scene).solve(scene, target, variant.strategy, rng, trial.time_limit)
+    planner = variant.planner(planner, scene)
+    outcome = planner.solve(scene, target, variant.strategy, rng, trial.time_limit)
     wall_s = time.perf_counter() - before
     failed = isinstance(outcome, Infeasible)
+    alone = replace(scene, objects=(scene.body(target),))
     stats = outcome.stats
     return Attempt(
         *trial.key,
@@ -191,6 +196,7 @@ def _solve(trial: Trial) -> Attempt:
         motion_planning_s=stats.motion_planning_s,
         total_s=stats.total_s,
         wall_s=wall_s,
+        is_taken_alone=not failed or isinstance(planner.solve(alone, target, variant.strategy, rng), Solution),
     )
 
 

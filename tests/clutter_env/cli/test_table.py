@@ -14,6 +14,7 @@ import pytest
 import planners.strategies
 from assets.robots import FETCH
 from clutter_env.cli.table import STRATEGIES, main
+from clutter_env.experiments.clearance_table.layouts import make_layout_row, summary
 from clutter_env.experiments.clearance_table.records import OtherSettings, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, summarise_scenes
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
@@ -85,6 +86,24 @@ def test_obstructed_means_that_no_level_grasp_reaches_the_target_whatever_the_gr
     assert np.isnan(attempts.ratio.mean), "nothing is divided by a floor of 0"
 
 
+def test_layouts_are_counted_against_the_targets_that_are_taken_alone() -> None:
+    failed = [replace(attempt(3, None), is_taken_alone=False), attempt(4, None), attempt(5, None, cause=CRASH)]
+    row = make_layout_row("shelf", table(attempt(1, 2), attempt(2, 3), *failed), {1: 2, 2: 2, 3: None, 4: 1, 5: 1})
+    assert (row.solved, row.alone, row.scenes, row.crashed) == (2, 3, 4, 1)
+    assert (row.cleared, row.floor, row.above, row.ratio) == (5, 4, 1, 1.25)
+    assert row.causes == {"motion": 1, "motion (alone too)": 1}
+    assert "| shelf | 15 | 2 / 3 | 4 | 5 / 4 (1.25) | 1 | 0 |" in summary([row])
+
+
+@pytest.mark.slow
+def test_layouts_are_compared_in_one_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--layouts", "shelf", "cabinet", "--objects", "3", "--scenes", "2", "--strategies", "lookahead"]
+    main([*words, "--no-obstructed", "--grasps", "all", "--workers", "1", "--out", str(tmp_path)])
+    assert "| cabinet | 3 | 2 / 2 | 2 |" in capsys.readouterr().out
+    rows = json.loads((tmp_path / "layouts.json").read_text())["rows"]
+    assert [(row["layout"], row["solved"]) for row in rows] == [("shelf", 2), ("cabinet", 2)]
+
+
 def test_records_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
     path, settings = tmp_path / "trials.jsonl", {"layout": "paper"}
     records = Records(path, settings)
@@ -143,8 +162,14 @@ def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "wrong", [["--objects", "16"], ["--strategies", "best"], ["--scenes", "0"], ["--workers", "0"]]
+    "wrong",
+    [["--objects", "61"], ["--strategies", "best"], ["--scenes", "0"], ["--workers", "0"]],
 )
 def test_wrong_arguments_are_named(wrong: list[str], tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=f"{wrong[0].removeprefix('--')}.*{wrong[1]}|{wrong[1]}.*strateg"):
         main([*wrong, "--out", str(tmp_path)])
+
+
+def test_a_wrong_layout_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"attic.*valid names: 'paper'"):
+        main(["--layouts", "shelf", "attic", "--out", str(tmp_path)])
