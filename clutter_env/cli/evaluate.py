@@ -23,7 +23,8 @@ class Arguments:
     suite: str = "side-15-v1"
     """Name of the suite."""
     policy: str = "lookahead"
-    """A strategy of the expert ("lookahead", "ngr", "dogar", "srivastava"), "random", "bulldozer", or module:Class."""
+    """A strategy of the expert with side grasps ("lookahead", "ngr", "dogar", "srivastava") or with all grasps
+    ("lookahead-all", …), "random", "bulldozer", or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import gymnasium as gym
 
-from clutter_env.learning.demonstrations.experts import STRATEGY_NAMES, Expert, make_expert
+from clutter_env.learning.demonstrations.experts import STRATEGY_NAMES, Expert, PlannerExpert
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer, random_agent
 from clutter_env.suites import GRASPS
@@ -39,17 +39,20 @@ class SuitePolicy(Protocol):
 
 
 class ExpertPolicy:
-    """The task and motion planning expert with side grasps, which reads the exact state of the simulation."""
+    """The task and motion planning expert, which reads the exact state of the simulation.
 
-    grasps = "side"
+    Attributes:
+        grasps: the grasps that it chooses from, "side" or "all"; with "all" it also puts objects on every support.
+    """
 
-    def __init__(self, strategy: str) -> None:
+    def __init__(self, strategy: str, grasps: str) -> None:
+        self.grasps = grasps
         self._strategy = strategy
         self._expert: Expert | None = None
 
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
-        self._expert = make_expert(env, self._strategy)
+        self._expert = PlannerExpert(env, self._strategy, self.grasps)
         self._expert.reset()
 
     @property
@@ -86,8 +89,13 @@ class RandomPolicy:
         return self._act(observation)
 
 
-BUILT_IN = (*STRATEGY_NAMES, "random", "bulldozer")
-"""Names of the built-in policies."""
+_ALL_GRASPS = "-all"
+_EXPERTS = {name: (name, "side") for name in STRATEGY_NAMES} | {
+    name + _ALL_GRASPS: (name, "all") for name in STRATEGY_NAMES
+}
+"""Strategy and grasps of each expert."""
+BUILT_IN = (*_EXPERTS, "random", "bulldozer")
+"""Names of the built-in policies; the experts "…-all" choose from all grasps, the others from side grasps."""
 
 
 def load_policy(name: str, seed: int) -> SuitePolicy:
@@ -101,8 +109,8 @@ def load_policy(name: str, seed: int) -> SuitePolicy:
     Raises:
         LearningError: there is no such policy, or it lacks the methods of the protocol.
     """
-    if name in STRATEGY_NAMES:
-        return ExpertPolicy(name)
+    if name in _EXPERTS:
+        return ExpertPolicy(*_EXPERTS[name])
     if name == "random":
         return RandomPolicy(seed)
     if name == "bulldozer":

@@ -125,17 +125,17 @@ class ScriptedExpert:
 
 
 class PlannerExpert:
-    """`planners.TampExpert` with side grasps, as the learning problem has them, and without a time limit.
+    """`planners.TampExpert` without a time limit, with side grasps if not told otherwise, as the learning problem has.
 
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
     """
 
-    def __init__(self, env: gym.Env, strategy: str) -> None:
+    def __init__(self, env: gym.Env, strategy: str, grasps: str = "side") -> None:
         # The scripts do without the planner and its compiled kernels.
         from planners.execution.expert import ExpertConfig, TampExpert
 
         config = ExpertConfig(planning_s=math.inf)
-        self._expert = TampExpert(env, strategy=strategy, grasps="side", config=config)
+        self._expert = TampExpert(env, strategy=strategy, grasps=grasps, config=config)
 
     @property
     def done(self) -> bool:

@@ -148,6 +148,7 @@ def test_results_are_broken_down_by_the_floor_of_the_policy_s_grasps(grasps: str
         policy.grasps = grasps  # type: ignore[attr-defined]  # the attribute is optional
     assert play_scene(scene, scene.make(), policy).floor == floor
     assert policy_grasps(load_policy("lookahead", 0)) == "side"
+    assert policy_grasps(load_policy("lookahead-all", 0)) == "all"
 
 
 @pytest.mark.usefixtures("folder")
