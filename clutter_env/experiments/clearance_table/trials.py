@@ -10,7 +10,7 @@ from typing import Any, Literal
 import gymnasium as gym
 import numpy as np
 
-import clutter_env  # noqa: F401 - registers the environments
+from clutter_env import time_limit
 from clutter_env.experiments.clearance_table.variants import VARIANTS
 from planners.execution.expert import ExpertConfig, TampExpert
 from planners.planner import Planner
@@ -259,6 +259,7 @@ def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
 @cache
 def _environment(objects: int, layout: str, control_mode: str) -> gym.Env:
     keywords: dict[str, Any] = {"num_objects": objects, "layout": layout, "control_mode": control_mode}
+    keywords["max_episode_steps"] = time_limit(objects)
     return gym.make("clutter_env/Retrieve-o15-v0", disable_env_checker=True, **keywords)
 
 

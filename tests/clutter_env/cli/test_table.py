@@ -13,7 +13,9 @@ import pytest
 
 import planners.strategies
 from assets.robots import FETCH
+from clutter_env import time_limit
 from clutter_env.cli.table import STRATEGIES, main
+from clutter_env.experiments.clearance_table import trials
 from clutter_env.experiments.clearance_table.layouts import make_layout_row, summary
 from clutter_env.experiments.clearance_table.records import OtherSettings, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, summarise_scenes
@@ -173,3 +175,10 @@ def test_wrong_arguments_are_named(wrong: list[str], tmp_path: Path) -> None:
 def test_a_wrong_layout_is_named(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"attic.*valid names: 'paper'"):
         main(["--layouts", "shelf", "attic", "--out", str(tmp_path)])
+
+
+@pytest.mark.parametrize("objects", [8, 15, 40])
+def test_a_trial_has_the_time_limit_of_its_number_of_objects(objects: int) -> None:
+    env = trials._environment(objects, "paper", "joint")
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == time_limit(objects)
