@@ -90,6 +90,8 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
     found = task_plan(search, state.symbols)
     if isinstance(found, TaskPlan):
         return found
+    if found.reason == "gave up" and search.motion_layer.deadline.is_over:
+        return out_of_time(search)
     detail = f"{found.engine} found no task plan: {found.reason}"
     return infeasible(search, _CAUSES[found.reason], detail, found.evidence)
 
@@ -160,6 +162,7 @@ def record(
 ) -> None:
     """Keep what this turn of the loop tried and learnt, as in Fig. 11."""
     new = after.symbols.facts - before.symbols.facts if isinstance(after, PlanState) else frozenset()
-    refuted = str(error.action) if isinstance(error, Refutation) else error.detail
+    refuted, reason = (str(error.action), error.reason) if isinstance(error, Refutation) else (error.detail, "")
     plan = tuple(str(action) for action in skeleton.actions)
-    search.history.append(ReplanRecord(plan, verified, refuted, tuple(sorted(format_atom(fact) for fact in new))))
+    facts = tuple(sorted(format_atom(fact) for fact in new))
+    search.history.append(ReplanRecord(plan, verified, refuted, facts, reason))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from planners.cause import Cause
 from planners.clearing.lookahead import keep_clear
-from planners.motion.arm import BlockedBy
+from planners.motion.arm import NoPath
 from planners.symbolic.problem import GroundAction
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import Infeasible
@@ -43,7 +43,7 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
     if isinstance(driven, BoundMotion):
         return driven
     search.motion_layer.ban(state.scene, grasp)
-    return Refutation(action)
+    return Refutation(action, reason=driven.reason)
 
 
 def _drive_to_put_down(search: Search, state: PlanState, location: str) -> BoundMotion | Infeasible:
@@ -76,10 +76,11 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     picked = search.motion_layer.pick_up(state.scene, grasp)
     if isinstance(picked, BoundMotion):
         return picked
-    if isinstance(picked, BlockedBy) and picked.phase == "grasp":
-        return Refutation(action, frozenset(picked.blockers))
-    if isinstance(picked, BlockedBy):
-        search.motion_layer.obstruct(state.scene, grasp, picked.blockers)
-    else:
+    if isinstance(picked, NoPath):
         search.motion_layer.ban(state.scene, grasp)
-    return Refutation(action)
+        return Refutation(action, reason=picked.reason)
+    reason = f"{picked.phase}: {', '.join(sorted(picked.blockers))} in the way"
+    if picked.phase == "grasp":
+        return Refutation(action, frozenset(picked.blockers), reason)
+    search.motion_layer.obstruct(state.scene, grasp, picked.blockers)
+    return Refutation(action, reason=reason)

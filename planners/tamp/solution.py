@@ -82,12 +82,14 @@ class ReplanRecord:
         verified: how many of its actions were bound.
         refuted: the action that motion planning refuted, "" for none.
         new_facts: facts learnt from the refutation, as text.
+        reason: why motion planning refuted the action, "" for none.
     """
 
     plan: tuple[str, ...]
     verified: int
     refuted: str
     new_facts: tuple[str, ...]
+    reason: str = ""
 
 
 @dataclass(frozen=True)

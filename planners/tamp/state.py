@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -54,10 +55,17 @@ class PlanState:
 
 @dataclass(frozen=True)
 class Refutation:
-    """An action that motion planning refuted, and the objects in its way; none if other grasps must be chosen."""
+    """An action that motion planning refuted.
+
+    Attributes:
+        action: which.
+        blockers: the objects in its way; none if other grasps must be chosen.
+        reason: why there is no motion.
+    """
 
     action: GroundAction
     blockers: frozenset[str] = frozenset()
+    reason: str = ""
 
 
 @dataclass
@@ -86,12 +94,22 @@ def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ..
     """The end of the search without a plan.
 
     A cause that lies in the grasps alone is one only as long as no grasp was refuted and no object moved; it is the
-    motions afterwards.
+    motions afterwards. Where motions were refuted until nothing or no time was left, the detail says why.
     """
     cleared = tuple(search.clearances)
     if cause in _BY_GRASPS and (search.motion_layer.has_refuted or search.history or cleared):
         cause = Cause.MOTION
+    if cause in (Cause.MOTION, Cause.TIME_LIMIT):
+        detail += _usual_refutation(search.history)
     return Infeasible(cause, detail, objects, cleared, stats(search), search.target, search.strategy)
+
+
+def _usual_refutation(history: Sequence[ReplanRecord]) -> str:
+    """The most frequent reason why motion planning refuted actions, "" without any."""
+    reasons = Counter(record.reason for record in history if record.reason)
+    for reason, count in reasons.most_common(1):
+        return f"; {count} of {len(history)} refutations: {reason}"
+    return ""
 
 
 def out_of_time(search: Search) -> Infeasible:
