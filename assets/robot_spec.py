@@ -166,7 +166,11 @@ class RobotSpec:
     @property
     def max_opening(self) -> float:
         """[m] between the pads of the fully open gripper."""
-        return self.finger_gap_closed + 2 * self.max_finger_position
+        return self.opening(self.max_finger_position)
+
+    def opening(self, finger_position: float) -> float:
+        """[m] between the pads at a finger joint position [m]."""
+        return self.finger_gap_closed + 2 * finger_position
 
     def finger_position(self, opening: float) -> float:
         """Finger joint position [m] at which the pads are `opening` [m] apart, clipped to the joint's range."""

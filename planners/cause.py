@@ -24,3 +24,8 @@ class Cause(StrEnum):
     NO_CLEARANCE_LOCATION = "no clearance location"
     MOTION = "motion"
     TIME_LIMIT = "time limit"
+
+    @property
+    def lies_in_grasps(self) -> bool:
+        """Whether it follows from the grasps alone, before any motion is planned."""
+        return self in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.self_collision import self_collision_pairs
+from irm.arm.collision_pairs import self_collision_pairs
 from irm.errors import ChainError
 
 __all__ = ["APPROACHES", "ModelArm", "read_arm"]

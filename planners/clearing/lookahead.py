@@ -218,8 +218,7 @@ def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> 
     """A placement for every object to clear, found by simulating the clearances in order; or the object without one."""
     scene, remaining = problem.scene, commitments
     placements: dict[str, Placement] = {}
-    held = () if scene.held is None else (scene.held.name,)
-    for name in (*held, *commitments.order):
+    for name in (*scene.held_names, *commitments.order):
         done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
         if done is None:
             return name

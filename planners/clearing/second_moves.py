@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 from planners.clearing.commitments import Commitments
 from planners.clearing.lookahead import (
@@ -44,7 +45,7 @@ class _Context:
 
     order_by_task_plan: OrderByTaskPlan
     is_usable: IsUsable
-    candidates_afresh: Callable[[], GraspCandidates]
+    new_candidates: Callable[[], GraspCandidates]
     tries: int = _TRIES
 
 
@@ -56,11 +57,18 @@ class _FirstMoves:
     scene: Scene
 
 
+class _Turn(NamedTuple):
+    """Before a clearance: the scene, and the commitments to what remains to be done."""
+
+    scene: Scene
+    remaining: Commitments
+
+
 def plan_with_second_moves(
     problem: ClearingProblem,
     order_by_task_plan: OrderByTaskPlan,
     is_usable: IsUsable,
-    candidates_afresh: Callable[[], GraspCandidates],
+    new_candidates: Callable[[], GraspCandidates],
     second_moves: int,
 ) -> ClearancePlan | None:
     """The plan with the fewest clearances among those looked at; None if none is found.
@@ -71,22 +79,22 @@ def plan_with_second_moves(
     Args:
         problem: for which no monotone plan was found.
         order_by_task_plan, is_usable: as for `commitments_for`.
-        candidates_afresh: makes grasp candidates for another arrangement of the objects.
+        new_candidates: makes grasp candidates for another arrangement of the objects.
         second_moves: provisional put-downs that the whole plan may have.
     """
-    context = _Context(order_by_task_plan, is_usable, candidates_afresh)
-    plans = (_plan(problem, context, count) for count in range(1, second_moves + 1))
+    context = _Context(order_by_task_plan, is_usable, new_candidates)
+    plans = (_best_plan(problem, context, count) for count in range(1, second_moves + 1))
     return next((plan for plan in plans if plan is not None), None)
 
 
-def _plan(problem: ClearingProblem, context: _Context, second_moves: int) -> ClearancePlan | None:
+def _best_plan(problem: ClearingProblem, context: _Context, second_moves: int) -> ClearancePlan | None:
     """The best plan with so many provisional put-downs."""
     best: ClearancePlan | None = None
     for first in _first_moves(problem, context):
         if context.tries <= 0 or problem.deadline.is_over:
             break
         context.tries -= 1
-        rest = _rest(problem, context, first.scene, second_moves - 1)
+        rest = _plan_rest(problem, context, first.scene, second_moves - 1)
         if rest is not None:
             moves = first.plan.moves + rest.moves
             if best is None or moves < best.moves:
@@ -96,9 +104,9 @@ def _plan(problem: ClearingProblem, context: _Context, second_moves: int) -> Cle
     return best
 
 
-def _rest(problem: ClearingProblem, context: _Context, scene: Scene, second_moves: int) -> ClearancePlan | None:
+def _plan_rest(problem: ClearingProblem, context: _Context, scene: Scene, second_moves: int) -> ClearancePlan | None:
     """A plan for the target from a scene on."""
-    strategy, candidates = problem.strategy, context.candidates_afresh()
+    strategy, candidates = problem.strategy, context.new_candidates()
     less = replace(strategy, sets=min(strategy.sets, _SETS), variations=min(strategy.variations, _VARIATIONS))
     rest = replace(problem, scene=scene, candidates=candidates, strategy=less)
     for _ in range(_REJECTIONS):
@@ -109,45 +117,51 @@ def _rest(problem: ClearingProblem, context: _Context, scene: Scene, second_move
             break
         for grasp in found.grasps:
             candidates.ban(scene, grasp)
-    return _plan(rest, context, second_moves) if second_moves else None
+    return _best_plan(rest, context, second_moves) if second_moves else None
 
 
 def _first_moves(problem: ClearingProblem, context: _Context) -> Iterator[_FirstMoves]:
+    """What each usable alternative of commitments offers."""
     for commitments in alternatives(problem):
         if not isinstance(commitments, Commitments) or problem.deadline.is_over:
             return
         if all(context.is_usable(problem.scene, grasp) for grasp in commitments.grasps.values()):
-            yield from _provisional(problem, context.order_by_task_plan(commitments))
+            yield from _put_aside(problem, context.order_by_task_plan(commitments))
 
 
-def _provisional(problem: ClearingProblem, commitments: Commitments) -> Iterator[_FirstMoves]:
+def _put_aside(problem: ClearingProblem, commitments: Commitments) -> Iterator[_FirstMoves]:
     """Clearances in order until an object finds no location; from there backwards, one put aside provisionally."""
-    scenes, remaining = [problem.scene], [commitments]
+    names = (*problem.scene.held_names, *commitments.order)
+    turns, placements = _simulate_until_stuck(problem, commitments, names)
+    if len(placements) == len(names):
+        return
+    for count in reversed(range(len(placements) + 1)):
+        name, before = names[count], turns[count]
+        for keep in _next_grasps(commitments, names[count + 1 :]):
+            done = simulate_clearance(problem, before.scene, before.remaining, name, keep)
+            if done is not None:
+                chosen = MappingProxyType({**dict(placements[:count]), name: done[0]})
+                yield _FirstMoves(ClearancePlan(commitments, chosen, name, count + 1), done[1])
+
+
+def _simulate_until_stuck(
+    problem: ClearingProblem, commitments: Commitments, names: tuple[str, ...]
+) -> tuple[list[_Turn], list[tuple[str, Placement]]]:
+    """The turns of clearing `names` in order, and the placements, up to the first object that finds no location."""
+    turns = [_Turn(problem.scene, commitments)]
     placements: list[tuple[str, Placement]] = []
-    names = _names(problem.scene, commitments)
     for name in names:
-        keep = keep_clear(problem.strategy, remaining[-1], name)
-        done = simulate_clearance(problem, scenes[-1], remaining[-1], name, keep)
+        scene, remaining = turns[-1]
+        keep = keep_clear(problem.strategy, remaining, name)
+        done = simulate_clearance(problem, scene, remaining, name, keep)
         if done is None:
             break
         placements.append((name, done[0]))
-        scenes.append(done[1])
-        remaining.append(remaining[-1].without(name))
-    for turn in reversed(range(len(placements) + 1 if len(placements) < len(names) else 0)):
-        for keep in _next_ones(commitments, names[turn + 1 :]):
-            done = simulate_clearance(problem, scenes[turn], remaining[turn], names[turn], keep)
-            if done is not None:
-                chosen = MappingProxyType(dict([*placements[:turn], (names[turn], done[0])]))
-                yield _FirstMoves(ClearancePlan(commitments, chosen, names[turn], turn + 1), done[1])
+        turns.append(_Turn(done[1], remaining.without(name)))
+    return turns, placements
 
 
-def _names(scene: Scene, commitments: Commitments) -> tuple[str, ...]:
-    """The objects to put aside in order, first the one in the gripper."""
-    held = () if scene.held is None else (scene.held.name,)
-    return (*held, *commitments.order)
-
-
-def _next_ones(commitments: Commitments, later: tuple[str, ...]) -> Iterator[KeepClear]:
+def _next_grasps(commitments: Commitments, later: tuple[str, ...]) -> Iterator[KeepClear]:
     """What a provisional put-down keeps clear: all obstacles that follow, half of them, or the next one alone."""
     for count in dict.fromkeys((len(later), (len(later) + 1) // 2, 1)):
         if 0 < count <= len(later):

@@ -24,8 +24,7 @@ def validate(world: CollisionWorld) -> None:
         SceneError: they do, or it is; the message names them.
     """
     scene = world.scene
-    held = "" if scene.held is None else scene.held.name
-    pairs = [pair for pair in _overlaps(world) if held not in pair]
+    pairs = [pair for pair in _overlaps(world) if not set(scene.held_names) & set(pair)]
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
     if _touches_static(world.with_padding(-OVERLAP)):

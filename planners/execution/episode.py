@@ -67,7 +67,7 @@ class Episode:
         scene = self._read_scene()
         self._stood_at = height_below(scene, scene.body(target))
         state = scene.state
-        opening = env.robot.finger_gap_closed + 2 * state.finger_position
+        opening = env.robot.opening(state.finger_position)
         self._last = Command(self._sensor.read().drive, opening)
         if config.with_floor:
             before = time.process_time()

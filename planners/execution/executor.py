@@ -204,7 +204,7 @@ class Executor:
         """
         sample = self._trajectory.sample(self._time)
         drive = np.concatenate((sample.base, sample.q))
-        opening = self._robot.finger_gap_closed + 2 * sample.finger_position
+        opening = self._robot.opening(sample.finger_position)
         if self.deviation is not None:
             is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held
             if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:

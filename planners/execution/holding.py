@@ -29,7 +29,7 @@ def held_object(scene: Scene) -> str:
         scene: a snapshot in which nothing is said to be held, so that the finger position is the measured one.
     """
     T_world_tcp = tcp_pose(scene.robot, scene.state)
-    gap = scene.robot.finger_gap_closed + 2 * scene.state.finger_position
+    gap = scene.robot.opening(scene.state.finger_position)
     for body in scene.objects:
         is_lifted = body.bottom > height_below(scene, body) + _OFF_SUPPORT
         if is_lifted and _is_between_fingers(body, T_world_tcp, gap):

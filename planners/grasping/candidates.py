@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
 from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.resting import objects_on
+from planners.collision.stacking import objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, GraspFamily
@@ -148,8 +148,8 @@ class GraspCandidates:
         self._known[name] = _Known(known, unseen)
         return known
 
-    def afresh(self) -> GraspCandidates:
-        """The same without what is known of any scene."""
+    def blank_copy(self) -> GraspCandidates:
+        """The same placer, arm and grasp set, with nothing known of any scene."""
         return GraspCandidates(self.placer, self.chain, self.config, self.compiled, self.families)
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
@@ -176,13 +176,14 @@ class GraspCandidates:
             return ()
         wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        covered = is_covered(scene, (*body.position[:2], body.bottom))
+        covered = is_covered(scene, body.foot)
         candidates: list[GraspCandidate] = []
         for most in _BASES:
             bases, index = self.placer.bases(wanted, most)
             found = self._scan(scene, body, GripperPoses(bases, wanted[index]), opening, covered)
             candidates = [replace(grasp, drives=covered) for grasp in found]
-            if any(not grasp.blockers for grasp in candidates) if covered else candidates:
+            is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
+            if is_enough:
                 break
         return candidates
 
@@ -190,8 +191,7 @@ class GraspCandidates:
         self, scene: Scene, body: Body, poses: GripperPoses, opening: float, covered: bool
     ) -> Iterator[GraspCandidate]:
         """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
-        world, held = self.compiled.world(scene), () if scene.held is None else (scene.held.name,)
-        ignore = scene.mask({body.name, *held})
+        world, ignore = self.compiled.world(scene), scene.mask({body.name, *scene.held_names})
         if covered:
             found = driven_configurations(world, body, poses, self._grid(), opening, ignore=ignore)
         else:
@@ -212,9 +212,8 @@ def _sorted(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:
 
 def _same_objects(one: Scene, other: Scene) -> bool:
     """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
-    held = (one.held.name if one.held else "") == (other.held.name if other.held else "")
     return (
-        held
+        one.held_names == other.held_names
         and len(one.objects) == len(other.objects)
         and all(
             a is b

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.resting import with_room_below
+from planners.collision.stacking import with_room_below
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import FIXED_BITS, on_base, tcp_pose
 from planners.motion.arm_query import ArmQuery
@@ -143,7 +143,7 @@ def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, i
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
     openings = _openings(world.scene.robot, body, T_world_tcp)
-    loaded, covered = with_room_below(world, name), is_covered(world.scene, _foot(body))
+    loaded, covered = with_room_below(world, name), is_covered(world.scene, body.foot)
     return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore, covered)
 
 
@@ -158,7 +158,7 @@ def release_context(
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     placed = world.scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
     openings = _openings(world.scene.robot, placed, T_world_tcp)
-    covered, standing = is_covered(world.scene, _foot(placed)), np.array(base, dtype=float)
+    covered, standing = is_covered(world.scene, placed.foot), np.array(base, dtype=float)
     return GraspContext(world.with_body(placed), world, standing, q, *openings, held, ignore, covered), placed
 
 
@@ -166,11 +166,6 @@ def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, 
     """[m] between the fingers of a gripper at a pose (4, 4): open around an object, and closed on it."""
     grip = 2.0 * body.half_extent_along(T_world_tcp[:3, 1])
     return min(grip + 2 * SIDE_CLEARANCE, robot.max_opening), grip
-
-
-def _foot(body: Body) -> Array:
-    """(3,) [m] the point under an object's centre on which it stands."""
-    return np.array([*body.position[:2], body.bottom])
 
 
 def approach_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:

@@ -16,7 +16,7 @@ from planners.motion.sampling.rrt import rrt_connect
 from planners.motion.sampling.smoothing import shortcut
 from planners.scene import HeldObject
 
-__all__ = ["BasePath", "plan_base"]
+__all__ = ["BasePath", "plan_base", "unwrap_yaw"]
 
 DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
 """Detours around static obstacles are far from the straight line: no share of the targets is drawn near it."""
@@ -85,7 +85,7 @@ def plan_base(
     here, there, configuration = (np.array(v, dtype=float) for v in (start, goal, q))
     if opening is None:
         opening = 0.0 if held is not None else world.scene.robot.max_opening
-    there[2] = here[2] + math.remainder(there[2] - here[2], 2 * math.pi)
+    there[2] = unwrap_yaw(there[2], here[2])
     for padded in (world.with_padding(ROOM), world):
         for waypoints in _simple_paths(here, there):
             path = BasePath(waypoints, configuration, held)
@@ -99,6 +99,11 @@ def plan_base(
     if found is None:
         return NoPath("drive: no way around the static obstacles found")
     return BasePath(found, configuration, held)
+
+
+def unwrap_yaw(yaw: float, near: float) -> float:
+    """The same yaw [rad], at most half a turn away from another one."""
+    return near + math.remainder(yaw - near, 2 * math.pi)
 
 
 def _simple_paths(start: Array, goal: Array) -> Iterator[Array]:

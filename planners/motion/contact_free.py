@@ -22,7 +22,7 @@ from planners.motion.timing import finger_ramp, round_corners, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject, RobotState
 
-__all__ = ["ContactFree", "merged", "phases_of"]
+__all__ = ["ContactFree", "merge_phases", "phases_of"]
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def phases_of(trajectory: Trajectory) -> list[Trajectory]:
     ]
 
 
-def merged(world: CollisionWorld, motion: ContactFree) -> list[Trajectory] | None:
+def merge_phases(world: CollisionWorld, motion: ContactFree) -> list[Trajectory] | None:
     """The same phases on a shorter way, timed as one motion; None if none is found that takes less time.
 
     The phases keep their shares of the time. The fingers move while the robot does.
@@ -140,7 +140,7 @@ class _Checks(NamedTuple):
         """Those with the widest opening of the motion."""
         first = motion.phases[0].phases[0]
         widest = max(float(phase.finger_position.max()) for phase in motion.phases)
-        return cls(world, world.scene.robot.finger_gap_closed + 2 * widest, first.touched if first.held else None)
+        return cls(world, world.scene.robot.opening(widest), first.touched if first.held else None)
 
     def is_free(self, path: Array) -> bool:
         """Whether a path keeps `ROOM` from all but the robot itself."""

@@ -31,7 +31,7 @@ def is_among_objects(world: CollisionWorld, state: RobotState) -> bool:
     """Whether the robot, away from home, is nearer than `ROOM` to something other than itself."""
     if np.array_equal(state.q, unwrap_joints(world.robot, state.q, world.scene.robot.home)):
         return False
-    gap, held = world.scene.robot.finger_gap_closed + 2 * state.finger_position, world.scene.held
+    gap, held = world.scene.robot.opening(state.finger_position), world.scene.held
     return bool(world.with_padding(ROOM).hits(state.base, state.q, gap, held, 1 << SELF_BIT))
 
 
@@ -50,7 +50,7 @@ def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator
         the path, whose `opening` the gripper takes before it; or why there is none.
     """
     held, robot = world.scene.held, world.scene.robot
-    gap = robot.finger_gap_closed + 2 * state.finger_position
+    gap = robot.opening(state.finger_position)
     touched, is_among = world.hits(state.base, state.q, gap, held), is_among_objects(world, state)
     opening = min(gap + 2 * SIDE_CLEARANCE, robot.max_opening) if touched and held is None else gap
     for padded in (world, world.with_padding(0.0), world.with_padding(-OVERLAP)):

@@ -8,7 +8,6 @@ another base pose than the start, the free path to it begins with a drive.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -29,6 +28,7 @@ from planners.motion.approaches import (
 )
 from planners.motion.arm import BlockedBy, NoPath, unwrap_joints
 from planners.motion.arm_query import DEFAULT_EFFORT, RRTConfig
+from planners.motion.base import unwrap_yaw
 from planners.motion.free_paths import SAME_BASE, Task, free_paths
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import Body, HeldObject
@@ -233,7 +233,7 @@ def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Ar
     x, inside = np.array(start, dtype=float), np.array(base, dtype=float)
     if len(x) == len(world.robot.lower):
         return inside, inside, x
-    inside[2] = x[2] + math.remainder(inside[2] - x[2], 2 * math.pi)
+    inside[2] = unwrap_yaw(inside[2], x[2])
     is_there = np.abs(inside - x[:3]).max() < SAME_BASE
     return (x[:3] if is_there else inside), x[:3], x[3:]
 

@@ -47,7 +47,6 @@ class Placement:
         q: (8,) torso [m] and arm [rad] when the fingers open.
         yaw, pitch: [rad] of the gripper.
         opening: of the gripper [m] after the release.
-        drives: whether the base has to move there first.
         surfaces: the supports that were looked at, with the regions that the object keeps out of.
     """
 
@@ -57,7 +56,6 @@ class Placement:
     yaw: float
     pitch: float
     opening: float
-    drives: bool
     surfaces: tuple[Surface, ...] = field(default=(), repr=False)
 
     @property
@@ -159,7 +157,7 @@ class PlacementSearch:
         near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
         if len(near):
             bases = np.tile(np.array(scene.state.base), (len(near), 1))
-            yield from self._configurations(world, GripperPoses(bases, near), location[2], drives=False)
+            yield from self._configurations(world, GripperPoses(bases, near), location[2])
 
     def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
         """The placement at a location (3,) from wherever the base may stand, if there is one."""
@@ -167,9 +165,7 @@ class PlacementSearch:
         if len(gripper_poses):
             bases, index = self.placer.bases(gripper_poses)
             if len(bases):
-                yield from self._configurations(
-                    world, GripperPoses(bases, gripper_poses[index]), location[2], drives=True
-                )
+                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
         """Which locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
@@ -198,13 +194,11 @@ class PlacementSearch:
         height = location[2] + half_height + _GAP - offset[2]
         return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
 
-    def _configurations(
-        self, world: CollisionWorld, poses: GripperPoses, level: float, drives: bool
-    ) -> Iterator[Placement]:
+    def _configurations(self, world: CollisionWorld, poses: GripperPoses, level: float) -> Iterator[Placement]:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
         scene = world.scene
         assert scene.held is not None
-        opening, own = self._opening(scene), scene.mask([scene.held.name])
+        opening, own = self._opening(scene), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
         if is_covered(scene, (*placed.position[:2], level)):
             found = driven_configurations(
@@ -217,7 +211,7 @@ class PlacementSearch:
             if can_put_down(world, base, found.q[best], scene.held):
                 yaw, pitch = map(float, pose[3:])
                 placed = put_down(scene, pose, level)
-                yield Placement(placed, base, found.q[best], yaw, pitch, opening, drives)
+                yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
 
     def _opening(self, scene: Scene) -> float:

@@ -115,6 +115,11 @@ class Body:
         """[m] height of the highest point."""
         return float(self.position[2]) + self.half_extent_along((0.0, 0.0, 1.0))
 
+    @property
+    def foot(self) -> NDArray[np.float64]:
+        """(3,) [m] the point under its centre at the height of its lowest point."""
+        return np.array([*self.position[:2], self.bottom])
+
     @cached_property
     def is_upright(self) -> bool:
         """Whether its own z axis points up, within `UPRIGHT_TILT`."""

@@ -103,6 +103,11 @@ class Scene:
         known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
         raise SceneError(f"no support {name!r}; static obstacles with a level top: {known or 'none'}")
 
+    @property
+    def held_names(self) -> tuple[str, ...]:
+        """Name of the object in the gripper; () for none."""
+        return () if self.held is None else (self.held.name,)
+
     def mask(self, names: Iterable[str]) -> int:
         """The bits of these objects."""
         return sum({1 << self.index(name) for name in names})

@@ -18,7 +18,7 @@ from planners.symbolic.transitions import GraspObstructed, obstruction_problem, 
 from planners.tamp.binding import bind_action
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.references import bind_grasps, rebind_grasps, task_plan
-from planners.tamp.shortening import shortened
+from planners.tamp.shortening import shorten
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
 from planners.tamp.state import PlanState, Refutation, Search, infeasible, out_of_time, stats
 
@@ -61,7 +61,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                 break
     if isinstance(state, Infeasible):
         return state
-    actions = shortened_plan(search)
+    actions = shorten_plan(search)
     return Solution(actions, tuple(search.clearances), stats(search), search.target, search.strategy)
 
 
@@ -141,13 +141,13 @@ def update_initial_state_from_error(
     return rebind_grasps(search, obstructed, state.scene)
 
 
-def shortened_plan(search: Search) -> tuple[BoundAction, ...]:
+def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
     """F in less simulated time; a robot that is told TCP poses rests between the actions."""
     motion_layer = search.motion_layer
     if motion_layer.follower is not None:
         return tuple(search.plan)
     before = cpu_seconds()
-    actions = shortened(search.plan, motion_layer.candidates.compiled, motion_layer.is_accepted)
+    actions = shorten(search.plan, motion_layer.candidates.compiled, motion_layer.is_accepted)
     search.motion_planning_s += cpu_seconds() - before
     return actions
 

@@ -21,8 +21,7 @@ def is_final(outcome: Solution | Infeasible, motion_layer: MotionLayer) -> bool:
     """
     if isinstance(outcome, Solution):
         return not outcome.duplicated
-    by_grasps = outcome.cause in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
-    is_proved = by_grasps and not motion_layer.candidates.config.near_home
+    is_proved = outcome.cause.lies_in_grasps and not motion_layer.candidates.config.near_home
     return is_proved or outcome.cause is Cause.TIME_LIMIT
 
 

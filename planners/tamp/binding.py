@@ -62,7 +62,7 @@ def _drive_to_put_down(search: Search, state: PlanState, location: str) -> Bound
                 return replace(driven, location=location, put_down=put_down)
     if motion_layer.deadline.is_over:
         return out_of_time(search)
-    detail = f"no place on the table for {name} that keeps clear of what remains to be done"
+    detail = f"no location for {name} that keeps clear of what remains to be done"
     return infeasible(search, Cause.NO_CLEARANCE_LOCATION, detail, (name,))
 
 

@@ -114,15 +114,15 @@ class MotionLayer:
             self.floor_limits,
             self.deadline,
         )
-        found = self._choose_grasps(problem, order_by_task_plan)
+        found = self._usable_commitments(problem, order_by_task_plan)
         if isinstance(found, NoCommitment) and left_alone and not self.deadline.is_over:
             problem = replace(problem, candidates=self.candidates)
-            found = self._choose_grasps(problem, order_by_task_plan)
+            found = self._usable_commitments(problem, order_by_task_plan)
         if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
             return found
         second_moves = strategy.second_moves - (len(cleared) - len(set(cleared)))
         non_monotone = plan_with_second_moves(
-            problem, order_by_task_plan, self._is_usable, self.candidates.afresh, second_moves
+            problem, order_by_task_plan, self._is_usable, self.candidates.blank_copy, second_moves
         )
         return non_monotone or found
 
@@ -143,9 +143,10 @@ class MotionLayer:
         else:
             self.candidates.obstruct(scene, grasp, blockers)
 
-    def _choose_grasps(
+    def _usable_commitments(
         self, problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan
     ) -> ClearancePlan | NoCommitment:
+        """The first commitments to grasps that are all usable; those that are not are rejected on the way."""
         while True:
             found = commitments_for(problem, order_by_task_plan, self._is_usable)
             if isinstance(found, NoCommitment):
@@ -157,8 +158,8 @@ class MotionLayer:
 
     def _with_cause(self, found: NoCommitment) -> NoCommitment:
         """Where grasps were refuted by motion planning, it is not the grasps alone that leave no commitments."""
-        by_grasps = found.cause in (Cause.UNREACHABLE, Cause.NO_SELF_CLEARABLE_SET)
-        return replace(found, cause=Cause.MOTION, proved=False) if by_grasps and self.has_refuted else found
+        is_refuted = self.has_refuted and found.cause.lies_in_grasps
+        return replace(found, cause=Cause.MOTION, proved=False) if is_refuted else found
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
@@ -191,7 +192,7 @@ class MotionLayer:
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins, as for a grasp."""
-        return self.drive(scene, _outside(scene, placement))
+        return self.drive(scene, _start_of_put_down(scene, placement))
 
     def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
@@ -221,7 +222,7 @@ class MotionLayer:
             if not isinstance(motion, PickMotion):
                 return motion
             if self.is_accepted(scene, motion.paths):
-                return self._followed(scene, _picked(scene, motion), (grasp.object,))
+                return self._followed(scene, _after_pick(scene, motion), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
 
     def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
@@ -243,7 +244,7 @@ class MotionLayer:
             if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(
                 scene.with_held(None).with_body(motion.placed), motion.paths[2:]
             ):
-                return self._followed(scene, _placed(scene, motion, placement), (scene.held.name,))
+                return self._followed(scene, _after_put_down(scene, motion, placement), (scene.held.name,))
         return NoPath("MuJoCo finds penetration")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
@@ -278,20 +279,21 @@ def _whole_body(state: RobotState) -> Array:
     return np.concatenate((state.base, state.q))
 
 
-def _outside(scene: Scene, placement: Placement) -> Array:
+def _start_of_put_down(scene: Scene, placement: Placement) -> Array:
     """The base pose (3,) from which the base drives straight in under a board to put an object down."""
-    if is_covered(scene, (*placement.body.position[:2], placement.body.bottom)):
-        return stand_off(scene, placement.base, placement.q)
-    return placement.base
+    is_inside = is_covered(scene, placement.body.foot)
+    return stand_off(scene, placement.base, placement.q) if is_inside else placement.base
 
 
-def _picked(scene: Scene, motion: PickMotion) -> BoundMotion:
+def _after_pick(scene: Scene, motion: PickMotion) -> BoundMotion:
+    """The motion of a pick, and the scene in which the object is carried."""
     trajectory = pick_trajectory(scene.robot, motion, scene.state)
     state = RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
     return BoundMotion(trajectory, scene.with_state(state).with_held(motion.held))
 
 
-def _placed(scene: Scene, motion: PlaceMotion, placement: Placement) -> BoundMotion:
+def _after_put_down(scene: Scene, motion: PlaceMotion, placement: Placement) -> BoundMotion:
+    """The motion of a put-down, and the scene in which the object stands where it was put."""
     trajectory = place_trajectory(scene.robot, motion, scene.state)
     state = RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
     placed = scene.with_held(None).with_state(state).with_body(motion.placed)

@@ -89,6 +89,6 @@ def _explain(found: NoCommitment) -> str:
         Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
         Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
         Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
-        Cause.NO_CLEARANCE_LOCATION: f"no place on the table for {names} that keeps clear of what remains to be done",
+        Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
         Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
     }[found.cause]

@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from planners.collision.compiled_scenes import CompiledScenes
-from planners.motion.contact_free import ContactFree, merged, phases_of
+from planners.motion.contact_free import ContactFree, merge_phases, phases_of
 from planners.motion.trajectory import Trajectory, is_contact, join
 from planners.scene import RobotState, Scene
 from planners.tamp.solution import BoundAction
 
-__all__ = ["shortened"]
+__all__ = ["shorten"]
 
 
-def shortened(
+def shorten(
     actions: Sequence[BoundAction], compiled: CompiledScenes, is_accepted: Callable[[Scene, Sequence[Trajectory]], bool]
 ) -> tuple[BoundAction, ...]:
     """The same plan with shorter motions between contacts, where such are free.
@@ -36,7 +36,7 @@ def shortened(
         if not is_contact(phases[0].phases[0]):
             motion = ContactFree(phases, begins_in_contact=k > 0, ends_in_contact=k + 1 < len(runs))
             scene = actions[run[-1][0]].scene
-            found = merged(compiled.world(scene), motion)
+            found = merge_phases(compiled.world(scene), motion)
             phases = found if found is not None and is_accepted(scene, [join(found)]) else phases
         for (index, _), phase in zip(run, phases, strict=True):
             shorter[index].append(phase)

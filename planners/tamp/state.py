@@ -18,8 +18,6 @@ from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveS
 
 __all__ = ["PlanState", "Refutation", "Search", "TampLimits", "infeasible", "out_of_time", "stats"]
 
-_BY_GRASPS = (Cause.UNREACHABLE, Cause.NO_SELF_CLEARABLE_SET)
-
 
 @dataclass(frozen=True)
 class TampLimits:
@@ -97,7 +95,7 @@ def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ..
     motions afterwards. Where motions were refuted until nothing or no time was left, the detail says why.
     """
     cleared = tuple(search.clearances)
-    if cause in _BY_GRASPS and (search.motion_layer.has_refuted or search.history or cleared):
+    if cause.lies_in_grasps and (search.motion_layer.has_refuted or search.history or cleared):
         cause = Cause.MOTION
     if cause in (Cause.MOTION, Cause.TIME_LIMIT):
         detail += _usual_refutation(search.history)

@@ -9,8 +9,8 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Solution, clearance_floor, solve
-from planners.collision.resting import objects_on
 from planners.collision.robot_model import robot_arrays
+from planners.collision.stacking import objects_on
 from planners.collision.world import CollisionWorld
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.scene import Body, RobotState, Scene

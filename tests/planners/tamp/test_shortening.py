@@ -23,7 +23,7 @@ def plan(monkeypatch: pytest.MonkeyPatch, is_shortened: bool) -> Solution:
     """A plan that clears an object, with or without its motions made one."""
     with monkeypatch.context() as patch:
         if not is_shortened:
-            patch.setattr(algorithm1, "shortened", lambda actions, *_: tuple(actions))
+            patch.setattr(algorithm1, "shorten", lambda actions, *_: tuple(actions))
         found = Planner(FETCH, grasps="side").solve(warmup_scene(FETCH), TARGET)
     assert isinstance(found, Solution)
     assert found.clearances

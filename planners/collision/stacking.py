@@ -49,8 +49,8 @@ def with_room_below(world: CollisionWorld, name: str) -> CollisionWorld:
 def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
     """Whether one object touches another that is under it; a held object stands on nothing."""
     scene = world.scene
-    held = None if scene.held is None else scene.held.name
-    if held in (body.name, supporter.name) or body.bottom < supporter.top - _STEP:
+    is_held = any(name in scene.held_names for name in (body.name, supporter.name))
+    if is_held or body.bottom < supporter.top - _STEP:
         return False
     solids = world.obstacles.objects
     return bool(
