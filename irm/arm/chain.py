@@ -71,6 +71,18 @@ class ArmChain:
         """Number of joints, torso included."""
         return self.axes.size
 
+    @property
+    def shoulder(self) -> Floats:
+        """(3,) origin of the first arm joint with the torso at 0, in the base frame [m]."""
+        return np.asarray(self.offsets[0, :3] + self.offsets[1, :3])
+
+    @property
+    def reach(self) -> float:
+        """[m] between the first arm joint and the TCP at most: the lengths of all links, slides extended."""
+        links = np.linalg.norm(self.offsets[2:, :3], axis=1).sum() + np.linalg.norm(self.tip[:3])
+        slides = np.maximum(np.abs(self.lower[1:]), np.abs(self.upper[1:]))[self.axes[1:] >= PRISMATIC]
+        return float(links + slides.sum())
+
     @staticmethod
     def of(robot: RobotSpec | ArmChain | str) -> ArmChain:
         """The chain of a robot, of the project's robot of that name, or the chain itself.

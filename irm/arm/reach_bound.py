@@ -5,8 +5,6 @@ from __future__ import annotations
 from math import cos, hypot, sin, sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from irm.arm.chain import ArmChain
 
 __all__ = ["WristDisc", "wrist_disc"]
@@ -40,9 +38,8 @@ def wrist_disc(chain: ArmChain, torso_range: tuple[float, float], z: float, pitc
             torso_range,
             z + gripper * sin(pitch) - pan_z - shoulder_z,
         )
-    shoulder = chain.offsets[0, :3] + chain.offsets[1, :3]
-    links = np.linalg.norm(chain.offsets[2:, :3], axis=1).sum() + np.linalg.norm(chain.tip[:3])
-    return _disc(0.0, hypot(shoulder[0], shoulder[1]), float(links), torso_range, z - float(shoulder[2]))
+    x, y, height = chain.shoulder.tolist()
+    return _disc(0.0, hypot(x, y), chain.reach, torso_range, z - height)
 
 
 def _disc(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.chain import PRISMATIC, ArmChain, has_free_roll
+from irm.arm.chain import ArmChain, has_free_roll
 from irm.errors import ReachabilityError
 from irm.maps.orientations import Orientations
 from irm.maps.parameters import MapParameters
@@ -64,10 +64,7 @@ class MapGrid:
         """The grid of all cells that the arm may reach within the heights of the parameters."""
         voxel = parameters.voxel
         thickness, torsos = _torso_samples(chain, parameters)
-        reach = float(np.linalg.norm(chain.offsets[2:, :3], axis=1).sum() + np.linalg.norm(chain.tip[:3]))
-        slides = chain.axes[1:] >= PRISMATIC
-        reach += float(np.maximum(np.abs(chain.lower[1:]), np.abs(chain.upper[1:]))[slides].sum())
-        shoulder = chain.offsets[0, :3] + chain.offsets[1, :3]
+        reach, shoulder = chain.reach, chain.shoulder
         floor = max(0.0, float(shoulder[2] + torsos[0] - reach))
         ceiling = float(shoulder[2] + torsos[-1] + reach)
         lowest = int(np.floor(max(parameters.heights[0], floor) / thickness + 1e-9))

@@ -55,7 +55,6 @@ class GeneralSolver:
         self.torso_range = torso_range
         self.structure = find_structure(chain)
         self._arrays = ChainArrays(chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
-        self._reach = float(np.linalg.norm(chain.offsets[2:, :3], axis=1).sum() + np.linalg.norm(chain.tip[:3]))
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """Which poses the arm reaches.
@@ -77,10 +76,9 @@ class GeneralSolver:
 
     def _within_length(self, T: Floats) -> NDArray[np.bool_]:
         """(n,) whether the stretched arm is long enough, at some height of its lift."""
-        shoulder = self.chain.offsets[0, :3] + self.chain.offsets[1, :3]
-        away = T[:, :3, 3] - shoulder
+        away = T[:, :3, 3] - self.chain.shoulder
         away[:, 2] -= np.clip(away[:, 2], *self.torso_range)
-        return np.asarray(np.linalg.norm(away, axis=1) <= self._reach + _ROUNDING)
+        return np.asarray(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)
 
     def _solve_in_closed_form(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
         """Scan the lift for every open pose; what cannot be decided stays open.

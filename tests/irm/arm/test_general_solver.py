@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from irm.arm.chain import ArmChain
+from assets.robots import FETCH
+from irm.arm.chain import PRISMATIC, ArmChain
 from irm.arm.general.solver import GeneralSolver
 from irm.arm.general.structure import ParallelArm, SphericalArm, find_structure
 from irm.arm.kinematics import forward
 from irm.arm.numerical import random_seeds, solve
+from irm.arm.reach_bound import wrist_disc
 from irm.maps.orientation_index import rotation
 from tests.irm.arm.arms import APPROACH, arm_chain
 
@@ -31,11 +33,10 @@ def random_configurations(chain, count, rng, near_limits):
 
 def random_poses(chain, count, rng):
     """T_base_tcp (count, 4, 4): positions in the ball of the stretched arm, any orientation."""
-    reach = np.linalg.norm(chain.offsets[2:, :3], axis=1).sum() + np.linalg.norm(chain.tip[:3])
     direction = rng.normal(size=(count, 3))
-    direction *= reach * rng.random((count, 1)) ** (1 / 3) / np.linalg.norm(direction, axis=1, keepdims=True)
+    direction *= chain.reach * rng.random((count, 1)) ** (1 / 3) / np.linalg.norm(direction, axis=1, keepdims=True)
     T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, 3] = direction + chain.offsets[0, :3] + chain.offsets[1, :3]
+    T[:, :3, 3] = direction + chain.shoulder
     T[:, :3, :3] = [rotation(*a) for a in rng.uniform((-np.pi, -1.5, -np.pi), (np.pi, 1.5, np.pi), (count, 3))]
     return T
 
@@ -115,3 +116,18 @@ def test_parallel_axes_on_a_lift(lift_arm):
     assert np.all(status == YES)
     for pose, configuration in zip(T, q, strict=True):
         np.testing.assert_allclose(forward(chain, configuration), pose, atol=3e-5)
+
+
+def test_a_sliding_joint_of_the_arm_adds_to_its_reach():
+    fetch = ArmChain.from_robot(FETCH)
+    axes = fetch.axes.copy()
+    axes[4] = PRISMATIC  # the elbow slides along the arm
+    chain = dataclasses.replace(fetch, axes=axes, links=np.empty(0))
+    q = np.zeros(chain.size)
+    q[4] = chain.upper[4]
+    T = forward(chain, q)
+    status, _ = solver_of(chain).solve(T[None])
+    assert status[0] != NO
+    disc = wrist_disc(chain, (float(chain.lower[0]), float(chain.upper[0])), T[2, 3], 0.0)
+    assert disc is not None
+    assert disc.farthest >= np.hypot(T[0, 3], T[1, 3])
