@@ -120,14 +120,24 @@ def push_the_target(env: gymnasium.Env, expert: TampExpert) -> bool:
     return True
 
 
+def roomiest_place(env: gymnasium.Env, name: str) -> tuple[float, float]:
+    """The place on the nearer half of the table that is farthest from the other objects and from the gripper."""
+    data = env.unwrapped.data
+    taken = [data.body(other).xpos[:2] for other in env.unwrapped.world.names if other != name]
+    taken.append(data.site(env.unwrapped.robot.tcp_site).xpos[:2])
+    grid = [np.array([x, y]) for x in np.linspace(-0.28, 0.0, 15) for y in np.linspace(-0.42, 0.42, 43)]
+    x, y = max(grid, key=lambda place: min(np.linalg.norm(place - other) for other in taken))
+    return float(x), float(y)
+
+
 def knock_out_of_the_hand(env: gymnasium.Env, expert: TampExpert) -> bool:
-    """From the lift on; set down on its feet where it came from."""
-    if "lift" not in expert.phase:
+    """During the lift of the target; set down on its feet at a free place."""
+    if not expert.phase.startswith(f"PickUp {expert.target}: lift"):
         return False
     data = env.unwrapped.data
     joint = data.joint(f"{expert.target}_joint")
     half = float(env.unwrapped.model.geom(expert.target).size[1])
-    joint.qpos[:3] = (-0.25, 0.40, 0.75 + half + 0.002)
+    joint.qpos[:3] = (*roomiest_place(env, expert.target), 0.75 + half + 0.002)
     joint.qpos[3:] = (1.0, 0.0, 0.0, 0.0)
     joint.qvel[:] = 0.0
     mujoco.mj_forward(env.unwrapped.model, data)
@@ -195,10 +205,10 @@ def test_a_fault_is_noticed_and_recovered_from(fault: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("objects", [5, 15])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_eight_of_ten_faults_are_recovered_from(fault: str, objects: int) -> None:
+def test_nine_of_ten_faults_are_recovered_from(fault: str, objects: int) -> None:
     outcomes = [run(seed, objects, fault=FAULTS[fault]) for seed in range(30, 40)]
     assert all(happened for _, _, happened in outcomes)
-    assert sum(report.scored for report, _, _ in outcomes) >= 8
+    assert sum(report.scored for report, _, _ in outcomes) >= 9
 
 
 def test_an_unknown_strategy_or_grasp_set_is_refused() -> None:
