@@ -20,11 +20,13 @@ from planners.tamp.solution import BoundAction
 
 __all__ = ["STEP", "DeepestContact", "PlanReplay"]
 
-STEP = 0.002
-"""[m] that a geom may move between two replayed states: a tenth of the planner's step."""
+STEP = 0.0006
+"""[m] that a geom may move between two replayed states: a tenth of the step of the planner's collision checks."""
 
 _ROBOT, _AT_REST, _HELD = 1, 2, 4
 """Contact bits: the robot touches itself and what is at rest, the held object touches both."""
+_MARGIN = 0.03
+"""[m] Distance up to which MuJoCo reports pairs of geoms; where the nearest is farther, states are left out."""
 _OBJECT = "object/"
 """Prefix of the names of objects in the model; the robot may have geoms of the same names."""
 
@@ -75,8 +77,8 @@ class PlanReplay:
         self._place(np.array([*scene.state.base, *robot.home, 0.0]))
         self._touching_at_home = {
             frozenset(geoms)
-            for _, *geoms in self._contacts()
-            if all(self._model.geom_contype[geom] == _ROBOT for geom in geoms)
+            for distance, *geoms in self._contacts()
+            if distance < 0.0 and all(self._model.geom_contype[geom] == _ROBOT for geom in geoms)
         }
         if scene.held is not None:
             self._place(np.array([*scene.state.base, *scene.state.q, scene.state.finger_position]))
@@ -88,7 +90,8 @@ class PlanReplay:
 
         Args:
             actions: of a plan, in order.
-            step: [m] that a geom may move between two states.
+            step: [m] that a geom may move between two states. States are left out where the geoms are so far apart
+                that none of them can be reached.
         """
         worst = DeepestContact()
         for action in actions:
@@ -97,9 +100,13 @@ class PlanReplay:
             for i in range(len(times) - 1):
                 phase = trajectory.phase((times[i] + times[i + 1]) / 2)
                 self._change_grip(states[i], phase.held)
-                for share in np.linspace(0.0, 1.0, 1 + self._parts(states[i], states[i + 1], step)):
-                    self._place(states[i] + share * (states[i + 1] - states[i]))
-                    worst = self._deeper(worst, action, phase)
+                part, parts = 0, self._parts(states[i], states[i + 1], step)
+                while part <= parts:
+                    self._place(states[i] + part / parts * (states[i + 1] - states[i]))
+                    distance, geoms = self._nearest(phase)
+                    if -distance > worst.depth:
+                        worst = DeepestContact(-distance, geoms, str(action), phase.name)
+                    part += max(1, int(distance / (2 * step)))
         return worst
 
     def position(self, name: str) -> Array:
@@ -159,22 +166,25 @@ class PlanReplay:
         return max(1, int(np.ceil(moved.max() / step)))
 
     def _contacts(self) -> list[tuple[float, int, int]]:
-        """Depth [m] and geoms of all penetrations."""
+        """Distance [m], negative for penetrations, and geoms of all pairs that are nearer than `_MARGIN`."""
         mujoco.mj_collision(self._model, self._data)
         if not self._data.ncon:
             return []
         found = zip(self._data.contact.dist, self._data.contact.geom, strict=True)
-        return [(-float(distance), int(a), int(b)) for distance, (a, b) in found if distance < 0]
+        return [(float(distance), int(a), int(b)) for distance, (a, b) in found]
 
-    def _deeper(self, worst: DeepestContact, action: BoundAction, phase: Phase) -> DeepestContact:
-        """The deeper of a contact and those of the present state."""
+    def _nearest(self, phase: Phase) -> tuple[float, tuple[str, str]]:
+        """The least distance [m] between geoms whose contact counts, `_MARGIN` at most, and their names."""
         touched = -1 if phase.touched is None else int(self._model.geom(_OBJECT + phase.touched.name).id)
-        for depth, *geoms in self._contacts():
+        nearest, pair = _MARGIN, (-1, -1)
+        for distance, *geoms in self._contacts():
             is_grip = touched in geoms and any(int(self._model.geom_bodyid[geom]) in self._fingers for geom in geoms)
-            if depth > worst.depth and not is_grip and frozenset(geoms) not in self._touching_at_home:
-                first, second = (self._model.geom(geom).name.removeprefix(_OBJECT) for geom in geoms)
-                worst = DeepestContact(depth, (first, second), str(action), phase.name)
-        return worst
+            if distance < nearest and not is_grip and frozenset(geoms) not in self._touching_at_home:
+                nearest, pair = distance, (geoms[0], geoms[1])
+        if nearest >= 0.0:
+            return nearest, ("", "")
+        first, second = (self._model.geom(geom).name.removeprefix(_OBJECT) for geom in pair)
+        return nearest, (first, second)
 
 
 def _build(scene: Scene) -> mujoco.MjModel:
@@ -199,6 +209,8 @@ def _build(scene: Scene) -> mujoco.MjModel:
         added = spec.worldbody.add_body(name=_OBJECT + body.name)
         added.add_freejoint(name=_OBJECT + body.name)
         added.add_geom(name=_OBJECT + body.name, type=kind, size=[x, y, z] if is_box else [x, z, 0.0], **at_rest)
+    for geom in spec.geoms:
+        geom.margin = _MARGIN
     return spec.compile()
 
 
