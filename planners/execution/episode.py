@@ -26,6 +26,11 @@ __all__ = ["Episode"]
 
 Array = NDArray[np.float64]
 
+_AT_START = 2
+"""Control steps at the start of a new plan: it begins at the measured joint angles, not at those commanded last.
+
+The difference together with the first motion would exceed the acceleration limit, and the joint would lag.
+"""
 _NEAR_HOME = 0.05
 """[m], [rad]: a configuration this near to home is planned from as if it were home; the controller closes the gap."""
 
@@ -171,8 +176,9 @@ class Episode:
             self._hold()
             return
         now, by_tcp = self._sensor.read(), self._env.control_mode == "ee"
+        at_start = _AT_START if self._report.replans else 0
         self._executor = Executor(
-            solution.actions, self._env.robot, self._sensor.names, now, self._config.monitor, by_tcp
+            solution.actions, self._env.robot, self._sensor.names, now, self._config.monitor, by_tcp, at_start
         )
 
     def _conclude(self, step: Step) -> None:

@@ -82,6 +82,7 @@ class Executor:
         start: Snapshot,
         config: MonitorConfig,
         by_tcp: bool = False,
+        at_start: int = 0,
     ) -> None:
         """Begin to execute a plan.
 
@@ -93,13 +94,14 @@ class Executor:
             config: tolerances of the monitor.
             by_tcp: the robot is commanded by TCP poses and its controller chooses the joint angles. Then the executor
                 waits until the TCP arrives, and does not compare joint angles with the plan.
+            at_start: control steps to command the start of the plan before the robot moves along it.
         """
         self._actions = tuple(actions)
         self._robot = robot
         self._names = names
         self._config = config
         self._action = 0
-        self._tick = 0.0
+        self._tick = -float(at_start)
         self._rate = 1.0
         self._expected = start
         self._grip: Array | None = None

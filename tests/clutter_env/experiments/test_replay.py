@@ -43,6 +43,17 @@ def test_a_plan_penetrates_nothing(planned: tuple[Scene, Solution]) -> None:
     assert PlanReplay(scene).deepest_contact(plan.actions).depth < check_plans.TOLERANCE
 
 
+def test_a_finger_does_not_graze_between_the_steps_of_the_planner() -> None:
+    """In this cabinet a finger came 1.012 mm into the object that it was about to grasp."""
+    env = RetrieveEnv(num_objects=16, layout="cabinet")
+    _, info = env.reset(seed=400_004)
+    scene = Scene.from_mujoco(env.model, env.data, env.robot)
+    plan = solve(scene, info["target"], grasps="all")
+    env.close()
+    assert isinstance(plan, Solution)
+    assert PlanReplay(scene).deepest_contact(plan.actions).depth < check_plans.TOLERANCE
+
+
 def test_an_object_in_the_way_of_the_gripper_is_found(planned: tuple[Scene, Solution]) -> None:
     scene, plan = planned
     trajectory = plan.actions[-1].trajectory

@@ -75,6 +75,18 @@ def test_a_replan_does_not_drop_what_is_carried(seed: int) -> None:
     env.close()
 
 
+def test_a_new_plan_is_followed_without_lag() -> None:
+    """The elbow fell behind in the first step of the new plan, and the carried object struck the target."""
+    env, expert = begun(90029)
+    while not (expert.phase.endswith("lift") and env.unwrapped.info["held"]):
+        env.step(expert.act())
+    move_another(env, str(env.unwrapped.info["held"]))
+    assert times_let_go(env, expert) == 0
+    assert expert.report.deviations == ("object_01: moved",)
+    assert expert.report.scored
+    env.close()
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_episode_may_begin_in_a_restored_state_in_which_an_object_is_carried(seed: int) -> None:
     env, expert = begun(seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import gymnasium
 import mujoco
@@ -11,7 +12,7 @@ import pytest
 
 import clutter_env
 from assets.robots import FETCH
-from planners import EpisodeReport, Planner, Scene, TampExpert
+from planners import EpisodeReport, Planner, Scene, Solution, TampExpert, solve
 from planners.execution.controlled_env import num_disturbances
 from planners.execution.errors import ExpertError
 from planners.grasping.families import UnknownGraspSet
@@ -160,27 +161,37 @@ def test_an_environment_that_counts_nothing_leaves_the_judgement_open() -> None:
 
 
 def topple_the_target(env: gymnasium.Env, expert: TampExpert) -> bool:
-    """Onto its side, towards where most room is."""
+    """Onto its side, towards where most room is among the directions in which the robot could take it if alone."""
     if "transit" not in expert.phase:
         return False
     data, name = env.unwrapped.data, expert.target
     joint, others = data.joint(f"{name}_joint"), [o for o in env.unwrapped.world.names if o != name]
     radius, half = map(float, env.unwrapped.model.geom(name).size[:2])
+    upright = joint.qpos.copy()
 
     def room(angle: float) -> float:
         """[m] from the axis of the object laid down that way to the nearest other object, or to the table's edge."""
         heading = np.array([np.cos(angle), np.sin(angle)])
-        points = [joint.qpos[:2] + share * half * heading for share in (0.0, 1.0, 2.0)]
+        points = [upright[:2] + share * half * heading for share in (0.0, 1.0, 2.0)]
         to_edge = min((np.array([0.35, 0.5]) - np.abs(point)).min() for point in points)
         return min([to_edge, *(np.linalg.norm(data.body(o).xpos[:2] - point) for o in others for point in points)])
 
-    angle = max(np.linspace(0, 2 * np.pi, 16, endpoint=False), key=room)
-    joint.qpos[:2] += half * np.array([np.cos(angle), np.sin(angle)])
-    joint.qpos[2] += radius - half + 0.002
-    joint.qpos[3:] = np.sqrt(0.5) * np.array([1.0, -np.sin(angle), np.cos(angle), 0.0])
-    joint.qvel[:] = 0.0
-    mujoco.mj_forward(env.unwrapped.model, data)
-    return True
+    for angle in sorted(np.linspace(0, 2 * np.pi, 16, endpoint=False), key=room, reverse=True):
+        joint.qpos[:2] = upright[:2] + half * np.array([np.cos(angle), np.sin(angle)])
+        joint.qpos[2] = upright[2] + radius - half + 0.002
+        joint.qpos[3:] = np.sqrt(0.5) * np.array([1.0, -np.sin(angle), np.cos(angle), 0.0])
+        joint.qvel[:] = 0.0
+        mujoco.mj_forward(env.unwrapped.model, data)
+        if can_be_taken_alone(env, name):
+            return True
+    raise AssertionError("the robot could not take the toppled target anywhere")
+
+
+def can_be_taken_alone(env: gymnasium.Env, name: str) -> bool:
+    """Whether there is a plan for an object where it is now, from the robot's home, without any other object."""
+    scene = Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)
+    state = replace(scene.state, base=np.array([-1.1, 0.0, 0.0]), q=np.array(FETCH.home))
+    return isinstance(solve(replace(scene, objects=(scene.body(name),), state=state), name), Solution)
 
 
 FAULTS = {
