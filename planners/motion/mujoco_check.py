@@ -18,10 +18,7 @@ __all__ = ["TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport"]
 TOLERANCE = 0.0005
 """[m] Penetration that an accepted path may have where it is checked; between the steps it may be as much again."""
 STEP = 0.01
-"""[m] that a point of the robot may move between two checked configurations, by default.
-
-A straight line past a cylinder of 25 mm radius that is checked so is at most 0.5 mm deeper between two steps.
-"""
+"""[m] that a point of the robot may move between two checks: past a cylinder of 25 mm radius 0.5 mm are missed."""
 
 _ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only the held object with others."""
