@@ -39,8 +39,8 @@ _FURNITURE_COLOURS = {
 }
 _OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
 """Of furniture that a layout brings itself."""
-_SHELF_BOARD_ALPHA = 0.2
-"""The board above the objects is drawn transparent."""
+_SHELF_BOARDS_ALPHA = 0.2
+"""Boards above objects are drawn transparent: what they share, seen from above."""
 _SCENE_EYE, _SCENE_POINT = (-2.55, 1.85, 2.35), (-0.45, 0.02, 0.70)
 """[m] where the camera "scene" stands and looks: from behind the robot's left shoulder."""
 _TOP_X = -0.45
@@ -209,10 +209,11 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
         conaffinity=1,
     )
     contype, conaffinity = ENVIRONMENT_BITS
+    boards = [box.name for box in furniture(layout) if box.name.startswith("shelf_board")]
     for box in furniture(layout):
         colour = list(_FURNITURE_COLOURS.get(box.name.split("_")[0], _OTHER_COLOUR))
-        if box.name == "shelf_board":
-            colour[3] = _SHELF_BOARD_ALPHA
+        if box.name in boards:
+            colour[3] = _SHELF_BOARDS_ALPHA / len(boards)
         world.add_body().add_geom(
             name=box.name,
             type=mujoco.mjtGeom.mjGEOM_BOX,
