@@ -115,7 +115,7 @@ def test_compilation_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     deadline = Deadline.after(1.0)
     later = warming.warm_once(Planner(FETCH), compile_one, deadline)
     assert deadline.is_over
-    assert later.at - deadline.at >= 1.2
+    assert later.at - deadline.at > 1.1, "all but what was compiled before the wait began"
     assert warming._warm, "it waited until all was loaded"
 
 
