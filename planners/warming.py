@@ -65,9 +65,12 @@ def warm_once(planner: Warmable, exercise: Callable[[Scene, str], None], deadlin
     key = planner.robot, type(planner.follower)
     if key in _warm:
         return deadline
-    if key not in _loading:
+    if key in _loading:
+        compiled_s = _loading[key].compiled_s
+    else:
+        compiled_s = 0.0
         _loading[key] = _Loading(planner.robot, exercise)
-    until = _loading[key].wait(deadline)
+    until = _loading[key].wait(deadline, compiled_s)
     if _loading[key].is_done:
         _loading.pop(key).check()
         _warm.add(key)
@@ -100,11 +103,15 @@ class _Loading:
         """Raise what the exercise has raised."""
         self._future.result()
 
-    def wait(self, deadline: Deadline) -> Deadline:
-        """Wait until it has ended or a deadline is over; the deadline, later by the time spent on compilation."""
-        before = self._compilation.seconds
+    @property
+    def compiled_s(self) -> float:
+        """[s] of wall time spent on compilation so far."""
+        return self._compilation.seconds
+
+    def wait(self, deadline: Deadline, before: float) -> Deadline:
+        """Wait until it has ended or a deadline is over; the deadline, later by the compilation since `before` [s]."""
         while True:
-            is_done, until = self.is_done, Deadline(deadline.at + self._compilation.seconds - before)
+            is_done, until = self.is_done, Deadline(deadline.at + self.compiled_s - before)
             if is_done or until.is_over:
                 return until
             wait([self._future], None if math.isinf(until.at) else until.remaining)
