@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import ROOM, tcp_pose
+from planners.motion.free_paths import SAME_BASE
 from planners.motion.timing import finger_ramp, round_corners, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject, RobotState
@@ -34,6 +35,8 @@ _MOST_CORNERS = 10
 """Between two contacts; a way with more of them is left as it is."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
+_OFF_LINE = 0.001
+"""[m] A driven configuration farther off the planned lines keeps `ROOM`: where base and arm move together, they lag."""
 
 
 class ContactFree(NamedTuple):
@@ -148,14 +151,42 @@ class _Checks(NamedTuple):
         return not roomy.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
 
     def rounded(self, robot: RobotSpec, start: Array, corners: Array, end: Array) -> Array | None:
-        """The path along two lines and by corners between them, its corners rounded; None if it is not free."""
+        """The path along two lines and by corners between them, its corners rounded; None if it is not free.
+
+        Corners within the straight parts of the lines are rounded too if that is free.
+        """
         polygon = np.vstack([start, corners, end])
-        for half_width in _HALF_WIDTHS:
-            path, at = round_corners(robot, polygon, half_width)
-            middle = path[np.searchsorted(at, len(start) - 1) : np.searchsorted(at, len(polygon) - len(end)) + 1]
-            if self.is_free(middle) and not self.world.path_hits(path, self.opening, self.held, first_only=True):
-                return path
+        first, last = len(start) - 1, len(polygon) - len(end)
+        only_between = max(first - 1, 0), min(last + 1, len(polygon) - 1)
+        for begin, stop in ((0, len(polygon) - 1), only_between):
+            for half_width in _HALF_WIDTHS:
+                path, at = _rounded_between(robot, polygon, begin, stop, half_width)
+                changed = (at >= first) & (at <= last) | self._is_driven_differently(path, polygon, at)
+                if self._keeps_room(path, changed):
+                    return path
         return None
+
+    def _is_driven_differently(self, path: Array, polygon: Array, at: Array) -> NDArray[np.bool_]:
+        """Where (m,) the base moves and a point of the robot may be off the polygon by more than `_OFF_LINE`."""
+        on_polygon = np.column_stack([np.interp(at, np.arange(len(polygon)), column) for column in polygon.T])
+        is_off = np.abs(path - on_polygon) @ self.world.robot.reach > _OFF_LINE
+        drives = np.abs(np.gradient(path[:, :3], axis=0)).max(axis=1) > SAME_BASE
+        return np.asarray(is_off & drives)
+
+    def _keeps_room(self, path: Array, changed: NDArray[np.bool_]) -> bool:
+        """Whether a path is free, and where it was changed (m,) keeps `ROOM`."""
+        edges = np.flatnonzero(np.diff(changed, prepend=False, append=False))
+        runs = (path[begin:end] for begin, end in edges.reshape(-1, 2))
+        return all(map(self.is_free, runs)) and not self.world.path_hits(path, self.opening, self.held, first_only=True)
+
+
+def _rounded_between(robot: RobotSpec, polygon: Array, begin: int, stop: int, half_width: float) -> tuple[Array, Array]:
+    """A polygon whose corners between two waypoints are rounded, and where on it each configuration is (m,)."""
+    path, at = round_corners(robot, polygon[begin : stop + 1], half_width)
+    return (
+        np.vstack([polygon[:begin], path, polygon[stop + 1 :]]),
+        np.concatenate([np.arange(begin), at + begin, np.arange(stop + 1, len(polygon))]),
+    )
 
 
 def _between_lines(motion: ContactFree) -> Array:

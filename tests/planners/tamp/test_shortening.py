@@ -9,22 +9,29 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Planner, Solution
+from planners.collision.world import STEP, CollisionWorld
+from planners.motion.arm import ROOM
 from planners.motion.contact_free import phases_of
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.timing import round_corners
-from planners.motion.trajectory import CONTROL_STEP, Trajectory, join
+from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join
+from planners.scene import SELF_BIT, Scene
 from planners.tamp import algorithm1
+from planners.tamp.solution import BoundAction
 from planners.warming import warmup_scene
+from tests.planners.scenes import random_shelf
 
 TARGET = "object_00"
+OFF_LINE = 0.001
+"""[m] off the planned lines, as `planners.motion.contact_free` counts it."""
 
 
-def plan(monkeypatch: pytest.MonkeyPatch, is_shortened: bool) -> Solution:
+def plan(monkeypatch: pytest.MonkeyPatch, scene: Scene, target: str, is_shortened: bool) -> Solution:
     """A plan that clears an object, with or without its motions made one."""
     with monkeypatch.context() as patch:
         if not is_shortened:
             patch.setattr(algorithm1, "shorten", lambda actions, *_: tuple(actions))
-        found = Planner(FETCH, grasps="side").solve(warmup_scene(FETCH), TARGET)
+        found = Planner(FETCH, grasps="side").solve(scene, target)
     assert isinstance(found, Solution)
     assert found.clearances
     return found
@@ -33,8 +40,12 @@ def plan(monkeypatch: pytest.MonkeyPatch, is_shortened: bool) -> Solution:
 @pytest.fixture(scope="module")
 def plans() -> tuple[Solution, Solution]:
     """The same plan, as it was planned action by action and shortened."""
+    return both_plans(warmup_scene(FETCH), TARGET)
+
+
+def both_plans(scene: Scene, target: str) -> tuple[Solution, Solution]:
     with pytest.MonkeyPatch.context() as monkeypatch:
-        return plan(monkeypatch, is_shortened=False), plan(monkeypatch, is_shortened=True)
+        return plan(monkeypatch, scene, target, False), plan(monkeypatch, scene, target, True)
 
 
 def contacts(solution: Solution) -> list[Trajectory]:
@@ -83,6 +94,42 @@ def test_base_and_arm_move_together(plans: tuple[Solution, Solution]) -> None:
 
     assert steps_together(plans[0]) == 0
     assert steps_together(plans[1]) > 20
+
+
+@pytest.mark.parametrize(("seed", "target"), [(1, "object_01"), (2, "object_00")])
+def test_in_a_shelf_the_robot_keeps_its_distance_where_it_drives_off_the_planned_lines(seed: int, target: str) -> None:
+    """The base lags behind by some mm; on a line with a rigid arm that changes nothing, elsewhere it needs room."""
+    planned, shorter = both_plans(random_shelf(12, seed), target)
+    checked = 0
+    for before, after in zip(motions_between_contacts(planned), motions_between_contacts(shorter), strict=True):
+        as_planned = np.vstack([phase.states[:, :-1] for _, phase in before])
+        for action, phase in after:
+            world, held = CollisionWorld.from_scene(action.scene, ROOM - STEP / 2), phase.phases[0]
+            X = phase.states[:, :-1]
+            is_off = np.array([distance(world, x, as_planned) > 3 * OFF_LINE for x in X])
+            drives = np.abs(np.diff(X[:, :3], axis=0)).max(axis=1) > 1e-6
+            for k in np.flatnonzero(is_off[:-1] & is_off[1:] & drives):
+                opening = FETCH.opening(phase.finger_position[k])
+                hits = world.path_hits(X[k : k + 2], opening, held.touched if held.held else None, 1 << SELF_BIT)
+                assert not hits, (action, held.name, world.names_of(hits))
+                checked += 1
+    assert checked > 20
+
+
+def motions_between_contacts(solution: Solution) -> list[list[tuple[BoundAction, Trajectory]]]:
+    """The phases between contacts, with their actions."""
+    phases = [(action, phase) for action in solution.actions for phase in phases_of(action.trajectory)]
+    groups = itertools.groupby(phases, key=lambda pair: is_contact(pair[1].phases[0]))
+    return [list(group) for in_contact, group in groups if not in_contact]
+
+
+def distance(world: CollisionWorld, x: np.ndarray, polygon: np.ndarray) -> float:
+    """[m] Upper bound of how far any point of the robot is from where it is on a polygon of configurations (n, 11)."""
+    reach = world.robot.reach
+    start, along = polygon[:-1] * reach, np.diff(polygon, axis=0) * reach
+    share = ((x * reach - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
+    nearest = start + np.clip(share, 0.0, 1.0)[:, None] * along
+    return float(np.abs(x * reach - nearest).sum(axis=1).min())
 
 
 @pytest.mark.parametrize("half_width", [0.0, 0.07, 0.3, 10.0])
