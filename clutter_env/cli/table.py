@@ -46,6 +46,9 @@ class Arguments:
     """Compare layouts instead: one table of the first strategy over these layouts and all numbers of objects."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
+    supports: tuple[str, ...] = ()
+    """Where objects may be put: all, table, or names of the layout's supports. If not given, the table alone with side
+    grasps, and all supports with the others."""
     physics: bool = False
     """Let the expert execute its plans in physics, where the environment decides about success."""
     control_mode: Literal["joint", "ee"] = "joint"
@@ -81,13 +84,14 @@ def run(arguments: Arguments) -> None:
         strategies=(*arguments.strategies, *(ABLATIONS if arguments.ablations else ())),
         scenes=arguments.scenes,
         seed=arguments.seed,
-        layout=arguments.layout,
+        layout=(*arguments.layouts, arguments.layout)[0],
         physics=arguments.physics,
         control_mode=arguments.control_mode,
         time_limit=arguments.time_limit,
         cap=arguments.cap,
         grasps=arguments.grasps,
         only_obstructed=arguments.obstructed,
+        supports=arguments.supports,
     )
     if arguments.layouts:
         compare_layouts(arguments, settings)

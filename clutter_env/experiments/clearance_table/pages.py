@@ -45,12 +45,13 @@ def write_page(
     picture = picture_path(page)
     plot(scenes, rows, picture)
     kind = f'in physics, "{settings.control_mode}" mode' if settings.physics else "plans only"
+    put = f" Objects may be put on: {' '.join(settings.supports)}." if settings.supports else ""
     which = ", whose target no level grasp reaches at once" if settings.only_obstructed else ""
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(
         f"# Clearance table ({kind})\n\n```sh\n{command}\n```\n\n"
         f"Layout {settings.layout!r}, grasp set {settings.grasps!r}: plans and minimum numbers of clearances (floors) "
-        "are for these grasps. Each strategy is tried on the same scenes: resets of the environment, from seed "
+        f"are for these grasps.{put} Each strategy is tried on the same scenes: resets of the environment, from seed "
         f"{settings.seed} on{which}. Success rates have Wilson's 95% interval, all other means a "
         "95% bootstrap interval over the scenes. How to read the columns: "
         "[planners.md](planners.md#reading-the-clearance-table).\n\n"

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
+from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.experiments.clearance_table.variants import VARIANTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
@@ -49,9 +50,11 @@ class TableSettings:
         cap: number of clearances that an unsolved scene counts as in the censored mean.
         grasps: name of the planner's grasp set; minimum numbers of clearances are for this set too.
         only_obstructed: leave out scenes in which nothing has to be cleared, or no clearance frees the target.
+        supports: where objects may be put, as for `chosen_supports`; () leaves it to the grasp set.
 
     Raises:
-        ConfigError: a number that is not valid, or an unknown strategy or grasp set; the message lists the valid ones.
+        ConfigError: a number that is not valid, or an unknown strategy, grasp set or support; the message lists the
+            valid ones.
     """
 
     objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
@@ -65,6 +68,7 @@ class TableSettings:
     cap: int = 20
     grasps: str = "side"
     only_obstructed: bool = True
+    supports: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.grasps not in GRASP_SETS:
@@ -75,18 +79,20 @@ class TableSettings:
         for count in self.objects:
             if not 1 <= count <= MAX_OBJECTS:
                 raise ConfigError(f"objects={count} is not valid; it must be from 1 to {MAX_OBJECTS}")
+        chosen_supports(self.layout, self.supports)
         if self.scenes < 1:
             raise ConfigError(f"scenes={self.scenes} is not valid; it must be at least 1")
 
     def trial(self, objects: int, seed: int, name: str) -> Trial:
         """One trial under these settings."""
-        return Trial(objects, seed, name, self.layout, self.control_mode, self.physics, self.time_limit, self.grasps)
+        same = {key: value for key, value in self.of_trials.items() if key != "supports"}
+        return Trial(objects, seed, name, **same, supports=self.supports)
 
     @property
     def of_trials(self) -> dict[str, Any]:
         """The settings that all trials in one file have in common."""
         names = ("layout", "physics", "control_mode", "time_limit", "grasps")
-        return {name: getattr(self, name) for name in names}
+        return {**{name: getattr(self, name) for name in names}, "supports": " ".join(self.supports) or None}
 
 
 def run_trials(settings: TableSettings, records: Records, workers: int, retry_crashes: bool = False) -> None:

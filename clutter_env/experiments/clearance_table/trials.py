@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from clutter_env import time_limit
+from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.variants import VARIANTS
 from planners.execution.expert import ExpertConfig, TampExpert
 from planners.planner import Planner
@@ -40,6 +41,7 @@ class Trial:
         physics: whether the expert executes the plan in physics.
         time_limit: [s] of one solve.
         grasps: name of the planner's grasp set.
+        supports: where objects may be put, as for `chosen_supports`; () leaves it to the grasp set.
     """
 
     objects: int
@@ -50,6 +52,7 @@ class Trial:
     physics: bool = False
     time_limit: float = 20.0
     grasps: str = "side"
+    supports: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[int, int, str]:
@@ -253,7 +256,9 @@ def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
     unwrapped: Any = env.unwrapped
     scene = Scene.from_mujoco(unwrapped.model, unwrapped.data, unwrapped.robot)
     follower = unwrapped.tcp_follower() if trial.control_mode == "ee" else None
-    return Planner(unwrapped.robot, follower=follower, grasps=trial.grasps), scene, info["target"]
+    supports = chosen_supports(trial.layout, trial.supports)
+    planner = Planner(unwrapped.robot, follower=follower, grasps=trial.grasps, supports=supports)
+    return planner, scene, info["target"]
 
 
 @cache

@@ -19,8 +19,10 @@ from clutter_env.experiments.clearance_table import trials
 from clutter_env.experiments.clearance_table.layouts import make_layout_row, summary
 from clutter_env.experiments.clearance_table.records import OtherSettings, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, summarise_scenes
+from clutter_env.experiments.clearance_table.table import TableSettings
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
 from clutter_env.experiments.clearance_table.variants import ABLATIONS
+from planners.placing.surfaces import Supports, find_supports
 from planners.planner import Planner
 from tests.planners.scenes import table_scene
 
@@ -145,6 +147,37 @@ def test_ablations_differ_from_the_planner_in_one_thing_each() -> None:
     assert not variants["look-ahead"].strategy.plans_ahead
     assert variants["second moves"].strategy.second_moves == 0
     assert variants["tilt"].strategy == variants["counters"].strategy == planners.strategies.STRATEGIES["lookahead"]
+
+
+@pytest.mark.parametrize(
+    ("words", "supports"),
+    [
+        ((), None),
+        (("all",), "all"),
+        (("table",), ("table_top",)),
+        (("table", "counter_left"), ("table_top", "counter_left")),
+    ],
+)
+def test_objects_are_put_where_the_table_says(words: tuple[str, ...], supports: Supports) -> None:
+    settings = TableSettings(objects=(8,), supports=words)
+    planner, scene, _ = trials._scene(settings.trial(8, 0, "lookahead"))
+    assert planner.supports == supports
+    assert set(find_supports(scene, supports)) <= set(scene.supports)
+
+
+def test_supports_that_a_layout_lacks_are_named(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"shelf_board.*'paper'.*all.*table.*counter_left"):
+        main(["--supports", "table", "shelf_board", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit, match=r"counter_left.*'island'"):
+        main(["--supports", "counter_left", "--layouts", "paper", "island", "--out", str(tmp_path), "--report-only"])
+
+
+def test_trials_with_other_supports_are_not_mixed(tmp_path: Path) -> None:
+    settings = TableSettings(supports=("table", "counter_left"))
+    Records(tmp_path / "trials.jsonl", settings.of_trials)
+    Records(tmp_path / "trials.jsonl", settings.of_trials)
+    with pytest.raises(OtherSettings, match="supports: 'table counter_left' there, None now"):
+        Records(tmp_path / "trials.jsonl", TableSettings().of_trials)
 
 
 @pytest.mark.slow
