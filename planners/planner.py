@@ -20,8 +20,10 @@ from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
 from planners.grasping.base_placement import MAP_PARAMETERS, MapPlacer
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
+from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
+from planners.placing.canonical import CanonicalPlacements
 from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import Supports, find_supports
 from planners.scene import Scene
@@ -39,6 +41,8 @@ __all__ = ["Planner", "clearance_floor", "map_placer", "solve", "warmup"]
 
 _BASES, _BASES_NEAR_HOME = 3, 8
 """Base poses tried for each gripper pose; more where only one configuration counts at each."""
+_GRASPS, _PLACEMENTS = (GraspCandidates, CanonicalGrasps), (PlacementSearch, CanonicalPlacements)
+"""Where contacts come from: in ordinary plans, in canonical ones."""
 
 
 def solve(
@@ -128,6 +132,8 @@ class Planner:
         grasps: name of the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the
             paper's), "tilted", "top" or "all" (default).
         supports: where objects may be put, as for `solve`.
+        canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
+            phase of a motion ends at rest; see `planners.grasping.canonical` and `planners.placing.canonical`.
 
     Raises:
         UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
@@ -140,6 +146,7 @@ class Planner:
     follower: TcpFollower | None = None
     grasps: str = "all"
     supports: Supports = None
+    canonical: bool = False
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -213,9 +220,14 @@ class Planner:
             near_home = self.follower is not None and attempt == 0
             placer = replace(any_placer, per_gripper_pose=_BASES_NEAR_HOME if near_home else _BASES)
             config = SamplingConfig(near_home=near_home)
-            candidates = GraspCandidates(placer, self.chain, config, compiled, find_grasp_set(self.grasps))
-            search = PlacementSearch(placer, self.chain, near_home=near_home, supports=supports)
-            yield MotionLayer(candidates, search, rng, follower=self.follower, deadline=deadline)
+            yield MotionLayer(
+                _GRASPS[self.canonical](placer, self.chain, config, compiled, find_grasp_set(self.grasps)),
+                _PLACEMENTS[self.canonical](placer, self.chain, near_home=near_home, supports=supports),
+                np.random.default_rng(attempt) if self.canonical else rng,
+                follower=self.follower,
+                deadline=deadline,
+                joins_motions=not self.canonical,
+            )
 
     @cached_property
     def chain(self) -> ArmChain:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planners.collision.robot_model import robot_arrays
 from planners.execution.config import ExpertConfig
+from planners.execution.contact import StepLabel, contacts
 from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
@@ -84,6 +85,15 @@ class Episode:
     def phase(self) -> str:
         """The action and the phase of its motion; "" while the robot waits."""
         return "" if self._executor is None else self._executor.phase
+
+    @property
+    def step_label(self) -> StepLabel:
+        """What the last action is part of; no phase and the present command while the robot waits."""
+        label = None if self._executor is None else self._executor.label
+        if label is not None:
+            return label
+        finger_position = self._env.robot.finger_position(self._last.opening)
+        return StepLabel("", None, np.append(self._last.drive, finger_position))
 
     @property
     def report(self) -> EpisodeReport:
@@ -169,6 +179,7 @@ class Episode:
         self.solution = solution = checked_outcome(outcome)
         spent = self._report.planning_s + time.process_time() - before
         self._report = replace(self._report, planned=isinstance(solution, Solution), planning_s=spent)
+        self._report = self._report.with_contacts([contact.is_straight for contact in contacts(solution)])
         if isinstance(solution, Infeasible):
             self._end(f"{solution.cause}: {solution.detail}")
             return

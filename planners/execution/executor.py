@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.execution.contact import StepLabel, contact_of, label_of
 from planners.execution.monitor import (
     Deviation,
     DeviationKind,
@@ -119,6 +120,14 @@ class Executor:
             return ""
         action = self._actions[self._action]
         return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
+
+    @property
+    def label(self) -> StepLabel | None:
+        """What the last command is part of; None after the last action, and once a deviation stops the plan."""
+        if self._action >= len(self._actions) or self.deviation is not None:
+            return None
+        following = (contact_of(action) for action in self._actions[self._action :])
+        return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
 
     def advance(self, now: Snapshot) -> Step:
         """Compare the world with the plan, and return the next command."""

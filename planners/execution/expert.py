@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.execution.config import ExpertConfig
+from planners.execution.contact import StepLabel
 from planners.execution.controlled_env import controlled_env
 from planners.execution.episode import Episode
 from planners.execution.errors import ExpertError
@@ -43,6 +44,7 @@ class TampExpert:
         planner: ScenePlanner | None = None,
         grasps: str | None = None,
         supports: Supports = None,
+        canonical: bool | None = None,
         seed: int = 0,
         config: ExpertConfig | None = None,
     ) -> None:
@@ -57,6 +59,9 @@ class TampExpert:
             grasps: name of the grasp set to choose from: "side", "tilted", "top" or "all"; that of the planner if not
                 given, which is "all" for a new one.
             supports: where objects may be put, as for `solve`; for a `Planner` only.
+            canonical: whether to plan canonically: the same contacts in similar scenes, without random numbers, every
+                phase ending at rest, so that plans can be learned; as the planner does if not given. `report` says
+                where it fell back.
             seed: of the planner's sampling; every `reset` starts from it.
             config: limits and tolerances.
 
@@ -69,7 +74,7 @@ class TampExpert:
             raise ExpertError(f"config={config!r} is not valid; it must be an ExpertConfig")
         self._env = controlled_env(env)
         self._strategy = find_strategy(strategy)
-        self._planner = planner_for(self._env, planner, grasps, supports)
+        self._planner = planner_for(self._env, planner, grasps, supports, canonical)
         self._seed = seed
         self._config = config or ExpertConfig()
         self._episode: Episode | None = None
@@ -123,6 +128,15 @@ class TampExpert:
             ExpertError: `reset` has not been called.
         """
         return self._running("phase").phase
+
+    @property
+    def step_label(self) -> StepLabel:
+        """What the last action is part of: phase, contact, and the keyframe at the end of the phase.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+        """
+        return self._running("step_label").step_label
 
     @property
     def solution(self) -> Solution | Infeasible | None:

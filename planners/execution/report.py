@@ -24,6 +24,9 @@ class EpisodeReport:
         floor: minimum number of objects that any plan must clear; None if it was not computed or not proved.
         planning_s: [s] CPU time spent on planning.
         sim_s: [s] simulated time since reset.
+        contacts: grasps and releases in the plans of the episode, all together.
+        not_straight: those of them for which the base does not face the gripper with the gripper's yaw; of a canonical
+            planner, those where it had to fall back.
         deviations: the deviations that stopped plans, as text, such as "object_03: toppled".
     """
 
@@ -38,6 +41,8 @@ class EpisodeReport:
     floor: int | None = None
     planning_s: float = 0.0
     sim_s: float = 0.0
+    contacts: int = 0
+    not_straight: int = 0
     deviations: tuple[str, ...] = ()
 
     def with_clearances(self, names: list[str]) -> EpisodeReport:
@@ -45,3 +50,11 @@ class EpisodeReport:
         clearances = (*self.clearances, *names)
         duplicated = tuple(sorted({name for name in clearances if clearances.count(name) > 1}))
         return replace(self, clearances=clearances, duplicated=duplicated)
+
+    def with_contacts(self, are_straight: list[bool]) -> EpisodeReport:
+        """The report after one more plan, whose contacts are straight or not."""
+        return replace(
+            self,
+            contacts=self.contacts + len(are_straight),
+            not_straight=self.not_straight + are_straight.count(False),
+        )

@@ -43,7 +43,11 @@ class ScenePlanner(Protocol):
 
 
 def planner_for(
-    env: ControlledEnv, planner: Any = None, grasps: str | None = None, supports: Supports = None
+    env: ControlledEnv,
+    planner: Any = None,
+    grasps: str | None = None,
+    supports: Supports = None,
+    canonical: bool | None = None,
 ) -> ScenePlanner:
     """The planner to use in an environment.
 
@@ -55,10 +59,11 @@ def planner_for(
         planner: a `Planner`, or any object with its `solve`; None for a new `Planner`.
         grasps: name of the grasp set of a `Planner`; None leaves it as it is.
         supports: where a `Planner` may put objects; None leaves it as it is.
+        canonical: whether a `Planner` makes canonical plans; None leaves it as it is.
 
     Raises:
         ExpertError: `planner` has no method `solve`, is a planner for another robot, or is no `Planner` and thus has no
-            grasps or supports to choose.
+            grasps, supports or canonical plans to choose.
         UnknownGraspSet: no grasp set of that name.
     """
     follower = env.tcp_follower() if env.control_mode == "ee" else None
@@ -70,7 +75,7 @@ def planner_for(
             "solve(scene, target, strategy, rng, time_limit)"
         )
     if not isinstance(planner, Planner):
-        for name, choice in (("grasps", grasps), ("supports", supports)):
+        for name, choice in (("grasps", grasps), ("supports", supports), ("canonical", canonical)):
             if choice is not None:
                 raise ExpertError(f"{name}={choice!r} is for a Planner, not for {type(planner).__name__}")
         return planner
@@ -81,6 +86,7 @@ def planner_for(
         follower=planner.follower or follower,
         grasps=planner.grasps if grasps is None else grasps,
         supports=planner.supports if supports is None else supports,
+        canonical=planner.canonical if canonical is None else canonical,
     )
 
 

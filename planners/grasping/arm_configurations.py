@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -61,6 +62,19 @@ class ConfigurationGrid(NamedTuple):
     def near_home(cls, chain: ArmChain, torsos: int = 10, rolls: int = 36) -> ConfigurationGrid:
         """A finer grid for robots that follow TCP poses; `nearest_home` is set."""
         return cls.over(chain, torsos, rolls)._replace(nearest_home=True)
+
+    @classmethod
+    def about_home(cls, chain: ArmChain, home: Sequence[float], torso_step: float = 0.05) -> ConfigurationGrid:
+        """Torso heights and upper-arm rolls that include those of the home configuration; `nearest_home` is set.
+
+        Heights are `torso_step` [m] apart, those off the limits by less than half of it left out; rolls 15° apart.
+        """
+        steps = np.arange(-np.ceil((chain.upper[0] - chain.lower[0]) / torso_step), 0) * torso_step
+        heights = home[0] + np.concatenate(([0.0], np.column_stack((steps, -steps))[::-1].ravel()))
+        inside = (heights >= chain.lower[0] + torso_step / 2) & (heights <= chain.upper[0] - torso_step / 2)
+        turns = np.arange(1, 12) * np.radians(15.0)
+        rolls = home[3] + np.concatenate(([0.0], np.column_stack((turns, -turns)).ravel(), [np.pi]))
+        return cls(np.asarray(heights[inside], np.float64), np.asarray(rolls, np.float64), nearest_home=True)
 
 
 class ArmConfigurations(NamedTuple):

@@ -17,7 +17,7 @@ from irm.queries.inverse import InverseReachabilityMap
 from planners.collision.robot_model import BASE, robot_arrays
 from planners.scene import Scene, StaticObstacle
 
-__all__ = ["MAP_PARAMETERS", "MapPlacer", "free_floor"]
+__all__ = ["MAP_PARAMETERS", "MapPlacer", "farthest_reach", "free_floor"]
 
 Array = NDArray[np.float64]
 
@@ -78,6 +78,17 @@ def _trunk_heights(robot: RobotSpec) -> tuple[float, float]:
     corners = np.abs(arrays.rotation[:, 2]) * arrays.half
     bottom = (arrays.position[:, 2] - corners.sum(axis=1) - arrays.radius)[is_base].min()
     return float(bottom), float(top)
+
+
+def farthest_reach(robot: RobotSpec) -> float:
+    """[m] from the centre of the base to the TCP of the stretched arm, no farther than which it reaches.
+
+    The arm starts at its first joint, which turns about the vertical through the sum of the first two offsets.
+    """
+    links = robot.chain
+    lengths = [*(link.offset for link in links[2:]), robot.tcp_offset]
+    reach = sum(float(np.linalg.norm(length)) for length in lengths)
+    return reach + float(np.linalg.norm(np.add(links[0].offset, links[1].offset)[:2]))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,15 @@ from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 
-__all__ = ["BasePlacer", "GraspCandidate", "GraspCandidates", "SamplingConfig", "as_candidates", "gripper_poses"]
+__all__ = [
+    "BasePlacer",
+    "GraspCandidate",
+    "GraspCandidates",
+    "SamplingConfig",
+    "Stage",
+    "as_candidates",
+    "gripper_poses",
+]
 
 Array = NDArray[np.float64]
 
@@ -104,11 +112,18 @@ def as_candidates(name: str, poses: GripperPoses, opening: float, found: ArmConf
         yield GraspCandidate(name, poses.bases[pair], q, yaw, pitch, opening, int(hits), float(quality))
 
 
+class Stage(NamedTuple):
+    """A family of grasps, and how its base poses are chosen: 0 for the placer's own way."""
+
+    family: GraspFamily
+    bases: int = 0
+
+
 class _Known(NamedTuple):
-    """The grasps of one object found so far, and the families that were not looked at yet."""
+    """The grasps of one object found so far, and the stages that were not looked at yet."""
 
     candidates: tuple[GraspCandidate, ...]
-    unseen: tuple[GraspFamily, ...]
+    unseen: tuple[Stage, ...]
 
 
 @dataclass
@@ -142,15 +157,15 @@ class GraspCandidates:
         self._forget_other_scenes(scene)
         body = scene.body(name)
         is_off_support = body.bottom < scene.support.top - OFF_TABLE
-        known, unseen = self._known.get(name, _Known((), () if is_off_support else self.families))
+        known, unseen = self._known.get(name, _Known((), () if is_off_support else self._stages()))
         while unseen and not any(grasp.blockers == 0 for grasp in known):
-            known, unseen = _sorted((*known, *self._of_family(scene, body, unseen[0]))), unseen[1:]
+            known, unseen = _sorted((*known, *self._of_stage(scene, body, unseen[0]))), unseen[1:]
         self._known[name] = _Known(known, unseen)
         return known
 
     def blank_copy(self) -> GraspCandidates:
         """The same placer, arm and grasp set, with nothing known of any scene."""
-        return GraspCandidates(self.placer, self.chain, self.config, self.compiled, self.families)
+        return replace(self, _scene=None, _known={})
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
@@ -170,34 +185,37 @@ class GraspCandidates:
             self._scene = scene
             self._known = {}
 
-    def _of_family(self, scene: Scene, body: Body, family: GraspFamily) -> Iterable[GraspCandidate]:
-        grasps = generate_grasps(body, scene.robot, (family,))
-        if not grasps:
-            return ()
-        wanted = gripper_poses(grasps)
-        opening = max(grasp.opening for grasp in grasps)
+    def _stages(self) -> tuple[Stage, ...]:
+        """Where grasps are looked for, in this order."""
+        return tuple(Stage(family) for family in self.families)
+
+    def _of_stage(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
+        """The grasps of one stage."""
+        grasps = generate_grasps(body, scene.robot, (stage.family,))
         covered = is_covered(scene, body.foot)
         candidates: list[GraspCandidate] = []
-        for most in _BASES:
+        for most in _BASES if grasps else ():
+            wanted = gripper_poses(grasps)
             bases, index = self.placer.bases(wanted, most)
-            found = self._scan(scene, body, GripperPoses(bases, wanted[index]), opening, covered)
-            candidates = [replace(grasp, drives=covered) for grasp in found]
+            poses, opening = GripperPoses(bases, wanted[index]), max(grasp.opening for grasp in grasps)
+            candidates = self._scan(scene, body, poses, self._grid(), opening)
             is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
             if is_enough:
                 break
         return candidates
 
     def _scan(
-        self, scene: Scene, body: Body, poses: GripperPoses, opening: float, covered: bool
-    ) -> Iterator[GraspCandidate]:
+        self, scene: Scene, body: Body, poses: GripperPoses, grid: ConfigurationGrid, opening: float
+    ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
-        world, ignore = self.compiled.world(scene), scene.mask({body.name, *scene.held_names})
+        covered, world = is_covered(scene, body.foot), self.compiled.world(scene)
+        ignore = scene.mask({body.name, *scene.held_names})
         if covered:
-            found = driven_configurations(world, body, poses, self._grid(), opening, ignore=ignore)
+            found = driven_configurations(world, body, poses, grid, opening, ignore=ignore)
         else:
-            found = scan_configurations(world, poses, self._grid(), opening, ignore=ignore)
+            found = scan_configurations(world, poses, grid, opening, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
-        return as_candidates(body.name, poses, opening, found)
+        return [replace(grasp, drives=covered) for grasp in as_candidates(body.name, poses, opening, found)]
 
     def _grid(self) -> ConfigurationGrid:
         if self.config.near_home:

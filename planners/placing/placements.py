@@ -14,6 +14,7 @@ from irm.arm.kinematics import ArmChain
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.base_placement import farthest_reach
 from planners.grasping.candidates import BasePlacer
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
@@ -114,19 +115,21 @@ class PlacementSearch:
             rng: for the finer grids.
             deadline: when to stop.
         """
-        scene = world.scene
-        assert scene.held is not None
-        body = scene.body(scene.held.name)
-        height = body.top - body.bottom + 2 * _GAP
-        surfaces = tuple(
-            Surface.of(world, support, body, height, keep_clear, self.volumes) for support in self.supports_in(scene)
-        )
-        levels = _free_levels(surfaces, body.radius + _GAP, scene.state.base, rng, self.config)
+        scene, surfaces = world.scene, self.surfaces(world, keep_clear)
+        levels = _free_levels(surfaces, self._room(scene), scene.state.base, rng, self.config)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             for location in _until(deadline, from_here):
                 yield from (replace(found, surfaces=surfaces) for found in self._from_here(world, location))
             for location in _until(deadline, after_a_drive):
                 yield from (replace(found, surfaces=surfaces) for found in self._after_a_drive(world, location))
+
+    def surfaces(self, world: CollisionWorld, keep_clear: KeepClear) -> tuple[Surface, ...]:
+        """The supports as the held object may use them."""
+        assert world.scene.held is not None
+        body = world.scene.body(world.scene.held.name)
+        height = body.top - body.bottom + 2 * _GAP
+        supports = self.supports_in(world.scene)
+        return tuple(Surface.of(world, support, body, height, keep_clear, self.volumes) for support in supports)
 
     def _locations(
         self,
@@ -157,7 +160,7 @@ class PlacementSearch:
         near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
         if len(near):
             bases = np.tile(np.array(scene.state.base), (len(near), 1))
-            yield from self._configurations(world, GripperPoses(bases, near), location[2])
+            yield from self._configurations(world, GripperPoses(bases, near), location[2], self._grid())
 
     def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
         """The placement at a location (3,) from wherever the base may stand, if there is one."""
@@ -165,7 +168,8 @@ class PlacementSearch:
         if len(gripper_poses):
             bases, index = self.placer.bases(gripper_poses)
             if len(bases):
-                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
+                poses = GripperPoses(bases, gripper_poses[index])
+                yield from self._configurations(world, poses, location[2], self._grid())
 
     def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
         """Which locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
@@ -177,7 +181,10 @@ class PlacementSearch:
 
     def _free_gripper_poses(self, world: CollisionWorld, location: Array) -> Array:
         """The gripper poses (k, 5) at a location that hit nothing, with the object and with the fingers opened."""
-        gripper_poses = self._gripper_poses(world.scene, location)
+        return self._free(world, self._gripper_poses(world.scene, location))
+
+    def _free(self, world: CollisionWorld, gripper_poses: Array) -> Array:
+        """Those of the gripper poses (k, 5) that hit nothing, with the object and with the fingers opened."""
         hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
         return gripper_poses[hits == 0]
 
@@ -194,7 +201,9 @@ class PlacementSearch:
         height = location[2] + half_height + _GAP - offset[2]
         return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
 
-    def _configurations(self, world: CollisionWorld, poses: GripperPoses, level: float) -> Iterator[Placement]:
+    def _configurations(
+        self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid
+    ) -> Iterator[Placement]:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
         scene = world.scene
         assert scene.held is not None
@@ -202,10 +211,10 @@ class PlacementSearch:
         placed = put_down(scene, poses.gripper_poses[0], level)
         if is_covered(scene, (*placed.position[:2], level)):
             found = driven_configurations(
-                world, placed, poses, self._grid(), opening, held=scene.held, ignore=own, first_free=True
+                world, placed, poses, grid, opening, held=scene.held, ignore=own, first_free=True
             )
         else:
-            found = scan_configurations(world, poses, self._grid(), opening, held=scene.held, first_free=True)
+            found = scan_configurations(world, poses, grid, opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
@@ -213,6 +222,11 @@ class PlacementSearch:
                 placed = put_down(scene, pose, level)
                 yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
+
+    def _room(self, scene: Scene) -> float:
+        """[m] around a location that the held object takes."""
+        assert scene.held is not None
+        return scene.body(scene.held.name).radius + _GAP
 
     def _opening(self, scene: Scene) -> float:
         assert scene.held is not None
@@ -247,14 +261,8 @@ def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:
 
 
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:
-    """Gripper poses (k, 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
-
-    The arm starts at its first joint, which turns about the vertical through the sum of the first two offsets.
-    """
-    links = scene.robot.chain
-    lengths = [*(link.offset for link in links[2:]), scene.robot.tcp_offset]
-    reach = sum(float(np.linalg.norm(length)) for length in lengths)
-    reach += float(np.linalg.norm(np.add(links[0].offset, links[1].offset)[:2]))
+    """Gripper poses (k, 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards."""
+    reach = farthest_reach(scene.robot)
     away = gripper_poses[:, :2] - base[:2]
     bearing = np.arctan2(away[:, 1], away[:, 0])
     turn = np.abs((gripper_poses[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)

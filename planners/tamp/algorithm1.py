@@ -142,9 +142,9 @@ def update_initial_state_from_error(
 
 
 def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
-    """F in less simulated time; a robot that is told TCP poses rests between the actions."""
+    """F in less simulated time; a robot that is told TCP poses rests between the actions, as in a canonical plan."""
     motion_layer = search.motion_layer
-    if motion_layer.follower is not None:
+    if motion_layer.follower is not None or not motion_layer.joins_motions:
         return tuple(search.plan)
     before = cpu_seconds()
     actions = shorten(search.plan, motion_layer.candidates.compiled, motion_layer.is_accepted)

@@ -78,6 +78,7 @@ class MotionLayer:
         floor_limits: of the search for the smallest self-clearable sets.
         follower: model of how the joints follow, for a robot that is told TCP poses.
         deadline: when to give up.
+        joins_motions: whether what is done between two contacts becomes one motion; else every phase ends at rest.
         has_refuted: whether a grasp was refuted by motion planning.
     """
 
@@ -87,6 +88,7 @@ class MotionLayer:
     floor_limits: FloorLimits | None = None
     follower: TcpFollower | None = None
     deadline: Deadline = NO_DEADLINE
+    joins_motions: bool = True
     has_refuted: bool = False
     _checker: MujocoCollisionChecker | None = None
 

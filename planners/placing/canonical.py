@@ -1,0 +1,110 @@
+"""Canonical placements: of all places for an object the same one in similar scenes, so that plans can be learned.
+
+Locations are the cells of a fixed grid. Near where the object was taken and clear of what stands around is best. The
+base always drives there, faces the gripper, and both have the same yaw. Only where no cell can be used so, the
+placements of the paper are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from planners.clock import NO_DEADLINE, Deadline
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
+from planners.grasping.base_placement import MapPlacer, farthest_reach
+from planners.grasping.facing_bases import FacingPlacer
+from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.surfaces import KeepClear, Surface
+from planners.scene import Scene, StaticObstacle
+from planners.strategies import Strategy
+
+__all__ = ["CanonicalPlacements", "placement_cells"]
+
+Array = NDArray[np.float64]
+
+_SPACING = 0.05
+"""[m] between the centres of the cells."""
+_MARGIN = 0.045
+"""[m] of the outermost cells from the edges of the support at least."""
+_CLEAR, _CLEAR_WORTH = 0.03, 3.0
+"""[m] of free space around the object that is worth a longer way, and the metres of way that a metre of it is worth."""
+_DECIMALS = 6
+"""Of costs: differences by rounding decide nothing."""
+
+
+def placement_cells(support: StaticObstacle) -> Array:
+    """The cells (n, 2) [m] of a support where a canonical plan puts objects: centres of squares, x before y."""
+    half = support.extent[:2] - _MARGIN
+    x, y = (_SPACING * np.arange(-(h // _SPACING), h // _SPACING + 1) for h in half)
+    return np.asarray(support.position[:2] + np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
+
+
+@dataclass(frozen=True)
+class CanonicalPlacements(PlacementSearch):
+    """Finds placements, the canonical ones first; the placer is a `MapPlacer`."""
+
+    def find(
+        self,
+        world: CollisionWorld,
+        keep_clear: KeepClear,
+        strategy: Strategy,
+        rng: np.random.Generator,
+        deadline: Deadline = NO_DEADLINE,
+    ) -> Iterator[Placement]:
+        """As `PlacementSearch.find`: the cells, the best first, then the placements of the paper."""
+        surfaces = self.surfaces(world, keep_clear)
+        locations = self.best_first(world.scene, surfaces)[: strategy.locations_per_level]
+        for placement in self.straight(world, locations, deadline):
+            yield replace(placement, surfaces=surfaces)
+        if not deadline.is_over:
+            yield from super().find(world, keep_clear, strategy, rng, deadline)
+
+    def best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
+        """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
+        assert scene.held is not None
+        body = scene.body(scene.held.name)
+        cells = [surface.free(placement_cells(surface.support), self._room(scene)) for surface in surfaces]
+        margins = [_margins(surface, free, self._room(scene)) for surface, free in zip(surfaces, cells, strict=True)]
+        free, margin = np.concatenate(cells), np.concatenate(margins)
+        way = np.linalg.norm(free[:, :2] - body.position[:2], axis=1)
+        cost = way + _CLEAR_WORTH * np.maximum(_CLEAR - margin, 0.0)
+        return np.asarray(free[np.argsort(np.round(cost, _DECIMALS), kind="stable")])
+
+    def straight(
+        self, world: CollisionWorld, locations: Array, deadline: Deadline = NO_DEADLINE
+    ) -> Iterator[Placement]:
+        """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
+        scene = world.scene
+        assert isinstance(self.placer, MapPlacer)
+        grid = ConfigurationGrid.about_home(self.chain, scene.robot.home)
+        facing = FacingPlacer(self.placer, farthest_reach(scene.robot))
+        wanted = [self._gripper_poses(scene, location) for location in locations]
+        turns = np.round(np.abs(np.remainder(_yaws(wanted) + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
+        for turn in np.unique(turns):
+            for location, poses in zip(locations, wanted, strict=True):
+                if deadline.is_over:
+                    return
+                free = self._free(world, poses[turns == turn])
+                bases, index = facing.bases(free)
+                for base, pose in zip(bases, free[index], strict=True):
+                    yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
+
+
+def _yaws(gripper_poses: Sequence[Array]) -> Array:
+    """[rad] of the gripper: (k,), the same at all locations."""
+    return np.asarray(gripper_poses[0][:, 3]) if gripper_poses else np.zeros(0)
+
+
+def _margins(surface: Surface, locations: Array, radius: float) -> Array:
+    """[m] around discs of that radius at locations (n, 3) that is free too, as far as cells tell: (n,)."""
+    grid, free = surface.grid, ~surface.blocked
+    distance = grid.resolution * distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    cell = ((locations[:, :2] - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+    cell = np.clip(cell, 0, np.array(grid.shape) - 1)
+    return np.asarray(distance[cell[:, 0], cell[:, 1]] - radius)
