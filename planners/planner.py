@@ -214,7 +214,7 @@ class Planner:
 
         For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
         """
-        supports = find_supports(scene, self.supports or (None if self.grasps == "side" else "all"))
+        supports = self.supports_in(scene)
         any_placer = MapPlacer.of_scene(_inverse_map(scene.robot), scene)
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
@@ -228,6 +228,10 @@ class Planner:
                 deadline=deadline,
                 joins_motions=not self.canonical,
             )
+
+    def supports_in(self, scene: Scene) -> tuple[str, ...]:
+        """The names of the supports where objects may be put in a scene; raises `UnknownSupport`."""
+        return find_supports(scene, self.supports or (None if self.grasps == "side" else "all"))
 
     @cached_property
     def chain(self) -> ArmChain:

@@ -11,6 +11,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS = {
     "episode": "run the expert in physics: one episode in full, or statistics of many",
     "collect": "collect demonstrations of an expert that replay bit for bit",
+    "decisions": "collect decisions of canonical plans, without physics",
     "train": "train a policy, from rewards or from demonstrations",
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",

@@ -7,16 +7,17 @@ gripper turned relative to the base, then those of the reachability map.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits
 from planners.grasping.base_placement import MapPlacer, farthest_reach
-from planners.grasping.candidates import GraspCandidate, GraspCandidates, Stage, gripper_poses
+from planners.grasping.candidates import OFF_TABLE, GraspCandidate, GraspCandidates, Stage, gripper_poses
 from planners.grasping.facing_bases import STRAIGHT, TURNED, FacingPlacer
+from planners.grasping.families import GraspFamily
 from planners.grasping.grasp_poses import generate_grasps
 from planners.scene import Body, Scene
 
@@ -60,14 +61,33 @@ class CanonicalGrasps(GraspCandidates):
         worse, home = _WORSE * self._stages().index(stage), scene.robot.home
         return [replace(grasp, quality=canonical_quality(grasp.base, grasp.q, home) - worse) for grasp in found]
 
+    def free_straight(self, scene: Scene, name: str, family: GraspFamily) -> Iterator[GraspCandidate]:
+        """All straight grasps of an object in which nothing is hit, one for each direction; none of a held object."""
+        body = scene.body(name)
+        grasps = generate_grasps(body, scene.robot, (family,))
+        if not grasps or name in scene.held_names or body.bottom < scene.support.top - OFF_TABLE:
+            return
+        wanted, opening = gripper_poses(grasps), max(grasp.opening for grasp in grasps)
+        hits = gripper_hits(self.compiled.world(scene), wanted, opening, ignore=scene.mask({name}))
+        poses, grid = self._facing_poses(scene, wanted[hits == 0], STRAIGHT), self._about_home(scene)
+        for base, pose in zip(poses.bases, poses.gripper_poses, strict=True):
+            found = self._scan(scene, body, GripperPoses(base[None], pose[None]), grid, opening)
+            yield from (grasp for grasp in found if not grasp.blockers)
+
     def _facing(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
         """The grasps from base poses that face the gripper."""
         grasps = generate_grasps(body, scene.robot, (stage.family,))
         if not grasps:
             return ()
+        turns, opening = STRAIGHT if stage.bases == _STRAIGHT else TURNED, max(grasp.opening for grasp in grasps)
+        poses = self._facing_poses(scene, gripper_poses(grasps), turns)
+        return self._scan(scene, body, poses, self._about_home(scene), opening)
+
+    def _facing_poses(self, scene: Scene, wanted: Array, turns: tuple[float, ...]) -> GripperPoses:
+        """Base poses that face the wanted gripper poses (k, 5), the least turned first."""
         assert isinstance(self.placer, MapPlacer)
-        wanted, turns = gripper_poses(grasps), STRAIGHT if stage.bases == _STRAIGHT else TURNED
         bases, index = FacingPlacer(self.placer, farthest_reach(scene.robot), turns).bases(wanted)
-        poses, opening = GripperPoses(bases, wanted[index]), max(grasp.opening for grasp in grasps)
-        grid = ConfigurationGrid.about_home(self.chain, scene.robot.home)
-        return self._scan(scene, body, poses, grid, opening)
+        return GripperPoses(bases, wanted[index])
+
+    def _about_home(self, scene: Scene) -> ConfigurationGrid:
+        return ConfigurationGrid.about_home(self.chain, scene.robot.home)

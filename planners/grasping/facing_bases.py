@@ -21,8 +21,8 @@ TURNED = tuple(math.radians(degrees) for degrees in (20, -20, 40, -40, 60, -60))
 """[rad] Other yaws of the gripper relative to the base."""
 _STANDOFF = 0.75
 """[m] from the base's centre to the TCP, where the arm reaches well."""
-_STEP, _HALVINGS = 0.01, 8
-"""[m] between distances tried, and how often the last step is halved to find the edge of the free floor."""
+_STEP, _FINER = 0.01, 64
+"""[m] between distances tried, and into how many parts the last step is cut to find the edge of the free floor."""
 _YAW_COST = 0.5
 """Cost of a radian of the base's yaw, if a radian of the gripper's yaw relative to the base costs 1."""
 
@@ -47,11 +47,11 @@ class FacingPlacer:
         """As `BasePlacer.bases`; those of all gripper poses in one order, the least cost first."""
         turns = np.array(self.turns)
         yaw = _wrapped(gripper_poses[:, 3:4] - turns)
-        distance = np.where(
-            gripper_poses[:, 4:5] == 0.0,
-            self._distance(self.placer.floor, gripper_poses, yaw),
-            self._distance(self.placer.open_floor, gripper_poses, yaw),
-        )
+        distance = np.full(yaw.shape, np.inf)
+        is_level = gripper_poses[:, 4] == 0.0
+        for rows, floor in ((is_level, self.placer.floor), (~is_level, self.placer.open_floor)):
+            if rows.any():
+                distance[rows] = self._distance(floor, gripper_poses[rows], yaw[rows])
         x = gripper_poses[:, :1] - distance * np.cos(yaw)
         y = gripper_poses[:, 1:2] - distance * np.sin(yaw)
         cost = np.round(_YAW_COST * np.abs(yaw) + np.abs(turns), 9)
@@ -62,22 +62,16 @@ class FacingPlacer:
 
     def _distance(self, floor: FreeSpace, gripper_poses: Array, yaw: Array) -> Array:
         """[m] behind gripper poses (k, 5) along yaws (k, t) where the base may stand: (k, t), infinite for none."""
-        steps = np.arange(_STANDOFF, self.reach, _STEP)
-
-        def is_free(distance: Array) -> NDArray[np.bool_]:
-            """Whether the base may stand at distances (k, t, s)."""
-            x = gripper_poses[:, 0, None, None] - distance * np.cos(yaw)[..., None]
-            y = gripper_poses[:, 1, None, None] - distance * np.sin(yaw)[..., None]
-            return floor.are_free(x, y)
-
-        free = is_free(np.broadcast_to(steps, (*yaw.shape, len(steps))))
-        first = free.argmax(axis=-1)
-        near, far = steps[np.maximum(first - 1, 0)][..., None], steps[first][..., None]
-        for _ in range(_HALVINGS):
-            middle = (near + far) / 2
-            ahead = is_free(middle)
-            near, far = np.where(ahead, near, middle), np.where(ahead, middle, far)
-        return np.asarray(np.where(free.any(axis=-1), far[..., 0], np.inf))
+        steps = np.tile(np.arange(_STANDOFF, self.reach, _STEP), (*yaw.shape, 1))
+        x, y = gripper_poses[:, 0, None, None], gripper_poses[:, 1, None, None]
+        cosine, sine = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+        is_any = np.ones(yaw.shape, np.bool_)
+        for _ in range(2):
+            free = floor.are_free(x - steps * cosine, y - steps * sine)
+            is_any &= free.any(axis=-1)
+            first = np.take_along_axis(steps, free.argmax(axis=-1)[..., None], axis=-1)
+            steps = np.maximum(first - _STEP * np.arange(_FINER)[::-1] / _FINER, _STANDOFF)
+        return np.asarray(np.where(is_any, first[..., 0], np.inf))
 
 
 def _wrapped(angles: Array) -> Array:

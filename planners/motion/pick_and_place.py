@@ -38,6 +38,7 @@ __all__ = [
     "PlaceMotion",
     "can_leave",
     "can_put_down",
+    "can_take",
     "fewest_blockers",
     "plan_pick",
     "plan_place",
@@ -223,6 +224,16 @@ def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, h
     """
     context, _ = release_context(world, base, np.asarray(q_release, dtype=float), held, 0)
     return any(free_approach(context, pattern) is not None for pattern in likely_patterns(context))
+
+
+def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
+    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, 0)
+    return any(free_approach(context, pattern) is not None for pattern in approach_patterns(context))
 
 
 def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:

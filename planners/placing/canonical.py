@@ -19,6 +19,7 @@ from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
 from planners.grasping.base_placement import MapPlacer, farthest_reach
 from planners.grasping.facing_bases import FacingPlacer
+from planners.placing.negative_goal_region import is_free
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import Scene, StaticObstacle
@@ -39,10 +40,11 @@ _DECIMALS = 6
 
 
 def placement_cells(support: StaticObstacle) -> Array:
-    """The cells (n, 2) [m] of a support where a canonical plan puts objects: centres of squares, x before y."""
+    """The cells (n, 3) [m] of a support where a canonical plan puts objects: centres of squares, x before y."""
     half = support.extent[:2] - _MARGIN
     x, y = (_SPACING * np.arange(-(h // _SPACING), h // _SPACING + 1) for h in half)
-    return np.asarray(support.position[:2] + np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
+    cells = support.position[:2] + np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack((cells, np.full(len(cells), support.top)))
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,17 @@ class CanonicalPlacements(PlacementSearch):
         """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
-        cells = [surface.free(placement_cells(surface.support), self._room(scene)) for surface in surfaces]
+        every = [placement_cells(surface.support) for surface in surfaces]
+        cells = [grid[self.are_free(scene, surface, grid)] for surface, grid in zip(surfaces, every, strict=True)]
         margins = [_margins(surface, free, self._room(scene)) for surface, free in zip(surfaces, cells, strict=True)]
         free, margin = np.concatenate(cells), np.concatenate(margins)
         way = np.linalg.norm(free[:, :2] - body.position[:2], axis=1)
         cost = way + _CLEAR_WORTH * np.maximum(_CLEAR - margin, 0.0)
         return np.asarray(free[np.argsort(np.round(cost, _DECIMALS), kind="stable")])
+
+    def are_free(self, scene: Scene, surface: Surface, locations: Array) -> NDArray[np.bool_]:
+        """At which locations (n, 2 or 3) [m] on a surface the held object stands on free cells alone: (n,)."""
+        return is_free(surface.grid, surface.blocked, np.ascontiguousarray(locations[:, :2]), self._room(scene))
 
     def straight(
         self, world: CollisionWorld, locations: Array, deadline: Deadline = NO_DEADLINE

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import gymnasium as gym
 
-from clutter_env.learning.demonstrations.experts import STRATEGY_NAMES, Expert, PlannerExpert
+from clutter_env.learning.demonstrations.experts import PLANNERS, Expert, PlannerChoice, PlannerExpert
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer, random_agent
 from clutter_env.suites import GRASPS
@@ -45,14 +45,14 @@ class ExpertPolicy:
         grasps: the grasps that it chooses from, "side" or "all"; with "all" it also puts objects on every support.
     """
 
-    def __init__(self, strategy: str, grasps: str) -> None:
-        self.grasps = grasps
-        self._strategy = strategy
+    def __init__(self, choice: PlannerChoice) -> None:
+        self.grasps = choice.grasps
+        self._choice = choice
         self._expert: Expert | None = None
 
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
-        self._expert = PlannerExpert(env, self._strategy, self.grasps)
+        self._expert = PlannerExpert(env, self._choice)
         self._expert.reset()
 
     @property
@@ -89,12 +89,7 @@ class RandomPolicy:
         return self._act(observation)
 
 
-_ALL_GRASPS = "-all"
-_EXPERTS = {name: (name, "side") for name in STRATEGY_NAMES} | {
-    name + _ALL_GRASPS: (name, "all") for name in STRATEGY_NAMES
-}
-"""Strategy and grasps of each expert."""
-BUILT_IN = (*_EXPERTS, "random", "bulldozer")
+BUILT_IN = (*PLANNERS, "random", "bulldozer")
 """Names of the built-in policies; the experts "…-all" choose from all grasps, the others from side grasps."""
 
 
@@ -109,8 +104,8 @@ def load_policy(name: str, seed: int) -> SuitePolicy:
     Raises:
         LearningError: there is no such policy, or it lacks the methods of the protocol.
     """
-    if name in _EXPERTS:
-        return ExpertPolicy(*_EXPERTS[name])
+    if name in PLANNERS:
+        return ExpertPolicy(PLANNERS[name])
     if name == "random":
         return RandomPolicy(seed)
     if name == "bulldozer":

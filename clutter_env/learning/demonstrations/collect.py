@@ -89,7 +89,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0) -> Job
 
 
 def demonstrate(job: Job, seed: int) -> Outcome:
-    """Record one episode and replay it in a new process; runs in a worker.
+    """Record one episode and replay it in a new process; only clean successes are demonstrations. Runs in a worker.
 
     Raises:
         OSError: no space for a temporary file.
@@ -107,6 +107,8 @@ def demonstrate(job: Job, seed: int) -> Outcome:
     if not episode.succeeded:
         why = episode.report.get("failure") or "the episode ended without success"
         return Outcome(seed, reason=f"no success: {why}", steps=len(episode))
+    if not episode.is_clean:
+        return Outcome(seed, reason="not clean: an object has fallen or been disturbed", steps=len(episode))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "episode.hdf5"
         write_episode(path, episode)

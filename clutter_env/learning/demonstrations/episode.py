@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from clutter_env.learning.demonstrations.columns import Columns, episode_columns
 from clutter_env.learning.demonstrations.experts import Expert
+from clutter_env.learning.demonstrations.step_labels import StepLabels
 from clutter_env.learning.task import Task, versions
+
+if TYPE_CHECKING:
+    from planners.execution.contact import StepLabel
 
 __all__ = ["Episode", "ReplayResult", "record", "replay"]
 
@@ -35,8 +40,11 @@ class Episode:
         truncated: flag of the last step.
         is_success: (T + 1,) flags of the infos.
         num_fallen: (T + 1,) counts of the infos.
+        num_disturbed: (T + 1,) counts of the infos.
         states: (T + 1, s) MuJoCo's full physics state.
         skills: names (T) of the skill that each action belongs to.
+        labels: phase, contact and keyframe of each of the T actions.
+        columns: names and units of all numbers, by the array's name in the episode's file.
         plan: the expert's plan as text.
         report: the expert's report, JSON values.
         versions: of all packages that the episode depends on.
@@ -52,8 +60,11 @@ class Episode:
     truncated: bool
     is_success: NDArray[np.bool_]
     num_fallen: NDArray[np.int64]
+    num_disturbed: NDArray[np.int64]
     states: NDArray[np.float64]
     skills: tuple[str, ...]
+    labels: StepLabels
+    columns: Mapping[str, Columns]
     plan: str
     report: Mapping[str, Any]
     versions: Mapping[str, str]
@@ -62,6 +73,11 @@ class Episode:
     def succeeded(self) -> bool:
         """Whether the last step's info says success."""
         return bool(self.is_success[-1])
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether no object has fallen or been disturbed by the end."""
+        return not self.num_fallen[-1] and not self.num_disturbed[-1]
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -87,10 +103,12 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
     actions: list[NDArray[np.float32]] = []
     rewards: list[float] = []
     skills: list[str] = []
+    labels: list[StepLabel | None] = []
     terminated = truncated = False
     while not (terminated or truncated or expert.done):
         action = np.asarray(expert.act(), np.float32)
         skills.append(expert.skill)
+        labels.append(expert.step_label)
         observation, reward, terminated, truncated, info = env.step(action)
         actions.append(action)
         rewards.append(float(reward))
@@ -109,8 +127,11 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
         truncated=bool(truncated),
         is_success=np.array([entry["is_success"] for entry in infos]),
         num_fallen=np.array([entry["num_fallen"] for entry in infos]),
+        num_disturbed=np.array([entry["num_disturbed"] for entry in infos]),
         states=np.stack(states),
         skills=tuple(skills),
+        labels=StepLabels.of(labels, env.get_wrapper_attr("world").names),
+        columns=episode_columns(env, observations[0]),
         plan=expert.plan_text,
         report=expert.report_values,
         versions=versions(),

@@ -1,9 +1,14 @@
 """One episode as one HDF5 file: the layout of a Minari episode, and further data that Minari does not need.
 
-    observations/…  actions  rewards  terminations  truncations  infos/{is_success, num_fallen, state, skill}
-    expert/{plan, report, skills}  attributes: id, seed, total_steps, options, task, versions
+    observations/…  actions  rewards  terminations  truncations
+    infos/{is_success, num_fallen, num_disturbed, state, skill, phase, contact_skill, contact_object, contact_base,
+        contact_tcp, keyframe}
+    expert/{plan, report, skills, phases}  attributes: id, seed, total_steps, options, task, versions
 
-`infos/skill` holds an index into the names in `expert/skills`.
+Observations and infos have a row for each of the T + 1 states, the others one for each of the T actions. What belongs
+to an action (skill, phase, contact, keyframe) stands in the row of the state before it; in the last row there is none.
+`infos/skill` and `infos/phase` hold indices into the names in `expert/skills` and `expert/phases`. Every array has the
+attributes `about`, `names` and `units`: what a row is, and name and unit of each of its numbers.
 """
 
 from __future__ import annotations
@@ -18,7 +23,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from clutter_env.learning.demonstrations.columns import Columns
 from clutter_env.learning.demonstrations.episode import Episode
+from clutter_env.learning.demonstrations.step_labels import CONTACT_SKILLS, StepLabels
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.task import Task
 
@@ -65,7 +72,9 @@ def _wrong_entry(episode: Episode) -> str:
         ("rewards", episode.rewards, steps, 1, "f"),
         ("infos/is_success", episode.is_success, steps + 1, 1, "b"),
         ("infos/num_fallen", episode.num_fallen, steps + 1, 1, "iu"),
+        ("infos/num_disturbed", episode.num_disturbed, steps + 1, 1, "iu"),
         ("infos/state", episode.states, steps + 1, 2, "f"),
+        *((name, array, steps, dimensions, "f") for name, array, dimensions in _label_arrays(episode.labels)[2:]),
     ]
     for name, array, length, dimensions, kinds in expected:
         if array.ndim != dimensions or len(array) != length or array.dtype.kind not in kinds:
@@ -73,8 +82,12 @@ def _wrong_entry(episode: Episode) -> str:
     for name, array in episode.observations.items():
         if array.ndim < 2 or len(array) != steps + 1 or array.dtype.kind not in _NUMBERS:
             return f"observations/{name} has shape {array.shape} and type {array.dtype}, with {steps} actions"
-    if len(episode.skills) != steps:
-        return f"infos/skill names {len(episode.skills)} skills for {steps} actions"
+    for name, count in (("skill", len(episode.skills)), ("phase", len(episode.labels.phases))):
+        if count != steps:
+            return f"infos/{name} has {count} entries for {steps} actions"
+    labels = episode.labels
+    if {len(labels.skill), len(labels.object)} != {steps} or not (labels.skill < len(CONTACT_SKILLS)).all():
+        return "infos/contact_skill and infos/contact_object do not fit"
     return ""
 
 
@@ -92,18 +105,47 @@ def _write(file: h5py.File, episode: Episode) -> None:
     )
     ends = np.zeros((2, steps), dtype=bool)
     ends[:, -1] = episode.terminated, episode.truncated
-    names = sorted(set(episode.skills))
+    names, phases, labels = sorted(set(episode.skills)), sorted(set(episode.labels.phases)), episode.labels
     arrays: dict[str, NDArray[Any]] = {f"observations/{name}": value for name, value in episode.observations.items()}
     arrays |= {"actions": episode.actions, "rewards": episode.rewards, "terminations": ends[0], "truncations": ends[1]}
     arrays["infos/is_success"] = episode.is_success
     arrays["infos/num_fallen"] = episode.num_fallen
+    arrays["infos/num_disturbed"] = episode.num_disturbed
     arrays["infos/state"] = episode.states
-    arrays["infos/skill"] = np.array([names.index(name) for name in episode.skills], np.int64)
+    arrays["infos/skill"] = _with_last_row(np.array([names.index(name) for name in episode.skills], np.int64), -1)
+    arrays["infos/phase"] = _with_last_row(np.array([phases.index(name) for name in labels.phases], np.int64), -1)
+    for name, values, _ in _label_arrays(labels):
+        none = np.nan if values.dtype.kind == "f" else 0 if name == "infos/contact_skill" else -1
+        arrays[name] = _with_last_row(values, none)
     for name, values in arrays.items():
-        file.create_dataset(name, data=values, chunks=True, **_COMPRESSION)
+        dataset = file.create_dataset(name, data=values, chunks=True, **_COMPRESSION)
+        _describe(dataset, episode.columns[name])
     file.create_dataset("expert/plan", data=episode.plan, dtype=_TEXT)
     file.create_dataset("expert/report", data=json.dumps(dict(episode.report)), dtype=_TEXT)
     file.create_dataset("expert/skills", data=names, dtype=_TEXT)
+    file.create_dataset("expert/phases", data=phases, dtype=_TEXT)
+
+
+def _label_arrays(labels: StepLabels) -> list[tuple[str, NDArray[Any], int]]:
+    """The arrays of labels but the phases: name in the file, one row for each action, and number of dimensions."""
+    return [
+        ("infos/contact_skill", labels.skill, 1),
+        ("infos/contact_object", labels.object, 1),
+        ("infos/contact_base", labels.contact_base, 2),
+        ("infos/contact_tcp", labels.contact_tcp, 3),
+        ("infos/keyframe", labels.keyframe, 2),
+    ]
+
+
+def _with_last_row(rows: NDArray[Any], none: float) -> NDArray[Any]:
+    """Rows of actions, and one of the last state, to which no action belongs."""
+    return np.concatenate((rows, np.full((1, *rows.shape[1:]), none, rows.dtype)))
+
+
+def _describe(dataset: h5py.Dataset, columns: Columns) -> None:
+    dataset.attrs["about"] = columns.about
+    dataset.attrs.create("names", list(columns.names), dtype=_TEXT, shape=(len(columns.names),))
+    dataset.attrs.create("units", list(columns.units), dtype=_TEXT, shape=(len(columns.units),))
 
 
 def _read(file: h5py.File) -> Episode:
@@ -120,11 +162,45 @@ def _read(file: h5py.File) -> Episode:
         is_success=_array(file["infos/is_success"]),
         num_fallen=_array(file["infos/num_fallen"]),
         states=_array(file["infos/state"]),
-        skills=tuple(_name(names, index) for index in _array(file["infos/skill"])),
+        num_disturbed=_array(file["infos/num_disturbed"]),
+        skills=tuple(_name(names, index) for index in _of_actions(file["infos/skill"])),
+        labels=_read_labels(file),
+        columns=_read_columns(file),
         plan=file["expert/plan"][()].decode(),
         report=_mapping(file["expert/report"][()]),
         versions=_mapping(file.attrs["versions"]),
     )
+
+
+def _read_labels(file: h5py.File) -> StepLabels:
+    phases = [name.decode() for name in file["expert/phases"][()]]
+    return StepLabels(
+        tuple(_name(phases, index) for index in _of_actions(file["infos/phase"])),
+        _of_actions(file["infos/contact_skill"]),
+        _of_actions(file["infos/contact_object"]),
+        _of_actions(file["infos/contact_base"]),
+        _of_actions(file["infos/contact_tcp"]),
+        _of_actions(file["infos/keyframe"]),
+    )
+
+
+def _read_columns(file: h5py.File) -> dict[str, Columns]:
+    """The names and units of all arrays that have some."""
+    found: dict[str, Columns] = {}
+
+    def read(name: str, entry: h5py.Group | h5py.Dataset) -> None:
+        """Those of one array."""
+        if isinstance(entry, h5py.Dataset) and "about" in entry.attrs:
+            about, names, units = (entry.attrs[key] for key in ("about", "names", "units"))
+            found[name] = Columns(str(about), tuple(map(str, names)), tuple(map(str, units)))
+
+    file.visititems(read)
+    return found
+
+
+def _of_actions(values: h5py.Dataset) -> NDArray[Any]:
+    """The rows that belong to actions: all but the last."""
+    return _array(values)[:-1]
 
 
 def _array(values: h5py.Dataset) -> NDArray[Any]:
@@ -152,7 +228,7 @@ def _mapping(text: str | bytes, may_be_none: bool = False) -> Any:
 
 
 def _name(names: list[str], index: int) -> str:
-    """The skill of an index; negative ones do not count from the end."""
+    """The skill or phase of an index; negative ones do not count from the end."""
     if not 0 <= index < len(names):
-        raise IndexError(f"infos/skill has index {index} among {len(names)} names")
+        raise IndexError(f"infos/skill or infos/phase has index {index} among {len(names)} names")
     return names[index]

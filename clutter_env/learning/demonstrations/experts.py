@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -15,10 +16,31 @@ from clutter_env.learning.errors import UnknownExpert
 from clutter_env.learning.task import family
 from clutter_env.reporting.json_file import json_values
 
-__all__ = ["MAX_SCRIPT_STEPS", "Expert", "expert_keywords", "expert_names", "make_expert"]
+if TYPE_CHECKING:
+    from planners.execution.contact import StepLabel
+
+__all__ = ["MAX_SCRIPT_STEPS", "PLANNERS", "Expert", "expert_keywords", "expert_names", "make_expert"]
 
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
+
+
+class PlannerChoice(NamedTuple):
+    """A strategy, the grasps to choose from, and whether plans are canonical; see `planners.Planner`."""
+
+    strategy: str
+    grasps: str = "side"
+    canonical: bool = False
+
+
+_SIDE = {name: PlannerChoice(name) for name in STRATEGY_NAMES} | {
+    "canonical": PlannerChoice("lookahead", canonical=True)
+}
+PLANNERS: Mapping[str, PlannerChoice] = MappingProxyType(
+    _SIDE | {f"{name}-all": choice._replace(grasps="all") for name, choice in _SIDE.items()}
+)
+"""Experts that plan, by name: those "…-all" choose from all grasps, the others from side grasps. "canonical" looks
+ahead too, and makes plans that can be learned."""
 
 MAX_SCRIPT_STEPS = 400
 """Steps after which a script gives up; it needs about a hundred."""
@@ -35,6 +57,11 @@ class Expert(Protocol):
     @property
     def skill(self) -> str:
         """Name of the skill that the last action belongs to."""
+        ...
+
+    @property
+    def step_label(self) -> StepLabel | None:
+        """Phase, contact and keyframe that the last action belongs to; None if it has no plan."""
         ...
 
     @property
@@ -61,7 +88,7 @@ def expert_names(env_id: str) -> tuple[str, ...]:
     kind = family(env_id)
     if kind == "skill":
         return ()
-    return (kind,) if kind in SCRIPTS else (*STRATEGY_NAMES, "scripted")
+    return (kind,) if kind in SCRIPTS else (*PLANNERS, "scripted")
 
 
 def expert_keywords(name: str) -> dict[str, Any]:
@@ -90,7 +117,7 @@ def make_expert(env: gym.Env, name: str = "") -> Expert:
     chosen = name or known[0]
     if chosen in SCRIPTS:
         return ScriptedExpert(env, chosen)
-    return PlannerExpert(env, chosen)
+    return PlannerExpert(env, PLANNERS[chosen])
 
 
 class ScriptedExpert:
@@ -107,6 +134,7 @@ class ScriptedExpert:
         self._env, self._name = base_env, name
         self._steps = 0
         self.skill = ""
+        self.step_label: StepLabel | None = None
         self.done = False
         self.plan_text = name
         self.report_values: Mapping[str, Any] = {}
@@ -125,17 +153,17 @@ class ScriptedExpert:
 
 
 class PlannerExpert:
-    """`planners.TampExpert` without a time limit, with side grasps if not told otherwise, as the learning problem has.
+    """`planners.TampExpert` without a time limit.
 
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
     """
 
-    def __init__(self, env: gym.Env, strategy: str, grasps: str = "side") -> None:
+    def __init__(self, env: gym.Env, choice: PlannerChoice) -> None:
         # The scripts do without the planner and its compiled kernels.
         from planners.execution.expert import ExpertConfig, TampExpert
 
         config = ExpertConfig(planning_s=math.inf)
-        self._expert = TampExpert(env, strategy=strategy, grasps=grasps, config=config)
+        self._expert = TampExpert(env, choice.strategy, grasps=choice.grasps, canonical=choice.canonical, config=config)
 
     @property
     def done(self) -> bool:
@@ -146,6 +174,11 @@ class PlannerExpert:
     def skill(self) -> str:
         """The symbolic action and the phase of its motion, such as "PickUp object_03: lift"."""
         return str(self._expert.phase)
+
+    @property
+    def step_label(self) -> StepLabel:
+        """Phase, contact and keyframe that the last action belongs to."""
+        return self._expert.step_label
 
     @property
     def plan_text(self) -> str:

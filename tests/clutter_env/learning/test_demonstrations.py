@@ -16,6 +16,7 @@ from clutter_env.learning.demonstrations.collect import Outcome, collect
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import Episode, record, replay
 from clutter_env.learning.demonstrations.experts import expert_names, make_expert
+from clutter_env.learning.demonstrations.step_labels import StepLabels
 from clutter_env.learning.errors import CollectionError, DatasetError, UnknownExpert
 from clutter_env.learning.task import Task
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
@@ -95,8 +96,16 @@ def test_an_episode_survives_its_file(episode: Episode, tmp_path: Path) -> None:
             assert before.tobytes() == after.tobytes()
         elif field.name == "observations":
             assert all(before[name].tobytes() == after[name].tobytes() for name in before)
+        elif field.name == "labels":
+            assert_same_labels(before, after)
         else:
             assert before == after
+
+
+def assert_same_labels(before: StepLabels, after: StepLabels) -> None:
+    assert before.phases == after.phases
+    for field in dataclasses.fields(StepLabels)[1:]:
+        np.testing.assert_array_equal(getattr(before, field.name), getattr(after, field.name))
 
 
 def test_what_is_no_episode_is_refused(tmp_path: Path) -> None:
