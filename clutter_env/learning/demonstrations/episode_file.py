@@ -74,7 +74,7 @@ def _wrong_entry(episode: Episode) -> str:
         ("infos/num_fallen", episode.num_fallen, steps + 1, 1, "iu"),
         ("infos/num_disturbed", episode.num_disturbed, steps + 1, 1, "iu"),
         ("infos/state", episode.states, steps + 1, 2, "f"),
-        *((name, array, steps, dimensions, "f") for name, array, dimensions in _label_arrays(episode.labels)[2:]),
+        *((name, array, steps, ndim, kind) for name, array, ndim, kind in _label_arrays(episode.labels)),
     ]
     for name, array, length, dimensions, kinds in expected:
         if array.ndim != dimensions or len(array) != length or array.dtype.kind not in kinds:
@@ -85,9 +85,8 @@ def _wrong_entry(episode: Episode) -> str:
     for name, count in (("skill", len(episode.skills)), ("phase", len(episode.labels.phases))):
         if count != steps:
             return f"infos/{name} has {count} entries for {steps} actions"
-    labels = episode.labels
-    if {len(labels.skill), len(labels.object)} != {steps} or not (labels.skill < len(CONTACT_SKILLS)).all():
-        return "infos/contact_skill and infos/contact_object do not fit"
+    if not np.isin(episode.labels.skill, np.arange(len(CONTACT_SKILLS))).all():
+        return f"infos/contact_skill has numbers other than 0 to {len(CONTACT_SKILLS) - 1}"
     return ""
 
 
@@ -114,7 +113,7 @@ def _write(file: h5py.File, episode: Episode) -> None:
     arrays["infos/state"] = episode.states
     arrays["infos/skill"] = _with_last_row(np.array([names.index(name) for name in episode.skills], np.int64), -1)
     arrays["infos/phase"] = _with_last_row(np.array([phases.index(name) for name in labels.phases], np.int64), -1)
-    for name, values, _ in _label_arrays(labels):
+    for name, values, *_ in _label_arrays(labels):
         none = np.nan if values.dtype.kind == "f" else 0 if name == "infos/contact_skill" else -1
         arrays[name] = _with_last_row(values, none)
     for name, values in arrays.items():
@@ -126,14 +125,14 @@ def _write(file: h5py.File, episode: Episode) -> None:
     file.create_dataset("expert/phases", data=phases, dtype=_TEXT)
 
 
-def _label_arrays(labels: StepLabels) -> list[tuple[str, NDArray[Any], int]]:
-    """The arrays of labels but the phases: name in the file, one row for each action, and number of dimensions."""
+def _label_arrays(labels: StepLabels) -> list[tuple[str, NDArray[Any], int, str]]:
+    """The arrays of labels but the phases: name in the file, a row for each action, number of dimensions, kind."""
     return [
-        ("infos/contact_skill", labels.skill, 1),
-        ("infos/contact_object", labels.object, 1),
-        ("infos/contact_base", labels.contact_base, 2),
-        ("infos/contact_tcp", labels.contact_tcp, 3),
-        ("infos/keyframe", labels.keyframe, 2),
+        ("infos/contact_skill", labels.skill, 1, "i"),
+        ("infos/contact_object", labels.object, 1, "i"),
+        ("infos/contact_base", labels.contact_base, 2, "f"),
+        ("infos/contact_tcp", labels.contact_tcp, 3, "f"),
+        ("infos/keyframe", labels.keyframe, 2, "f"),
     ]
 
 
@@ -149,7 +148,6 @@ def _describe(dataset: h5py.Dataset, columns: Columns) -> None:
 
 
 def _read(file: h5py.File) -> Episode:
-    names = [name.decode() for name in file["expert/skills"][()]]
     return Episode(
         task=Task.from_json(file.attrs["task"]),
         seed=operator.index(file.attrs["seed"]),
@@ -163,7 +161,7 @@ def _read(file: h5py.File) -> Episode:
         num_fallen=_array(file["infos/num_fallen"]),
         states=_array(file["infos/state"]),
         num_disturbed=_array(file["infos/num_disturbed"]),
-        skills=tuple(_name(names, index) for index in _of_actions(file["infos/skill"])),
+        skills=_names(file, "expert/skills", "infos/skill"),
         labels=_read_labels(file),
         columns=_read_columns(file),
         plan=file["expert/plan"][()].decode(),
@@ -173,9 +171,8 @@ def _read(file: h5py.File) -> Episode:
 
 
 def _read_labels(file: h5py.File) -> StepLabels:
-    phases = [name.decode() for name in file["expert/phases"][()]]
     return StepLabels(
-        tuple(_name(phases, index) for index in _of_actions(file["infos/phase"])),
+        _names(file, "expert/phases", "infos/phase"),
         _of_actions(file["infos/contact_skill"]),
         _of_actions(file["infos/contact_object"]),
         _of_actions(file["infos/contact_base"]),
@@ -227,8 +224,9 @@ def _mapping(text: str | bytes, may_be_none: bool = False) -> Any:
     return value
 
 
-def _name(names: list[str], index: int) -> str:
-    """The skill or phase of an index; negative ones do not count from the end."""
-    if not 0 <= index < len(names):
-        raise IndexError(f"infos/skill or infos/phase has index {index} among {len(names)} names")
-    return names[index]
+def _names(file: h5py.File, names: str, indices: str) -> tuple[str, ...]:
+    """The skill or phase of every action; all names are used, and negative indices do not count from the end."""
+    known, rows = [name.decode() for name in file[names][()]], _of_actions(file[indices])
+    if set(rows.tolist()) != set(range(len(known))):
+        raise IndexError(f"{indices} has indices {sorted(set(rows.tolist()))} among {len(known)} names")
+    return tuple(known[index] for index in rows)

@@ -104,9 +104,10 @@ def test_wrong_attributes(good: Path, tmp_path: Path, name: str, value: object) 
     refused(path)
 
 
-@pytest.mark.parametrize(
-    "place", ["actions", "rewards", "infos/is_success", "infos/num_fallen", "infos/state", "infos/skill"]
-)
+STEPWISE = ("is_success", "num_fallen", "num_disturbed", "state", "skill", "phase", "contact_object", "keyframe")
+
+
+@pytest.mark.parametrize("place", ["actions", "rewards", *(f"infos/{name}" for name in STEPWISE)])
 def test_other_numbers_of_steps(good: Path, tmp_path: Path, place: str) -> None:
     path = tmp_path / "short.hdf5"
     shutil.copy(good, path)
