@@ -7,6 +7,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners.execution.contact import Contact, contact_of, contacts, label_of
+from planners.grasping.candidates import GraspCandidate
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import SIDE
 from planners.motion.arm import tcp_pose
@@ -73,7 +74,7 @@ def test_other_grasps_are_chosen_only_where_all_straight_ones_are_blocked(seed: 
         )
 
 
-def is_straight(scene: Scene, grasp: object) -> bool:
+def is_straight(scene: Scene, grasp: GraspCandidate) -> bool:
     tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
     return Contact("pick", grasp.object, grasp.base, tcp).is_straight
 
