@@ -30,11 +30,14 @@ class Arguments:
     out: Path = Path("outputs/demos")
     """Directory of the episodes' files; one that the same command made is continued."""
     strategy: str = ""
-    """The expert: a strategy of the planner, or "scripted"; empty for the first one of the environment."""
+    """The expert: a strategy of the planner, "canonical" (plans that can be learned), one of these with "-all" for all
+    grasps, or "scripted"; empty for the first one of the environment."""
     control_mode: Literal["joint", "ee", ""] = ""
     """Control mode; empty for the environment's own."""
     layout: str = ""
     """Layout; empty for the environment's own."""
+    obstructed: bool = False
+    """Only targets that no side grasp reaches without moving something."""
     seed: int = 0
     """First seed; the others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
     workers: int = 2
@@ -64,7 +67,11 @@ def run(arguments: Arguments) -> None:
     from clutter_env.parallel.jobs import run_jobs
     from clutter_env.reporting.json_file import write_json
 
-    chosen = {"control_mode": arguments.control_mode, "layout": arguments.layout}
+    chosen = {
+        "control_mode": arguments.control_mode,
+        "layout": arguments.layout,
+        "obstructed": arguments.obstructed,
+    }
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
     job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed)
     dataset = Dataset.open_for(job, arguments.out)

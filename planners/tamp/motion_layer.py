@@ -230,17 +230,9 @@ class MotionLayer:
     def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
         """Put the held object down as planned."""
         assert scene.held is not None
-        world = self._compiled(scene)
+        world, held, start = self._compiled(scene), scene.held, _whole_body(scene.state)
         for _ in range(_TRIES):
-            motion = plan_place(
-                world,
-                placement.base,
-                _whole_body(scene.state),
-                placement.q,
-                scene.held,
-                rng=self.rng,
-                find_blockers=False,
-            )
+            motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
             if not isinstance(motion, PlaceMotion):
                 return motion
             if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,7 +117,7 @@ def clusters(contacts: Sequence[PlannedContact]) -> list[int]:
     return sorted(sizes, reverse=True)
 
 
-def spread_table(plans: dict[str, Sequence[PlannedScene]]) -> str:
+def spread_table(plans: Mapping[str, Sequence[PlannedScene]]) -> str:
     """The figures of every kind of plan side by side, as Markdown; averages are over scenes that all kinds solve."""
     solved = [{plan.seed for plan in some if plan.clearances is not None} for some in plans.values()]
     common = set.intersection(*solved)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from clutter_env.experiments.plans.spread import BINS, PlannedScene, clusters, e
 __all__ = ["plot_spread"]
 
 
-def plot_spread(plans: dict[str, Sequence[PlannedScene]], file: Path) -> None:
+def plot_spread(plans: Mapping[str, Sequence[PlannedScene]], file: Path) -> None:
     """Base yaws relative to the gripper, and the share of contacts in the largest clusters of arm configurations."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
