@@ -15,7 +15,7 @@ __all__ = ["plot_spread"]
 
 def plot_spread(plans: Mapping[str, Sequence[PlannedScene]], file: Path) -> None:
     """Base yaws relative to the gripper, and the share of contacts in the largest clusters of arm configurations."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     width = 0.8 / len(plans)
     for number, (name, some) in enumerate(plans.items()):

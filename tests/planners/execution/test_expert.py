@@ -83,10 +83,36 @@ def test_supports_are_for_a_planner_of_this_package() -> None:
 
     with pytest.raises(ExpertError, match="supports='all' is for a Planner, not for Own"):
         TampExpert(env, planner=Own(), supports="all")
+    with pytest.raises(ExpertError, match="canonical=True is for a Planner, not for Own"):
+        TampExpert(env, planner=Own(), canonical=True)
     expert = TampExpert(env, planner=Planner(FETCH), supports=("desk",))
     env.reset(seed=0)
     with pytest.raises(UnknownSupport, match="table_top, counter_left, counter_right"):
         expert.reset()
+
+
+def test_a_step_after_a_deviation_belongs_to_no_contact_until_the_next_plan() -> None:
+    env = gymnasium.make("clutter_env/Retrieve-o1-v0", max_episode_steps=MAX_STEPS)
+    env.reset(seed=3)
+    expert = TampExpert(env, canonical=True, grasps="side")
+    expert.reset()
+    found: list[tuple[str, bool]] = []
+    while not expert.done:
+        *_, info = env.step(expert.act())
+        label = expert.step_label
+        entry = label.phase, label.contact is not None
+        if not found or found[-1] != entry:
+            found.append(entry)
+            if entry[0] == "transit" and len(found) < 5:
+                move(env, expert.target, (0.0, 0.08, 0.0))
+    assert info["is_success"] or info["lifted"]
+    assert expert.report.replans == 1
+    assert expert.report.contacts == 2
+    assert all(has_contact == bool(phase) for phase, has_contact in found)
+    phases = [phase for phase, _ in found]
+    stopped = phases.index("")
+    assert phases[stopped - 1] == "transit"
+    assert "lift" in phases[stopped:]
 
 
 def move(env: gymnasium.Env, name: str, shift: tuple[float, float, float], tilt: float = 0.0) -> None:
