@@ -43,6 +43,12 @@ class SamplingConfig:
     rolls: int = 18
     near_home: bool = False
 
+    def grid(self, chain: ArmChain) -> ConfigurationGrid:
+        """The values of the free parameters that are tried for an arm."""
+        if self.near_home:
+            return ConfigurationGrid.near_home(chain)
+        return ConfigurationGrid.over(chain, self.torsos, self.rolls)
+
 
 class BasePlacer(Protocol):
     """Says where the base may stand."""
@@ -192,17 +198,13 @@ class GraspCandidates:
     ) -> Iterator[GraspCandidate]:
         """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
         world, ignore = self.compiled.world(scene), scene.mask({body.name, *scene.held_names})
+        grid = self.config.grid(self.chain)
         if covered:
-            found = driven_configurations(world, body, poses, self._grid(), opening, ignore=ignore)
+            found = driven_configurations(world, body, poses, grid, opening, ignore=ignore)
         else:
-            found = scan_configurations(world, poses, self._grid(), opening, ignore=ignore)
+            found = scan_configurations(world, poses, grid, opening, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
         return as_candidates(body.name, poses, opening, found)
-
-    def _grid(self) -> ConfigurationGrid:
-        if self.config.near_home:
-            return ConfigurationGrid.near_home(self.chain)
-        return ConfigurationGrid.over(self.chain, self.config.torsos, self.config.rolls)
 
 
 def _sorted(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from irm.arm.kinematics import ArmChain
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.candidates import BasePlacer
+from planners.grasping.arm_configurations import GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.candidates import BasePlacer, SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
@@ -199,13 +199,14 @@ class PlacementSearch:
         scene = world.scene
         assert scene.held is not None
         opening, own = self._opening(scene), scene.mask(scene.held_names)
+        grid = SamplingConfig(self.torsos, self.rolls, self.near_home).grid(self.chain)
         placed = put_down(scene, poses.gripper_poses[0], level)
         if is_covered(scene, (*placed.position[:2], level)):
             found = driven_configurations(
-                world, placed, poses, self._grid(), opening, held=scene.held, ignore=own, first_free=True
+                world, placed, poses, grid, opening, held=scene.held, ignore=own, first_free=True
             )
         else:
-            found = scan_configurations(world, poses, self._grid(), opening, held=scene.held, first_free=True)
+            found = scan_configurations(world, poses, grid, opening, held=scene.held, first_free=True)
         for best in np.argsort(-found.quality):
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
             if can_put_down(world, base, found.q[best], scene.held):
@@ -217,13 +218,6 @@ class PlacementSearch:
     def _opening(self, scene: Scene) -> float:
         assert scene.held is not None
         return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
-
-    def _grid(self) -> ConfigurationGrid:
-        return (
-            ConfigurationGrid.near_home(self.chain)
-            if self.near_home
-            else ConfigurationGrid.over(self.chain, self.torsos, self.rolls)
-        )
 
 
 def _free_levels(

@@ -17,7 +17,7 @@ from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import gripper_opening
@@ -66,9 +66,7 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     env: Any = gym.make("clutter_env/Retrieve-o1-v0", layout=layout, robot=robot, disable_env_checker=True).unwrapped
     env.reset(seed=0)
     scene = replace(Scene.from_mujoco(env.model, env.data, robot), objects=())
-    sampling = SamplingConfig()
-    chain = ArmChain.from_robot(robot)
-    grid = ConfigurationGrid.over(chain, sampling.torsos, sampling.rolls)
+    grid = SamplingConfig().grid(ArmChain.from_robot(robot))
     world, placer, opening = CollisionWorld.from_scene(scene), map_placer(scene), gripper_opening(robot, RADIUS)
     yaws = _yaws(SIDE.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
