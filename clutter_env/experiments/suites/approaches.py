@@ -20,7 +20,7 @@ from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.families import SIDE
-from planners.grasping.grasp_poses import gripper_opening
+from planners.grasping.grasp_poses import even_yaws, gripper_opening
 from planners.planner import map_placer
 from planners.scene import Scene
 
@@ -68,7 +68,7 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     scene = replace(Scene.from_mujoco(env.model, env.data, robot), objects=())
     grid = SamplingConfig().grid(ArmChain.from_robot(robot))
     world, placer, opening = CollisionWorld.from_scene(scene), map_placer(scene), gripper_opening(robot, RADIUS)
-    yaws = _yaws(SIDE.directions)
+    yaws = even_yaws(SIDE.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):
         positions = np.tile((x, y, TABLE_HEIGHT + robot.grasp_height), (len(yaws), 1))
@@ -81,12 +81,6 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
                 configurations = scan_configurations(world, tried, grid, opening, first_free=True)
                 found[index, yaw] = len(configurations.q) > 0
     return found
-
-
-def _yaws(count: int) -> Array:
-    """[rad] in (-π, π], as the planner writes them."""
-    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
-    return np.asarray(np.pi - np.mod(np.pi - angles, 2 * np.pi))
 
 
 def _rows(robot: RobotSpec, layout: Layout, tick: Callable[[], object]) -> list[str]:
