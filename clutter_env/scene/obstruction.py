@@ -91,7 +91,7 @@ class SideApproaches:
 
 def robots_with_approaches() -> tuple[str, ...]:
     """Names of the robots for which there is a table of side approaches."""
-    return tuple(sorted(file.stem for file in assets.path("approaches/fetch.json").parent.glob("*.json")))
+    return assets.names("approaches")
 
 
 @cache
