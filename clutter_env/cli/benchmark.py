@@ -64,7 +64,7 @@ def run(arguments: Arguments) -> None:
     settings = SpeedSettings(arguments.steps, arguments.layout, arguments.control_mode, arguments.seed)
     measurements = measure_speed(arguments.objects, settings)
     rows = list(tqdm(measurements, desc="measuring", unit="count", total=len(arguments.objects)))
-    print(speed_table(rows))
+    print(speed_table(rows), end="")
     plot_speed(rows, arguments.output)
     print(f"plot: {arguments.output}")
     if arguments.json is not None:

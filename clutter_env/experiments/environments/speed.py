@@ -20,6 +20,7 @@ import numpy as np
 from clutter_env.config import PHYSICS_STEPS
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import RenderingUnavailable
+from clutter_env.reporting.tables import markdown_table, number_text
 
 __all__ = ["SpeedMeasurement", "SpeedSettings", "measure_speed", "speed_table"]
 
@@ -155,14 +156,25 @@ def _frames_per_second(objects: int, settings: SpeedSettings) -> float | None:
 
 def speed_table(rows: list[SpeedMeasurement]) -> str:
     """The measurements as a Markdown table."""
-    lines = [
-        "| objects | steps/s | step / physics | µs per physics step | reset, median ms | 480 × 480 frames/s | MB |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        frames = "–" if row.frames_per_s is None else f"{row.frames_per_s:.0f}"
-        lines.append(
-            f"| {row.objects} | {row.steps_per_s:.0f} | {row.step_over_physics:.2f} | {row.physics_step_us:.1f} "
-            f"| {row.reset_median_ms:.2f} | {frames} | {row.memory_mb:.0f} |"
+    head = (
+        "objects",
+        "steps/s",
+        "step / physics",
+        "µs per physics step",
+        "reset, median ms",
+        "480 × 480 frames/s",
+        "MB",
+    )
+    cells = [
+        (
+            str(row.objects),
+            f"{row.steps_per_s:.0f}",
+            f"{row.step_over_physics:.2f}",
+            f"{row.physics_step_us:.1f}",
+            f"{row.reset_median_ms:.2f}",
+            number_text(row.frames_per_s, "{:.0f}"),
+            f"{row.memory_mb:.0f}",
         )
-    return "\n".join(lines)
+        for row in rows
+    ]
+    return markdown_table(head, cells)
