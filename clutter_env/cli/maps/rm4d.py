@@ -50,7 +50,7 @@ def run(arguments: Arguments) -> None:
         body.append((row.method, *(f"{share:.3f}" for share in shares), *costs))
     print(markdown_table(head, body))
     if arguments.json is not None:
-        write_json(arguments.json, {"rows": [vars(row) for row in rows]})
+        write_json(arguments.json, {"rows": rows})
 
 
 def main(words: Sequence[str] | None = None) -> None:
