@@ -14,6 +14,7 @@ import pytest
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH
 from clutter_env.errors import OptionError, StateError
+from clutter_env.experiments.environments.toppled import wake
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.scene.obstruction import count_blockers, side_approaches
@@ -40,10 +41,7 @@ def idle(env: Any, steps: int) -> dict[str, Any]:
 def place(env: Any, slot: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
     """Put an object elsewhere, at rest and awake."""
     env.data.qpos[env.world.index.object_qpos].reshape(-1, 7)[slot] = (*position, *quaternion)
-    kind = mujoco.mjtState.mjSTATE_INTEGRATION
-    state = np.empty(mujoco.mj_stateSize(env.model, kind))
-    mujoco.mj_getState(env.model, env.data, state, kind)
-    mujoco.mj_setState(env.model, env.data, state, kind)
+    wake(env.model, env.data)
 
 
 def test_they_lie_along_their_yaw_and_touch_the_table() -> None:
