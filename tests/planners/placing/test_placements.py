@@ -163,7 +163,9 @@ def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Sce
         support = scene.support_named(name)
         finder = replace(search(scene), supports=(name,))
         found = finder.find(world, KeepClear(), STRATEGIES["srivastava"], np.random.default_rng(0))
-        for placement in itertools.islice(found, 5):
+        first = list(itertools.islice(found, 5))
+        assert len(first) == 5
+        for placement in first:
             body = placement.body
             away = np.abs(body.position[:2] - support.position[:2])
             assert (away + body.radius <= support.extent[:2]).all()
