@@ -207,7 +207,7 @@ class Planner:
 
         For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
         """
-        supports = find_supports(scene, self.supports or (None if self.grasps == "side" else "all"))
+        supports = find_supports(scene, self.support_choice)
         any_placer = MapPlacer.of_scene(_inverse_map(scene.robot), scene)
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
@@ -216,6 +216,13 @@ class Planner:
             candidates = GraspCandidates(placer, self.chain, config, compiled, find_grasp_set(self.grasps))
             search = PlacementSearch(placer, self.chain, near_home=near_home, supports=supports)
             yield MotionLayer(candidates, search, rng, follower=self.follower, deadline=deadline)
+
+    @property
+    def support_choice(self) -> Supports:
+        """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
+        if self.supports is not None:
+            return self.supports
+        return None if self.grasps == "side" else "all"
 
     @cached_property
     def chain(self) -> ArmChain:
