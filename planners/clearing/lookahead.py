@@ -217,10 +217,10 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> Kee
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
     """The scene after a grasp: the object is held, the robot where it took it or drove out to, its arm at home."""
     T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
-    T_tcp_object = np.linalg.inv(T_world_tcp) @ scene.body(grasp.object).pose
+    held = HeldObject.grasped(scene.body(grasp.object), T_world_tcp)
     base = drive_out(scene.support, grasp.base, T_world_tcp)[-1] if grasp.drives else grasp.base
     state = RobotState(base, np.array(scene.robot.home), scene.state.finger_position)
-    return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
+    return scene.with_state(state).with_held(held)
 
 
 def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> Mapping[str, Placement] | str:

@@ -168,3 +168,8 @@ class HeldObject:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_tcp_object", frozen(self.T_tcp_object, (4, 4), "T_tcp_object"))
+
+    @classmethod
+    def grasped(cls, body: Body, T_world_tcp: NDArray[np.float64]) -> HeldObject:
+        """An object as fingers at T_world_tcp (4, 4) hold it that close on it where it is."""
+        return cls(body.name, np.linalg.inv(T_world_tcp) @ body.pose)
