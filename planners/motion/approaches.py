@@ -164,7 +164,7 @@ def release_context(
 
 def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, float]:
     """[m] between the fingers of a gripper at a pose (4, 4): open around an object, and closed on it."""
-    grip = 2.0 * body.half_extent_along(T_world_tcp[:3, 1])
+    grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
     return min(grip + 2 * SIDE_CLEARANCE, robot.max_opening), grip
 
 

@@ -86,6 +86,10 @@ class Body:
             return float(np.abs(local) @ self.half_extents)
         return float(abs(local[2]) * self.half_extents[2] + math.hypot(local[0], local[1]) * self.half_extents[0])
 
+    def width_in_gripper(self, T_tcp_body: ArrayLike) -> float:
+        """[m] of the body along the line on which the fingers close, held at T_tcp_body (4, 4)."""
+        return 2.0 * self.at_pose(np.asarray(T_tcp_body, dtype=float)).half_extent_along((0.0, 1.0, 0.0))
+
     @cached_property
     def radius(self) -> float:
         """[m] of the upright circle about `position` that contains the body's outline from above."""
