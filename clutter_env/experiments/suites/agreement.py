@@ -137,4 +137,4 @@ def _compare(job: _Job) -> tuple[bool, bool]:
 
 @cache
 def _env(scene_set: SceneSet) -> gym.Env[Any, Any]:
-    return gym.make(f"clutter_env/Retrieve-o{scene_set.objects}-v0", layout=scene_set.layout)
+    return gym.make("clutter_env/Retrieve-o15-v0", layout=scene_set.layout, num_objects=scene_set.objects)
