@@ -7,7 +7,7 @@ from math import ceil, cos, floor, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import wrap
+from irm.arm.angles import wrap
 from irm.compilation import njit
 from irm.floor.raster import Raster
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
