@@ -93,7 +93,17 @@ def _summary(row: Timing) -> dict[str, Any]:
 def _decide(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
     numbers = (62, 266), settings.poses, settings.grasps, settings.seed
     rows: list[Decisions] = _in_own_process(measure_decisions, robot, *numbers)
-    of_map = ("poses", "map", "in reach", "accuracy", "false +", "UNKNOWN (of those in reach)", "wrong")
+    of_map = (
+        "poses",
+        "asked",
+        "MB",
+        "in reach",
+        "accuracy",
+        "false +",
+        "UNKNOWN (of those in reach)",
+        "wrong",
+        "µs a pose",
+    )
     head = (*of_map, "decide: UNKNOWN (of those in reach)", "wrong", "µs a pose")
     body = []
     for r in rows:
@@ -102,8 +112,8 @@ def _decide(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
             f"{100 * of_all:.2f}% ({100 * in_reach:.2f}%)"
             for of_all, in_reach in ((r.map_unknown, r.map_unknown_in_reach), (r.unknown, r.unknown_in_reach))
         )
-        cells = (from_map, str(r.map_wrong), decided, str(r.wrong), f"{r.time_us:.2f}")
-        body.append((f"{r.poses:,} {r.poses_of}", str(r.orientations), *shares, *cells))
+        cells = (from_map, str(r.map_wrong), f"{r.map_time_us:.2f}", decided, str(r.wrong), f"{r.time_us:.2f}")
+        body.append((f"{r.poses:,} {r.poses_of}", r.source, f"{r.megabytes:.1f}", *shares, *cells))
     return Measurement(markdown_table(head, body), {"decide": [asdict(row) for row in rows]})
 
 
