@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.base_quality import Targets, measure_targets
+from clutter_env.experiments.maps.base_quality import KINDS, Targets, measure_targets
 from clutter_env.experiments.maps.build_times import BUILDS, BuildCost, measure_build
 from clutter_env.experiments.maps.decisions import Decisions, measure_decisions
 from clutter_env.experiments.maps.settings import BenchmarkSettings, Part
@@ -128,10 +128,31 @@ def _strips(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
 
 def _targets(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
     rows: list[Targets] = [
-        _in_own_process(measure_targets, robot, layout, settings.targets, with_path, settings.seed)
+        _in_own_process(measure_targets, robot, layout, settings.targets, kind, settings.seed)
         for layout in settings.layouts
-        for with_path in (False, True)
+        for kind in KINDS
     ]
-    head = ("layout", "query", "targets", "answered", "best base is valid", "one of the best five is valid")
-    body = [(r.layout, r.query, str(r.targets), str(r.answered), str(r.verified_first), str(r.verified)) for r in rows]
+    head = (
+        "layout",
+        "query",
+        "targets",
+        "answered",
+        "best base is valid",
+        "one of the best five",
+        "none of forty",
+        "wrong YES",
+    )
+    body = [
+        (
+            r.layout,
+            r.query,
+            str(r.targets),
+            str(r.answered),
+            str(r.verified_first),
+            str(r.verified),
+            str(r.hopeless),
+            str(r.wrong),
+        )
+        for r in rows
+    ]
     return Measurement(markdown_table(head, body), {"targets": [asdict(row) for row in rows]})
