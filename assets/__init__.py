@@ -2,9 +2,14 @@
 
 from pathlib import Path
 
-__all__ = ["path"]
+__all__ = ["names", "path"]
 
 _ROOT = Path(__file__).resolve().parent
+
+
+def names(folder: str) -> tuple[str, ...]:
+    """Names, without their ending, of the JSON files in a folder of `assets/`, in alphabetical order."""
+    return tuple(sorted(file.stem for file in (_ROOT / folder).glob("*.json")))
 
 
 def path(relative: str) -> Path:

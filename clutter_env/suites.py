@@ -193,7 +193,7 @@ class Suite:
 
 def suite_names() -> tuple[str, ...]:
     """Names of the suites."""
-    return tuple(sorted(file.stem for file in assets.path("suites/side-15-v1.json").parent.glob("*.json")))
+    return assets.names("suites")
 
 
 @cache

@@ -17,7 +17,8 @@ from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
 from irm.floor.robot_outline import robot_radius
-from irm.maps.cache import cached_map
+from irm.maps.cache import cached_map, cached_table
+from irm.maps.certificate.table import CertificateTable
 from irm.maps.pose_tables import read_pose_table, read_reuleaux
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.classical import ClassicalInverseReachabilityMap
@@ -28,6 +29,7 @@ from irm.queries.status import Status
 __all__ = [
     "ArmChain",
     "BasePlacement",
+    "CertificateTable",
     "ClassicalInverseReachabilityMap",
     "FreeSpace",
     "InverseReachabilityMap",
@@ -38,6 +40,7 @@ __all__ = [
     "Status",
     "Verified",
     "cached_map",
+    "cached_table",
     "classify",
     "decide",
     "predict",

@@ -231,7 +231,14 @@ class Planner:
 
     def supports_in(self, scene: Scene) -> tuple[str, ...]:
         """The names of the supports where objects may be put in a scene; raises `UnknownSupport`."""
-        return find_supports(scene, self.supports or (None if self.grasps == "side" else "all"))
+        return find_supports(scene, self.support_choice)
+
+    @property
+    def support_choice(self) -> Supports:
+        """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
+        if self.supports is not None:
+            return self.supports
+        return None if self.grasps == "side" else "all"
 
     @cached_property
     def chain(self) -> ArmChain:

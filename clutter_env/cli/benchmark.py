@@ -5,10 +5,9 @@ CPU times of one process. Every number of objects is measured in a process of it
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -19,6 +18,7 @@ from clutter_env.experiments.environments.batch_scaling import measure_batch
 from clutter_env.experiments.environments.resets import compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
 from clutter_env.experiments.environments.toppled import measure_toppled
+from clutter_env.reporting.json_file import write_json
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,12 @@ def run(arguments: Arguments) -> None:
     settings = SpeedSettings(arguments.steps, arguments.layout, arguments.control_mode, arguments.seed)
     measurements = measure_speed(arguments.objects, settings)
     rows = list(tqdm(measurements, desc="measuring", unit="count", total=len(arguments.objects)))
-    print(speed_table(rows))
+    print(speed_table(rows), end="")
     plot_speed(rows, arguments.output)
     print(f"plot: {arguments.output}")
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
-        content = {"about": about, "settings": asdict(settings), "rows": [asdict(row) for row in rows]}
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(content, indent=1))
+        write_json(arguments.json, {"about": about, "settings": settings, "rows": rows})
 
 
 def main(words: Sequence[str] | None = None) -> None:

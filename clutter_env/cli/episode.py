@@ -10,7 +10,6 @@ and the causes of failure.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -30,6 +29,7 @@ from clutter_env.experiments.episodes.episode import (
     play_episode,
 )
 from clutter_env.experiments.episodes.many import counts_text, play_many
+from clutter_env.reporting.json_file import write_json
 from clutter_env.scene.layout import LAYOUTS
 from irm.maps.cache import cache_file, cached_map
 from planners.grasping.base_placement import MAP_PARAMETERS
@@ -90,8 +90,7 @@ def run(arguments: Arguments) -> None:
     arguments.output.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.output / "report.json", arguments.json)):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(figures, indent=1))
+        write_json(path, figures)
 
 
 def show_one(arguments: Arguments) -> dict[str, Any]:

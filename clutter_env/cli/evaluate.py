@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from clutter_env.cli.command import run_command
+from clutter_env.reporting.tables import markdown_table
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def run(arguments: Arguments) -> None:
     file = arguments.json or Path("outputs/evaluate") / name
     write_json(file, content)
     print(_text(content))
-    print(f"\ndigest: {content['digest']}\nwritten: {file}")
+    print(f"digest: {content['digest']}\nwritten: {file}")
 
 
 def _text(content: Mapping[str, Any]) -> str:
@@ -65,14 +66,14 @@ def _text(content: Mapping[str, Any]) -> str:
         "all": summary,
         **{f"floor {name}, {content['grasps']} grasps": rates for name, rates in summary["by_floor"].items()},
     }
-    lines = ["| scenes | episodes | clean success | lifted |", "|---|---|---|---|"]
+    cells = []
     for name, rates in rows.items():
         clean, lifted = (
             f"{rates[kind]['mean']:.2f} [{rates[kind]['low']:.2f}, {rates[kind]['high']:.2f}]"
             for kind in ("clean", "lifted")
         )
-        lines.append(f"| {name} | {rates['episodes']} | {clean} | {lifted} |")
-    return "\n".join(lines)
+        cells.append((name, str(rates["episodes"]), clean, lifted))
+    return markdown_table(("scenes", "episodes", "clean success", "lifted"), cells)
 
 
 def main(words: Sequence[str] | None = None) -> None:

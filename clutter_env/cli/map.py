@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from clutter_env.cli.command import run_command
+from irm.maps.parameters import MapParameters
 
 if TYPE_CHECKING:
     from assets.robots import RobotSpec
@@ -49,21 +50,21 @@ class Arguments:
     """Name of a robot, or module:NAME of a RobotSpec."""
     output: Path | None = None
     """File of the map; outputs/NAME.npz if not given."""
-    voxel: float = 0.05
+    voxel: float = MapParameters.voxel
     """Edge of the position cells [m]."""
-    orientations: int = 62
+    orientations: int = MapParameters.orientations
     """Number of approach axes: 6, 26, 62, 114, 182, 266, ..."""
-    rolls: int = 0
+    rolls: int = MapParameters.rolls
     """Roll samples for each approach axis; 0 stands for 1 if the wrist rolls freely, and for 4 otherwise."""
-    pitches: tuple[float, ...] = ()
+    pitches: tuple[float, ...] = MapParameters.pitches
     """Rings of pitch to keep [degrees]; all if not given."""
-    heights: tuple[float, float] = (0.0, 10.0)
+    heights: tuple[float, float] = MapParameters.heights
     """Lowest and highest TCP position [m]."""
-    lift: bool = True
+    lift: bool = MapParameters.lift
     """Whether the torso may move; if not, it stays at its height in the home configuration."""
-    samples: int = 400_000
+    samples: int = MapParameters.samples
     """Random configurations, for arms without a closed form."""
-    seed: int = 0
+    seed: int = MapParameters.seed
     """Random seed of these configurations."""
     check: bool = True
     """Whether to compare the chain with the robot's MJCF file first."""
@@ -76,7 +77,6 @@ def run(arguments: Arguments) -> None:
     from clutter_env.experiments.maps.building import build_map
     from clutter_env.reporting.json_file import write_json
     from irm.arm.chain import ArmChain
-    from irm.maps.grid import MapParameters
 
     robot = _robot(arguments)
     parameters = MapParameters(

@@ -6,11 +6,10 @@ Scenes are those of the environment. For every object with a grasp that hits not
 from __future__ import annotations
 
 import itertools
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, ParamSpec, TypeVar
 
@@ -21,6 +20,7 @@ from tqdm import tqdm
 from clutter_env.cli.command import run_command
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
+from clutter_env.reporting.json_file import write_json
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import STEP, CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -83,7 +83,7 @@ def run(arguments: Arguments) -> None:
     for count in arguments.objects if arguments.plans else ():
         print(check_plans(count, arguments))
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps([asdict(m) for m in measurements], indent=1))
+        write_json(arguments.json, measurements)
     plot(measurements, arguments.output)
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.environments.endurance import run_endurance
+from clutter_env.reporting.json_file import write_json
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,7 @@ def run(arguments: Arguments) -> None:
         result = run_endurance(arguments.steps, arguments.seed, progress.update)
     print(f"{result.summary()}\nCPU time: {time.process_time() - start:.0f} s")
     if arguments.json is not None:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(asdict(result), indent=1))
+        write_json(arguments.json, result)
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -120,10 +120,7 @@ def compare_layouts(arguments: Arguments, settings: TableSettings) -> None:
     """Run the first strategy over several layouts, and print one table."""
     from clutter_env.experiments.clearance_table.layouts import run_layouts, summary
     from clutter_env.reporting.json_file import write_json
-    from clutter_env.scene.layout import find_layout
 
-    for layout in arguments.layouts:
-        find_layout(layout)
     rows = run_layouts(
         settings,
         arguments.layouts,

@@ -159,9 +159,8 @@ def _robot_entry(world: World, frame: BaseFrame) -> list[float]:
 
 def _gripper_entry(world: World) -> tuple[float, float]:
     """[m] between the pads: as it is, and as commanded."""
-    gap = world.robot.finger_gap_closed
     right, left = world.data.qpos[world.index.finger_qpos].tolist()
-    return right + left + gap, 2 * world.controller.state.finger + gap
+    return right + left + world.robot.finger_gap_closed, world.robot.opening(world.controller.state.finger)
 
 
 def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None:

@@ -3,6 +3,8 @@
 For every object and every direction of approach, the outline of the level gripper and of the wrist behind it is laid
 over the table. The objects whose footprint it touches are in the way. Only directions count that the robot reaches on
 the empty table; they come from a table that was made with the planner (`assets/approaches/<robot>.json`).
+Under a board the robot drives straight in and out with the arm rigid, as in the planner: what gripper and wrist touch
+on the way, and the grasped object on the way out, is in the way too.
 The forearm and the rest of the robot are left out; `docs/suites.md` says how well this agrees with the planner.
 """
 
@@ -10,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -37,6 +39,10 @@ PALM_REACH = 0.045
 """[m] that the object may extend from the TCP towards the palm, as in the planner."""
 PAD_HALF_HEIGHT = 0.0135
 """[m] of a finger pad, which should not stick out above the object."""
+BACK = 0.10
+"""[m] that the gripper backs off under a board before it moves straight out, as in the planner."""
+HELD_GAP = 0.002
+"""[m] that a grasped object keeps from others on the way out, as in the planner."""
 WIDEST_YAW = math.radians(75.0)
 """Approaches to a table with front access deviate by no more than this from straight ahead, if there is no table of
 reachable directions for its layout."""
@@ -91,7 +97,7 @@ class SideApproaches:
 
 def robots_with_approaches() -> tuple[str, ...]:
     """Names of the robots for which there is a table of side approaches."""
-    return tuple(sorted(file.stem for file in assets.path("approaches/fetch.json").parent.glob("*.json")))
+    return assets.names("approaches")
 
 
 @cache
@@ -136,7 +142,10 @@ def count_blockers(
     is_high = heights - PAD_HALF_HEIGHT >= approaches.grasp_height
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
     own, direction = np.nonzero(is_offered)
-    hits = _hits(approaches, scene, tcp[own, direction], approach[own, direction], opening[own, direction])
+    grasps = tcp[own, direction], approach[own, direction], opening[own, direction]
+    hits = _hits(approaches, scene, *grasps)
+    if layout.board_height is not None and layout.is_front_only:
+        hits |= _hits_on_drive(approaches, layout, scene, own, *grasps)
     hits &= scene.levels[own, None] == scene.levels
     hits[np.arange(len(own)), own] = False
     fewest = np.full(scene.num_objects, scene.num_objects)
@@ -161,6 +170,35 @@ def _half_extent(scene: TableScene, direction: Array) -> Array:
     along = np.abs(direction[..., 0] * c + direction[..., 1] * s)
     across = np.abs(direction[..., 1] * c - direction[..., 0] * s)
     return np.where(scene.is_angular[:, None], half_x * along + half_y * across, half_x)
+
+
+def _hits_on_drive(
+    approaches: SideApproaches,
+    layout: Layout,
+    scene: TableScene,
+    own: NDArray[np.int64],
+    tcp: Array,
+    approach: Array,
+    opening: Array,
+) -> NDArray[np.bool_]:
+    """Which objects gripper, wrist or the grasped object touch on the straight drive out at k grasps, (k, n).
+
+    The drive goes against x, from where the gripper has backed off. That gripper, wrist and object move so is the same
+    as that the others move along x: each of these becomes the box that it sweeps, from its axis on.
+    """
+    across = _half_extent(scene, np.tile((0.0, 1.0), (scene.num_objects, 1, 1)))[:, 0]
+    swept = replace(
+        scene,
+        half_extents=np.column_stack((np.full(len(across), layout.depth / 2), across, scene.standing_extents[:, 2])),
+        is_box=np.ones_like(scene.is_box),
+        is_lying=np.zeros_like(scene.is_lying),
+        yaws=np.zeros_like(scene.yaws),
+        positions=scene.positions + (layout.depth / 2, 0.0),
+    )
+    held = scene.positions[own] - BACK * approach
+    x, y = (scene.positions[:, axis] - held[:, axis, None] for axis in (0, 1))
+    met_by_held = (x < 0.0) & (np.abs(y) < across[own, None] + across + HELD_GAP)
+    return met_by_held | _hits(approaches, swept, tcp - BACK * approach, approach, opening)
 
 
 class _Pairs(NamedTuple):

@@ -14,8 +14,10 @@ from clutter_env.scene.table_scene import TableScene
 
 __all__ = ["sample_base", "sample_scene"]
 
-_BATCH, _FIRST = 128, 8
-"""Candidates drawn at once for an object, and how many of them are looked at first."""
+_FEW, _MANY = 8, 128
+"""Candidates drawn at once for an object: few for the first `_EASY` objects, of which most are free. Of many the first
+few are looked at before the others."""
+_EASY = 11
 _MAX_BATCHES = 200
 _MAX_RESTARTS = 50
 
@@ -96,7 +98,7 @@ def _place_once(
     widest = float(radii.max(initial=0.0))
     for index, radius in enumerate(radii.tolist()):
         for _ in range(_MAX_BATCHES):
-            draws = rng.random((_BATCH if index > 10 else 8, 2))
+            draws = rng.random((_FEW if index < _EASY else _MANY, 2))
             centre = _first_free(draws, half_size, circles, radius + OBJECT_GAP, widest)
             if centre is not None:
                 circles.append((*centre, radius))
@@ -126,8 +128,8 @@ def _first_free(
     """
     half_x, half_y = half_size
     far = widest + gap
-    width_x, width_y = half_x - -half_x, half_y - -half_y
-    for share_x, share_y in draws[:_FIRST].tolist():
+    width_x, width_y = 2 * half_x, 2 * half_y
+    for share_x, share_y in draws[:_FEW].tolist():
         x, y = width_x * share_x - half_x, width_y * share_y - half_y
         for other_x, other_y, radius in circles:
             dx = x - other_x
@@ -137,7 +139,7 @@ def _first_free(
                     break
         else:
             return x, y
-    candidates = np.array((width_x, width_y)) * draws[_FIRST:] - half_size
+    candidates = np.array((width_x, width_y)) * draws[_FEW:] - half_size
     placed = np.array(circles)
     offset_x, offset_y = candidates[:, :1] - placed[:, 0], candidates[:, 1:] - placed[:, 1]
     is_free = (offset_x**2 + offset_y**2 > (placed[:, 2] + gap) ** 2).all(axis=1).tolist()

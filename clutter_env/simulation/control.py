@@ -101,7 +101,7 @@ class JointController:
         self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *(link.lower for link in chain)])
         self._upper = np.array([BASE_RANGE, BASE_RANGE, math.inf, *(link.upper for link in chain)])
         self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
-        self._feedforward = _velocity_feedforward(model, index)
+        self._feedforward = np.array(robot.velocity_feedforward(model))
         self._head_command = np.zeros(model.nu)
         self._head_command[index.head_actuators] = robot.head_configuration
         self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
@@ -218,15 +218,6 @@ class JointController:
         command = np.zeros(len(self._head_command))
         command[self._index.drive_actuators] = self._feedforward * velocity
         return command
-
-
-def _velocity_feedforward(model: mujoco.MjModel, index: ModelIndex) -> Vector:
-    """[s] (4 + n,): added to a servo's position command per unit of velocity, it cancels the drag of its damping."""
-    gain = model.actuator_gainprm[index.drive_actuators, 0]
-    damping = -model.actuator_biasprm[index.drive_actuators, 2]
-    joint_damping = np.array([model.dof_damping[dof].ravel()[0] for dof in index.drive_dof])
-    feedforward: Vector = (damping + joint_damping) / gain
-    return feedforward
 
 
 def _turned(drive: Vector, cosine: float, sine: float) -> Vector:

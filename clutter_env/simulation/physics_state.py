@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import LARGEST, Fields
+from clutter_env.simulation.state_fields import LARGEST, Fields, check_quaternions
 from clutter_env.simulation.world import World
 
 __all__ = ["PhysicsState", "capture_physics", "read_physics", "restore_physics"]
@@ -30,8 +30,6 @@ _PARTS = tuple(
 """The components of the integration state, in the order in which MuJoCo stores them."""
 _AWAKE_LISTS = ("tree_asleep", "tree_awake", "body_awake", "body_awake_ind", "parent_awake_ind", "dof_awake_ind")
 _AWAKE_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
-_UNIT_TOLERANCE = 1e-6
-"""Of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
 _SLEEPING_OVERLAP = 1e-5
 """[m] by which bodies that fell asleep apart from each other may overlap; scenes of the user's own have up to 1e-6."""
 _LARGEST_POSITION = 1e3
@@ -79,7 +77,9 @@ def read_physics(world: World, value: object) -> PhysicsState:
     _check_range("velocities", velocities, -_LARGEST_VELOCITY, _LARGEST_VELOCITY)
     if not np.isin(parts[mujoco.mjtState.mjSTATE_EQ_ACTIVE], (0, 1)).all():
         raise StateError("physics: the flags of active constraints in the state must be 0 or 1")
-    _check_quaternions(model, parts[mujoco.mjtState.mjSTATE_QPOS])
+    free = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+    rotations = model.jnt_qposadr[free][:, None] + np.arange(3, 7)
+    check_quaternions("physics", parts[mujoco.mjtState.mjSTATE_QPOS][rotations])
     lists, counts = _read_awake(model, read)
     if velocities[lists["tree_asleep"][model.dof_treeid] >= 0].any():
         raise StateError("physics: a body of the state sleeps and moves")
@@ -140,13 +140,6 @@ def _split(model: mujoco.MjModel, integration: NDArray[np.float64]) -> dict[mujo
 def _check_range(what: str, values: NDArray[np.float64], lowest: float, highest: float) -> None:
     if ((values < lowest) | (values > highest)).any():
         raise StateError(f"physics: {what} of the state must be from {lowest:g} to {highest:g}")
-
-
-def _check_quaternions(model: mujoco.MjModel, qpos: NDArray[np.float64]) -> None:
-    free = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
-    quaternions = qpos[model.jnt_qposadr[free][:, None] + np.arange(3, 7)]
-    if (np.abs(np.linalg.norm(quaternions, axis=1) - 1) > _UNIT_TOLERANCE).any():
-        raise StateError("physics: a quaternion of the state has not the length 1")
 
 
 def _read_awake(model: mujoco.MjModel, read: Fields) -> tuple[dict[str, Integers], dict[str, int]]:

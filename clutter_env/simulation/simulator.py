@@ -17,13 +17,10 @@ from clutter_env.simulation.control import ControlState, checked_action
 from clutter_env.simulation.physics_state import PhysicsState, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
 from clutter_env.simulation.saved_state import MEMORY, SavedState
-from clutter_env.simulation.state_fields import Fields
+from clutter_env.simulation.state_fields import Fields, check_quaternions
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = ["CheckedState", "Simulator"]
-
-_QUATERNION_TOLERANCE = 1e-6
-"""Of the norm of a saved quaternion."""
 
 
 @dataclass(frozen=True)
@@ -181,6 +178,5 @@ class Simulator:
                 raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
             return None
         pose = memory.numbers("wanted_tcp", (7,))
-        if abs(np.linalg.norm(pose[:4]) - 1) > _QUATERNION_TOLERANCE:
-            raise StateError("memory: the quaternion in wanted_tcp of the state has not the length 1")
+        check_quaternions("memory wanted_tcp", pose[:4])
         return pose.tolist()

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 
-__all__ = ["LARGEST", "Fields", "read_dataclass"]
+__all__ = ["LARGEST", "Fields", "check_quaternions", "read_dataclass"]
 
 LARGEST = 1e10
 """Largest magnitude of a number in a state: MuJoCo resets a simulation with a larger one (mjMAXVAL)."""
+_UNIT_TOLERANCE = 1e-6
+"""Of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
 
 D = TypeVar("D")
 
@@ -123,6 +125,12 @@ def read_dataclass(kind: type[D], value: object, place: str) -> D:
     hints = get_type_hints(kind)
     read = Fields(value, place, names)
     return kind(**{name: _read_as(hints[name], read, name) for name in names})
+
+
+def check_quaternions(place: str, quaternions: NDArray[np.float64]) -> None:
+    """Raise StateError unless quaternions (..., 4) have the length 1; `place` says where they are in the state."""
+    if (np.abs(np.linalg.norm(quaternions, axis=-1) - 1) > _UNIT_TOLERANCE).any():
+        raise StateError(f"{place}: a quaternion of the state has not the length 1")
 
 
 def _read_as(hint: Any, read: Fields, name: str) -> Any:

@@ -11,14 +11,15 @@ orientation of the TCP can be solved one after the other. `links` are the seven 
 
 from __future__ import annotations
 
-from math import acos, asin, atan2, cos, floor, pi, sin, sqrt
+from math import acos, asin, atan2, cos, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.angles import wrap
 from irm.compilation import njit
 
-__all__ = ["MAX_SOLUTIONS", "ik_arm", "ik_pan", "wrap"]
+__all__ = ["MAX_SOLUTIONS", "ik_arm", "ik_pan"]
 
 Floats = NDArray[np.float64]
 
@@ -30,12 +31,6 @@ _SINGULAR = 1e-9
 
 _ROUNDING = 1e-9
 """How far rounding may push a cosine beyond ±1, or an angle [rad] beyond its limit."""
-
-
-@njit(cache=True, inline="always")
-def wrap(angle: float) -> float:
-    """The same angle in [-π, π)."""
-    return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
 @njit(cache=True)

@@ -5,39 +5,33 @@ heights and pan angles is examined at its middle. If the middle does not reach t
 joint limits over the whole rectangle: either no point of it reaches the pose, or it is cut in two. So YES comes with a
 configuration, NO is proved, and a pose stays open only if the rectangles that remain are very small.
 
-In the plane that turns with the pan joint (x ahead, z up, origin at the lift axis), the wrist centre v depends on
-φ = bearing of the wrist centre - pan and on the torso height:
+With the lift angle of `irm.arm.plane_bounds`, the wrist flex is
 
-    v = (ρ cos φ - shoulder_x, ρ sin φ, w_z - torso)        d² = |v|²
-    a = L1 + L2 cos(elbow) = (d² + L1² - L2²) / 2 L1          h² = L2² sin²(elbow) - v_y²
-    lift = ∓ atan2(h, a) - atan2(v_z, v_x)
     L2 cos(wrist flex) = (v - L1 (cos(lift), 0, -sin(lift))) · approach
 """
 
 from __future__ import annotations
 
-from math import atan2, ceil, cos, floor, hypot, pi, sin, sqrt
+from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import ik_pan, wrap
+from irm.arm.answers import NO, OPEN, YES
+from irm.arm.chain_arrays import ChainArrays, chain_arrays
+from irm.arm.closed_form import ik_pan
+from irm.arm.intervals import cosine_range, products
 from irm.arm.kinematics import ArmChain, fk_frames
+from irm.arm.plane_bounds import SLACK, WristBox, lift_bounds, lift_of_branch
 from irm.compilation import njit
 
 __all__ = ["ClosedFormSolver"]
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAX_RECTANGLES = 4000
 """Rectangles examined before a pose stays open. Most poses need fewer than 30."""
-
-_SLACK = 1e-9
-"""[m], [m²] or [rad] by which a bound must be violated, so that rounding cannot exclude a solution."""
-
-_NO, _OPEN, _YES = 0, 1, 2
 
 
 class _Pose(NamedTuple):
@@ -58,16 +52,13 @@ class ClosedFormSolver:
     """Exact answers for an arm with a closed form; see `irm.arm.exact.ExactSolver`."""
 
     def __init__(self, chain: ArmChain, torso_range: tuple[float, float]) -> None:
-        self._chain = chain
-        self._lower, self._upper = chain.lower.copy(), chain.upper.copy()
-        self._lower[0], self._upper[0] = torso_range
+        self._arm = chain_arrays(chain, torso_range)
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """Answers for poses (n, 4, 4), and a configuration for each pose in reach; the wrist's roll is exact too."""
-        chain, count = self._chain, len(T_base_tcp)
-        answers, configurations = np.empty(count, dtype=np.int8), np.full((count, chain.size), np.nan)
-        arm = (chain.links, chain.offsets, chain.axes, chain.tip, self._lower, self._upper)
-        _solve(*arm, np.ascontiguousarray(T_base_tcp, dtype=float), answers, configurations)
+        count = len(T_base_tcp)
+        answers, configurations = np.empty(count, dtype=np.int8), np.full((count, self._arm.axes.size), np.nan)
+        _solve(self._arm, np.ascontiguousarray(T_base_tcp, dtype=float), answers, configurations)
         return answers, configurations
 
 
@@ -81,39 +72,6 @@ def _relative_pose(links: Floats, T: Floats) -> _Pose:
 
 
 @njit(cache=True)
-def _cosine_range(low: float, high: float) -> tuple[float, float]:
-    """Smallest and largest cosine of the angles from `low` to `high`."""
-    at_low, at_high = cos(low), cos(high)
-    smallest, largest = min(at_low, at_high), max(at_low, at_high)
-    if floor(high / (2.0 * pi)) >= ceil(low / (2.0 * pi)):
-        largest = 1.0
-    if floor((high - pi) / (2.0 * pi)) >= ceil((low - pi) / (2.0 * pi)):
-        smallest = -1.0
-    return smallest, largest
-
-
-@njit(cache=True)
-def _bearing_range(x0: float, x1: float, z0: float, z1: float) -> tuple[float, float]:
-    """Smallest and largest atan2(z, x) over a rectangle, continuous across ±π."""
-    if x0 <= 0.0 <= x1 and z0 <= 0.0 <= z1:
-        return -pi, pi
-    middle = atan2(0.5 * (z0 + z1), 0.5 * (x0 + x1))
-    low, high = 0.0, 0.0
-    for x in (x0, x1):
-        for z in (z0, z1):
-            off = wrap(atan2(z, x) - middle)
-            low, high = min(low, off), max(high, off)
-    return middle + low, middle + high
-
-
-@njit(cache=True)
-def _products(a0: float, a1: float, b0: float, b1: float) -> tuple[float, float]:
-    """Smallest and largest product of two intervals."""
-    p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
-    return min(p, q, r, s), max(p, q, r, s)
-
-
-@njit(cache=True)
 def _flex_is_possible(
     links: Floats, upper: Floats, pose: _Pose, ahead: tuple[float, float], up: tuple[float, float], lift: Floats
 ) -> bool:
@@ -121,13 +79,13 @@ def _flex_is_possible(
 
     `ahead`: range of the approach's component along the plane; `up`: range of the wrist centre's height [m].
     """
-    cosine = _cosine_range(lift[0], lift[1])
-    sine = _cosine_range(lift[0] - 0.5 * pi, lift[1] - 0.5 * pi)
-    rising = _products(up[0], up[1], pose.upward, pose.upward)
-    reaching = _products(links[2] + links[4] * cosine[0], links[2] + links[4] * cosine[1], ahead[0], ahead[1])
-    tilting = _products(links[4] * sine[0], links[4] * sine[1], pose.upward, pose.upward)
+    cosine = cosine_range(lift[0], lift[1])
+    sine = cosine_range(lift[0] - 0.5 * pi, lift[1] - 0.5 * pi)
+    rising = products(up[0], up[1], pose.upward, pose.upward)
+    reaching = products(links[2] + links[4] * cosine[0], links[2] + links[4] * cosine[1], ahead[0], ahead[1])
+    tilting = products(links[4] * sine[0], links[4] * sine[1], pose.upward, pose.upward)
     largest = pose.inner + rising[1] - reaching[0] + tilting[1]
-    return largest >= links[5] * cos(upper[6]) - _SLACK
+    return largest >= links[5] * cos(upper[6]) - SLACK
 
 
 @njit(cache=True)
@@ -136,57 +94,27 @@ def _may_reach(links: Floats, lower: Floats, upper: Floats, pose: _Pose, box: Fl
 
     `box` (4,): lowest and highest torso height [m] and pan angle [rad]; `lift` (2,) is scratch space.
     """
-    L1, L2, shoulder = links[4], links[5], links[2]
-    z0, z1 = pose.height - box[1], pose.height - box[0]
-    c0, c1 = _cosine_range(pose.bearing - box[3], pose.bearing - box[2])
-    s0, s1 = _cosine_range(pose.bearing - box[3] - 0.5 * pi, pose.bearing - box[2] - 0.5 * pi)
-    z_near = 0.0 if z0 <= 0.0 <= z1 else min(abs(z0), abs(z1))
-    z_far = max(abs(z0), abs(z1))
-    level = pose.rho * pose.rho + shoulder * shoulder
-    near = level - 2.0 * pose.rho * shoulder * c1 + z_near * z_near
-    far = level - 2.0 * pose.rho * shoulder * c0 + z_far * z_far
-    shortest = L1 * L1 + L2 * L2 + 2.0 * L1 * L2 * cos(upper[4])
-    longest = (L1 + L2) * (L1 + L2)
-    if near > longest + _SLACK or far < shortest - _SLACK:
+    up = pose.height - box[1], pose.height - box[0]
+    wrist = WristBox(pose.rho, pose.rho, pose.bearing - box[3], pose.bearing - box[2], up[0], up[1])
+    bounds = lift_bounds(links, upper, wrist)
+    if not bounds.is_possible:
         return False
-    near, far = max(near, shortest), min(far, longest)
-    a0, a1 = (near + L1 * L1 - L2 * L2) / (2.0 * L1), (far + L1 * L1 - L2 * L2) / (2.0 * L1)
-    side_near = 0.0 if s0 <= 0.0 <= s1 else pose.rho * min(abs(s0), abs(s1))
-    side_far = pose.rho * max(abs(s0), abs(s1))
-    widest = L2 * L2 if near <= L1 * L1 + L2 * L2 <= far else max(near - a0 * a0, far - a1 * a1)
-    if widest - side_near * side_near < -_SLACK:
-        return False
-    h1 = sqrt(max(0.0, widest - side_near * side_near))
-    h0 = sqrt(max(0.0, min(near - a0 * a0, far - a1 * a1) - side_far * side_far))
-    bend0 = atan2(h0 if a1 > 0.0 else h1, a1)
-    bend1 = atan2(h1 if a0 > 0.0 else h0, a0)
-    bearing = _bearing_range(pose.rho * c0 - shoulder, pose.rho * c1 - shoulder, z0, z1)
-    d0, d1 = _cosine_range(pose.yaw - box[3], pose.yaw - box[2])
+    d0, d1 = cosine_range(pose.yaw - box[3], pose.yaw - box[2])
     ahead = (pose.level * d0, pose.level * d1)
     for branch in range(2):
-        low = -bend1 - bearing[1] if branch == 0 else bend0 - bearing[1]
-        high = -bend0 - bearing[0] if branch == 0 else bend1 - bearing[0]
+        low, high = lift_of_branch(bounds, branch)
         for turn in range(-1, 2):
-            lift[0] = max(lower[2], low + 2.0 * pi * turn) - _SLACK
-            lift[1] = min(upper[2], high + 2.0 * pi * turn) + _SLACK
-            if lift[0] <= lift[1] and _flex_is_possible(links, upper, pose, ahead, (z0, z1), lift):
+            lift[0] = max(lower[2], low + 2.0 * pi * turn) - SLACK
+            lift[1] = min(upper[2], high + 2.0 * pi * turn) + SLACK
+            if lift[0] <= lift[1] and _flex_is_possible(links, upper, pose, ahead, up, lift):
                 return True
     return False
 
 
 @njit(cache=True)
-def _solve(
-    links: Floats,
-    offsets: Floats,
-    axes: Integers,
-    tip: Floats,
-    lower: Floats,
-    upper: Floats,
-    T: Floats,
-    answers: NDArray[np.int8],
-    configurations: Floats,
-) -> None:
+def _solve(arm: ChainArrays, T: Floats, answers: NDArray[np.int8], configurations: Floats) -> None:
     """Fill `answers` (n,) and `configurations` (n, 8) for poses T (n, 4, 4)."""
+    links, lower, upper = arm.links, arm.lower, arm.upper
     queue, lift, rows = np.empty((MAX_RECTANGLES + 2, 4)), np.empty(2), np.empty((2, 5))
     approach, wrist = np.empty(3), np.empty(3)
     R, p = np.empty((9, 3, 3)), np.empty((9, 3))
@@ -199,7 +127,7 @@ def _solve(
         height = wrist[2] - links[1]
         queue[0, 0], queue[0, 1], queue[0, 2], queue[0, 3] = lower[0], upper[0], lower[1], upper[1]
         first, last = 0, 1
-        answers[n] = _NO
+        answers[n] = NO
         while first < last:
             box = queue[first]
             first += 1
@@ -208,14 +136,14 @@ def _solve(
             torso, pan = 0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])
             wrist[2] = height - torso
             if ik_pan(links, approach, wrist, cos(pan), sin(pan), lower, upper, rows) > 0:
-                answers[n] = _YES
+                answers[n] = YES
                 q = configurations[n]
                 q[0], q[1], q[7] = torso, pan, 0.0
                 q[2:7] = rows[0]
-                _turn_wrist(offsets, axes, tip, T[n], q, R, p)
+                _turn_wrist(arm, T[n], q, R, p)
                 break
             if last + 2 > queue.shape[0]:
-                answers[n] = _OPEN
+                answers[n] = OPEN
                 break
             queue[last], queue[last + 1] = box, box
             cut = 0 if box[1] - box[0] > pose.rho * (box[3] - box[2]) else 2
@@ -225,9 +153,9 @@ def _solve(
 
 
 @njit(cache=True)
-def _turn_wrist(offsets: Floats, axes: Integers, tip: Floats, T: Floats, q: Floats, R: Floats, p: Floats) -> None:
+def _turn_wrist(arm: ChainArrays, T: Floats, q: Floats, R: Floats, p: Floats) -> None:
     """Set the last joint of `q`, 0 before, so that the TCP has the roll of T (4, 4)."""
-    fk_frames(offsets, axes, tip, q, R, p)
+    fk_frames(arm.offsets, arm.axes, arm.tip, q, R, p)
     sine = cosine = 0.0
     for i in range(3):
         cosine += R[8, i, 1] * T[i, 1]

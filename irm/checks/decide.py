@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.arm.exact import ExactSolver, exact_solver
 from irm.checks.classification import classify
+from irm.maps.certificate.table import CertificateTable
 from irm.maps.orientation_index import as_poses
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.status import Status
@@ -14,7 +15,7 @@ from irm.queries.status import Status
 __all__ = ["decide"]
 
 
-def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
+def decide(rm: ReachabilityMap | CertificateTable, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame.
 
     The map answers first, see `irm.checks.classification.classify`. The arm's exact solver decides the poses for which
@@ -24,7 +25,8 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     is that of somebody else and its arm is not known.
 
     Args:
-        rm: of any pitches and heights: poses that it does not cover are decided by the solver alone.
+        rm: of any pitches and heights: poses that it does not cover are decided by the solver alone. Or a certificate
+            table.
         T_base_tcp: the poses.
 
     Raises:
@@ -34,6 +36,11 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
         reached = decide(cached_map(FETCH), T_base_tcp) == Status.YES.value
     """
     T = as_poses(T_base_tcp)
+    if isinstance(rm, CertificateTable):
+        answers = rm.look_up(T)[0]
+        is_open = answers == Status.UNKNOWN.value
+        answers[is_open] = exact_solver(rm.chain).solve(T[is_open])[0]
+        return answers
     is_whole = not (rm.grid.cut_below or rm.grid.cut_above or rm.parameters.pitches)
     answers = classify(rm, T) if is_whole else np.full(len(T), Status.UNKNOWN.value, dtype=np.int8)
     if rm.chain is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.angles import signed
 from irm.maps.orientations import Orientations
 
 __all__ = ["CERTAIN_IN_HEIGHT", "CERTAIN_IN_PITCH", "certainty"]
@@ -51,7 +52,7 @@ def _neighbouring_groups(orientations: Orientations, group: int) -> list[int]:
     if len(sides) < (2 if orientations.is_pole(group) else 3):
         return []
     poles = np.array([orientations.is_pole(k) for k in range(len(pitch))])
-    apart = np.abs((roll - roll[group] + np.pi) % (2 * np.pi) - np.pi)
+    apart = np.abs(signed(roll - roll[group]))
     rolls = len(np.unique(roll))
     near_roll = poles | poles[group] | (apart < 2 * np.pi / rolls * 1.01)
     return [int(k) for k in np.flatnonzero(near_pitch & near_roll)]

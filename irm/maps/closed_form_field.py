@@ -13,6 +13,8 @@ from math import cos, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.angles import signed
+from irm.arm.chain_arrays import ChainArrays, chain_arrays
 from irm.arm.closed_form import ik_pan
 from irm.arm.kinematics import ArmChain, arm_jacobian, fk_frames
 from irm.arm.manipulability import condition
@@ -23,30 +25,18 @@ __all__ = ["PAN_SAMPLES", "closed_form_layers"]
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Integers = NDArray[np.int64]
 
 PAN_SAMPLES = 144
 """Pan angles per turn, 2.5 degrees apart; a multiple of 4, so that quarter turns map samples to samples."""
 
 
 @njit(cache=True)
-def _pan_profile(
-    links: Floats,
-    offsets: Floats,
-    axes: Integers,
-    tip: Floats,
-    lower: Floats,
-    upper: Floats,
-    approach: Floats,
-    wrist: Floats,
-    turns: Floats,
-    profile: Floats,
-) -> bool:
+def _pan_profile(arm: ChainArrays, approach: Floats, wrist: Floats, turns: Floats, profile: Floats) -> bool:
     """Best μ at each pan angle into `profile`, 0 without a solution; whether there is a solution at any angle.
 
     `turns` (n, 2) are the cosines and sines of the pan angles.
     """
-    n = axes.shape[0]
+    n = arm.axes.shape[0]
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     J, A = np.empty((6, n - 1)), np.empty((6, 6))
     d, e = np.empty(6), np.empty(6)
@@ -54,11 +44,11 @@ def _pan_profile(
     found = False
     for k in range(turns.shape[0]):
         profile[k] = 0.0
-        count = ik_pan(links, approach, wrist, turns[k, 0], turns[k, 1], lower, upper, rows)
+        count = ik_pan(arm.links, approach, wrist, turns[k, 0], turns[k, 1], arm.lower, arm.upper, rows)
         for i in range(count):
             q[2:7] = rows[i]
-            fk_frames(offsets, axes, tip, q, R, p)
-            arm_jacobian(axes, R, p, J)
+            fk_frames(arm.offsets, arm.axes, arm.tip, q, R, p)
+            arm_jacobian(arm.axes, R, p, J)
             profile[k] = max(profile[k], condition(J, A, d, e))
             found = True
     return found
@@ -87,12 +77,7 @@ def _fill_images(profile: Floats, allowed: NDArray[np.bool_], x: int, y: int, ya
 
 @njit(cache=True)
 def _fill_plane(
-    links: Floats,
-    offsets: Floats,
-    axes: Integers,
-    tip: Floats,
-    lower: Floats,
-    upper: Floats,
+    arm: ChainArrays,
     voxel: float,
     height: float,
     pitch: float,
@@ -102,6 +87,7 @@ def _fill_plane(
 ) -> None:
     """Best μ of every voxel of one layer, `height` above the pan origin [m], for one pitch; `plane` (yaw, 2h, 2h)."""
     yaws, half = plane.shape[0], plane.shape[1] // 2
+    links = arm.links
     reach = links[4] + links[5]
     approach, wrist = np.empty(3), np.empty(3)
     profile = np.empty(turns.shape[0])
@@ -117,7 +103,7 @@ def _fill_plane(
                 above = wrist[2] - links[3]
                 if ahead * ahead + above * above > reach * reach:
                     continue
-                if _pan_profile(links, offsets, axes, tip, lower, upper, approach, wrist, turns, profile):
+                if _pan_profile(arm, approach, wrist, turns, profile):
                     _fill_images(profile, allowed, i, j, yaw, plane)
 
 
@@ -134,12 +120,12 @@ def closed_form_layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Itera
     """
     angle = (np.arange(PAN_SAMPLES) + 0.5) * (2 * np.pi / PAN_SAMPLES)
     turns = np.column_stack([np.cos(angle), np.sin(angle)])
-    signed = (angle + np.pi) % (2 * np.pi) - np.pi
-    allowed = (signed >= chain.lower[1]) & (signed <= chain.upper[1])
+    pan = signed(angle)
+    allowed = (pan >= chain.lower[1]) & (pan <= chain.upper[1])
+    arm = chain_arrays(chain)
     for height in heights:
         layer = np.zeros(grid.shape[1:], dtype=np.float32)
         for group, pitch in enumerate(grid.orientations.pitch):
             first, last = grid.orientations.start[group : group + 2]
-            arm = (chain.links, chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
-            _fill_plane(*arm, grid.voxel, height - chain.links[1], pitch, turns, allowed, layer[first:last])
+            _fill_plane(arm, grid.voxel, height - chain.links[1], pitch, turns, allowed, layer[first:last])
         yield layer

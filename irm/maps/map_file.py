@@ -1,18 +1,13 @@
 """One map in one `.npz` file, with the checks that it is complete and belongs to the robot.
 
-A file may come from anywhere: no number in it is believed before it is checked against the size of the file.
+Numbers of cells are stored as differences from one cell to the next, which are small and compress well.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-import io
 import json
-import os
-import tempfile
-import zipfile
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +16,12 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
+from irm.maps.archive import read_archive, write_archive
 from irm.maps.grid import MapGrid, MapParameters
 
 __all__ = ["StoredMap", "content_key", "load_map", "map_key", "save_map"]
 
-FORMAT = "reachability map 3"
+FORMAT = "reachability map 4"
 """Changed whenever the numbers of a map, or their meaning, change."""
 
 _COLUMNS = {
@@ -37,9 +33,6 @@ _COLUMNS = {
 
 _ALL_FLAGS = 3
 """Largest value of `flags`."""
-
-_LONGEST_TEXT = 1_000_000
-"""[bytes] Largest description of a map; a real one has less than a thousand."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,27 +74,8 @@ def save_map(path: Path, stored: StoredMap) -> None:
     about |= {"parameters": dataclasses.asdict(stored.parameters)}
     if stored.chain is None:
         about |= {"grid": stored.grid.extent()}
-    content = io.BytesIO()
-    np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **stored.columns)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _write(path, content.getbuffer())
-    except OSError as problem:
-        reason = f"{problem.strerror or problem}, the map cannot be saved"
-        raise OSError(problem.errno, reason, str(path)) from problem
-
-
-def _write(path: Path, content: memoryview) -> None:
-    descriptor, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(draft, path)
-    except BaseException:
-        os.unlink(draft)
-        raise
+    steps = np.diff(stored.columns["cells"], prepend=np.uint32(0))
+    write_archive(path, about, {"cells": steps} | {n: c for n, c in stored.columns.items() if n != "cells"})
 
 
 def load_map(path: Path, chain: ArmChain | None) -> StoredMap:
@@ -116,7 +90,7 @@ def load_map(path: Path, chain: ArmChain | None) -> StoredMap:
         MapFileError: the file is damaged or is no map.
         MapMismatchError: it is the map of another robot, or of this one before it was changed.
     """
-    about, columns = _read(path)
+    about, columns = read_archive(path, _COLUMNS)
     if about.get("format") != FORMAT:
         raise MapFileError(f"{path} is no {FORMAT!r} but {about.get('format')!r}; build it again")
     parameters = _parameters(path, about)
@@ -132,7 +106,7 @@ def load_map(path: Path, chain: ArmChain | None) -> StoredMap:
     if chain is not None:
         _check_arm(path, robot, key, chain, parameters)
     grid = _grid(path, chain, parameters, extent)
-    _check_columns(path, columns, grid)
+    columns = _checked(path, columns, grid)
     return StoredMap(robot, key, parameters, grid, columns, chain)
 
 
@@ -142,36 +116,6 @@ def _check_arm(path: Path, robot: str, key: str, chain: ArmChain, parameters: Ma
         raise MapMismatchError(f"{path} is a map of robot {robot!r}, not of {chain.robot!r}")
     if key.split("-")[0] != map_key(chain, parameters):
         raise MapMismatchError(f"{path} was built for {robot!r} with other joints, limits or lengths; build it again")
-
-
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    try:
-        with zipfile.ZipFile(path) as file:
-            text = _array(file, "about")
-            about = json.loads(str(text[()]) if text.shape == () and text.nbytes < _LONGEST_TEXT else "")
-            columns = {name: _array(file, name) for name in _COLUMNS}
-    except FileNotFoundError:
-        raise
-    except (OSError, EOFError, KeyError, ValueError, TypeError, RecursionError, zipfile.BadZipFile) as error:
-        raise MapFileError(f"{path} is damaged or is no map file ({error}); build it again") from error
-    if not isinstance(about, dict):
-        raise MapFileError(f"{path} is no map file; build it again")
-    return about, columns
-
-
-def _array(file: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """An array of the file, if its header says exactly as many bytes as there are: nothing is allocated before."""
-    entry = file.getinfo(f"{name}.npy")
-    if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 1:
-        raise ValueError(f"{name} is compressed or encrypted")
-    content = io.BytesIO(file.read(entry))
-    if np.lib.format.read_magic(content) != (1, 0):
-        raise ValueError(f"{name} has an unknown version")
-    shape, _, kind = np.lib.format.read_array_header_1_0(content)
-    left = len(content.getbuffer()) - content.tell()
-    if kind.hasobject or min(shape, default=0) < 0 or prod(shape) * kind.itemsize != left:
-        raise ValueError(f"{name} has {left} bytes, and its header {shape} of {kind}")
-    return np.frombuffer(content.getbuffer(), kind, offset=content.tell()).reshape(shape)
 
 
 def _parameters(path: Path, about: dict[str, Any]) -> MapParameters:
@@ -191,16 +135,23 @@ def _grid(path: Path, chain: ArmChain | None, parameters: MapParameters, extent:
         raise MapFileError(f"{path} has no valid grid ({error}); build it again") from error
 
 
-def _check_columns(path: Path, columns: dict[str, NDArray[Any]], grid: MapGrid) -> None:
+def _checked(path: Path, columns: dict[str, NDArray[Any]], grid: MapGrid) -> dict[str, NDArray[Any]]:
+    """The columns of a file with the numbers of the cells, read-only."""
     count = columns["cells"].shape
     for name, kind in _COLUMNS.items():
         if columns[name].dtype != kind or columns[name].shape != count or len(count) != 1:
             raise MapFileError(f"{path}: {name} has the wrong type or shape; build the map again")
         columns[name].setflags(write=False)
-    cells, mu = columns["cells"], columns["manipulability"]
-    if np.any(cells[1:] <= cells[:-1]) or not np.all((mu > 0) & (mu <= 1)):
+    steps, mu = columns["cells"], columns["manipulability"]
+    cells = np.cumsum(steps, dtype=np.uint64)
+    if np.any(steps[1:] == 0) or not np.all((mu > 0) & (mu <= 1)):
         raise MapFileError(f"{path} has values that are impossible in a map; build it again")
-    largest = {"cells": grid.size - 1, "torso_index": len(grid.torsos) - 1, "flags": _ALL_FLAGS}
+    if len(cells) and int(cells[-1]) >= grid.size:
+        raise MapFileError(f"{path} has cells outside its grid; build it again")
+    largest = {"torso_index": len(grid.torsos) - 1, "flags": _ALL_FLAGS}
     for name, limit in largest.items():
         if columns[name].size and int(columns[name].max()) > limit:
             raise MapFileError(f"{path} has {name} outside its grid; build it again")
+    numbers = cells.astype(np.uint32)
+    numbers.setflags(write=False)
+    return columns | {"cells": numbers}

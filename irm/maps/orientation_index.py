@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irm.arm.angles import signed
 from irm.errors import QueryError
 from irm.maps.orientations import Orientations
 
@@ -108,7 +109,7 @@ def orientation_neighbours(orientations: Orientations) -> Integers:
             rows[own] |= {int(start[group]) + (k + turn) % int(count[group]) for turn in (1, -1)} - {own}
             for other in range(len(pitch)):
                 steps = abs(pitch[other] - pitch[group]) / orientations.step
-                turn = abs((roll[other] - roll[group] + np.pi) % (2 * np.pi) - np.pi) * rolls / (2 * np.pi)
+                turn = abs(signed(roll[other] - roll[group])) * rolls / (2 * np.pi)
                 pole = orientations.is_pole(group) or orientations.is_pole(other)
                 if (0.5 < steps < 1.5 and (turn < 0.5 or pole)) or (steps < 0.5 and 0.5 < turn < 1.5):
                     twin = int(start[other]) + round(k * count[other] / count[group]) % int(count[other])

@@ -15,6 +15,7 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.angles import signed
 from irm.errors import QueryError, ReachabilityError
 from irm.maps.parameters import MapParameters, refinement
 
@@ -59,7 +60,7 @@ class Orientations:
         for ring in _rings(m, parameters.pitches):
             pole = abs(ring) == m
             for k in range(1 if pole else rolls):
-                groups.append((ring * np.pi / (2 * m), _signed(2 * np.pi * k / rolls), rolls if pole else 4 * m))
+                groups.append((ring * np.pi / (2 * m), signed(2 * np.pi * k / rolls), rolls if pole else 4 * m))
         pitch, roll = np.array([group[0] for group in groups]), np.array([group[1] for group in groups])
         count = np.array([group[2] for group in groups], dtype=np.int64)
         start = np.concatenate([[0], np.cumsum(count)])
@@ -100,7 +101,7 @@ class Orientations:
         best, nearest, ring = -1, inf, inf
         for group, group_pitch, group_roll in self._groups:
             apart = abs(group_pitch - pitch)
-            turn = 0.0 if self.free_roll else abs(_signed(roll - group_roll))
+            turn = 0.0 if self.free_roll else abs(signed(roll - group_roll))
             if apart < ring - _ANGLE_ROUNDING or (apart < ring + _ANGLE_ROUNDING and turn < nearest):
                 best, nearest, ring = group, turn, apart
         if ring > self.step / 2 + _ANGLE_ROUNDING:
@@ -124,8 +125,3 @@ def _rings(m: int, pitches: tuple[float, ...]) -> list[int]:
         known = ", ".join(f"{90 * ring / m:.2f}" for ring in range(-m, m + 1))
         raise ReachabilityError(f"pitches {pitches} [rad] must lie on the rings, at {known} degrees")
     return rings
-
-
-def _signed(angle: float) -> float:
-    """The same angle in [-π, π)."""
-    return (angle + pi) % (2 * pi) - pi

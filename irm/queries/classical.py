@@ -8,6 +8,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.angles import signed
 from irm.errors import QueryError
 from irm.floor.free_space import FreeSpace
 from irm.maps.equations import inverse_reachability
@@ -90,7 +91,7 @@ class ClassicalInverseReachabilityMap:
         if not len(chosen):
             return BasePlacement.nothing(Status.UNKNOWN)
         torso, certain = self._torso_and_certainty(base[chosen], key)
-        poses = np.column_stack([x, y, base_yaw, _wrapped(approach + key.yaw_shift), mu])[chosen]
+        poses = np.column_stack([x, y, base_yaw, signed(approach + key.yaw_shift), mu])[chosen]
         rows = np.column_stack([poses, torso, certain])
         return BasePlacement.of_rows(rows)
 
@@ -150,7 +151,3 @@ def _best_apart(x: Floats, y: Floats, mu: NDArray[np.float32], options: QueryOpt
         chosen.append(best)
         left[np.hypot(x - x[best], y - y[best]) <= max(options.separation, SAME_PLACE)] = 0.0
     return np.array(chosen, dtype=np.int64)
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

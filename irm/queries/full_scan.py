@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from irm.arm.angles import signed
 from irm.floor.free_space import FreeSpace
 from irm.queries.arguments import FULL_TURN, YAW_STEP, QueryOptions, as_position, as_yaw_range
 from irm.queries.inverse import InverseReachabilityMap
@@ -46,7 +47,7 @@ def full_scan(
     if score.size == 0 or not score.max() > 0:
         return BasePlacement.nothing(Status.UNKNOWN)
     turn, base = np.unravel_index(int(score.argmax()), score.shape)
-    yaw = (turns[turn] + tiles.yaw[mine][base] + np.pi) % (2 * np.pi) - np.pi
+    yaw = signed(float(turns[turn] + tiles.yaw[mine][base]))
     approach_yaw = turns[turn] + key.yaw_shift
     row = [x[turn, base], y[turn, base], yaw, approach_yaw, score[turn, base], tiles.torso[mine][base], 0.0]
     return BasePlacement.of_rows(np.array([row]))

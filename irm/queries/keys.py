@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.angles import signed
 from irm.errors import QueryError
 from irm.maps.grid import MapGrid, Orientations
 from irm.queries.arguments import approach_yaws
@@ -113,7 +114,7 @@ def _find_group(orientations: Orientations, pitch: float, roll: float) -> tuple[
         return group, exact, 0.0
     if orientations.is_pole(group):
         return group, exact, copysign(roll, pitch)
-    off_roll = (roll - float(orientations.roll[group]) + pi) % (2 * pi) - pi
+    off_roll = signed(roll - float(orientations.roll[group]))
     return group, exact and abs(off_roll) < _EXACT, 0.0
 
 

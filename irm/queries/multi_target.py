@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irm.arm.angles import signed
 from irm.errors import QueryError
 from irm.queries.arguments import QueryOptions, as_yaw_ranges
 from irm.queries.exact_bases import SPARE_BASES
@@ -166,7 +167,7 @@ def _decided(bases: KeyedBases, search: _Search, options: QueryOptions, found: _
 
 def _points_of(search: _Search, turns: Floats) -> Floats:
     """(k, m, 3) positions of the search at some of its turns (k,)."""
-    off = np.abs((turns[:, None] - search.turns + np.pi) % (2 * np.pi) - np.pi)
+    off = np.abs(signed(turns[:, None] - search.turns))
     return np.asarray(search.points[off.argmin(axis=1)])
 
 

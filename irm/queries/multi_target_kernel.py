@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import wrap
+from irm.arm.angles import wrap
 from irm.compilation import njit
 from irm.floor.raster import Raster, floor_distance, point_is_free
 from irm.maps.reachability import ReachabilityMap

@@ -7,13 +7,13 @@ from math import ceil, cos, floor, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import wrap
+from irm.arm.angles import wrap
 from irm.compilation import njit
 from irm.floor.raster import Raster
 from irm.maps.reachability import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
 from irm.queries.keys import YawWindow
-from irm.queries.search_kernel import SECTOR_WIDTH, RingMasks, TcpPlace, Turns, new_masks, next_in_order
-from irm.queries.tiles import SECTORS, Tiles
+from irm.queries.search_kernel import SECTOR_WIDTH, RingMasks, TcpPlace, Turns, forget, new_masks, next_in_order
+from irm.queries.tiles import PARTS, SECTORS, Tiles
 
 __all__ = ["SAME_PLACE", "best_bases_batch", "best_bases_in_window", "lay_out_turns", "turns_of"]
 
@@ -48,12 +48,14 @@ def lay_out_turns(window: YawWindow) -> Turns:
         count = ceil(length / window.step - _SAME_ANGLE) + 1
         first = window.low if count > 1 else 0.5 * (window.low + window.high)
         apart = length / (count - 1) if count > 1 else 0.0
-    yaws, sectors, all_sectors = np.empty(count), np.empty(count, np.uint64), np.uint64(0)
+    yaws, sectors, all_sectors = np.empty(count), np.empty((PARTS, count), np.uint64), np.zeros(PARTS, np.uint64)
     for k in range(count):
         yaws[k] = first + k * apart
-        sector = floor(yaws[k] / SECTOR_WIDTH)
-        sectors[k] = np.uint64(1) << np.uint64(sector % SECTORS) | np.uint64(1) << np.uint64((sector + 1) % SECTORS)
-        all_sectors |= sectors[k]
+        turned = yaws[k] / SECTOR_WIDTH
+        for part in range(PARTS):
+            low, high = floor(turned + part / PARTS), floor(turned + (part + 1) / PARTS)
+            sectors[part, k] = np.uint64(1) << np.uint64(low % SECTORS) | np.uint64(1) << np.uint64(high % SECTORS)
+            all_sectors[part] |= sectors[part, k]
     return Turns(yaws, turns_of(yaws), sectors, all_sectors, all_around, window.shift)
 
 
@@ -116,7 +118,7 @@ def best_bases_in_window(
     progress: Integers,
 ) -> None:
     """`best_bases` for the turns of a window."""
-    best_bases(tiles, place, lay_out_turns(window), raster, new_masks(tiles.ranked), apart, rows, progress)
+    best_bases(tiles, place, lay_out_turns(window), raster, new_masks(), apart, rows, progress)
 
 
 @njit(cache=True)
@@ -148,7 +150,7 @@ def best_bases_batch(
     """
     turns = lay_out_turns(window)
     low, high = window.low, window.high
-    progress, masks = np.zeros(3, np.int64), new_masks(tiles.ranked)
+    progress, masks = np.zeros(3, np.int64), new_masks()
     for i in range(keys.shape[0]):
         if ranges[i, 0] != low or ranges[i, 1] != high:
             low, high = ranges[i, 0], ranges[i, 1]
@@ -156,7 +158,7 @@ def best_bases_batch(
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if keys[i] >= 0:
             place = TcpPlace(keys[i], positions[i, 0], positions[i, 1], height_offsets[i], exact)
-            masks.is_known[:] = False
+            forget(masks)
             best_bases(tiles, place, turns, raster, masks, apart, rows[i], progress)
         counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.floor.raster import Raster, floor_distance, floor_gap, point_is_free
-from irm.queries.tiles import RADIUS_STEP, SECTORS, Ranking, Tiles
+from irm.queries.tiles import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking, Tiles
 
 __all__ = [
     "ROUNDING",
@@ -25,6 +25,7 @@ __all__ = [
     "RingMasks",
     "TcpPlace",
     "Turns",
+    "forget",
     "is_apart",
     "new_masks",
     "next_in_order",
@@ -38,8 +39,9 @@ ROUNDING = 1e-5
 SHORT = 0.999
 """Share of a distance to free floor by which the kernels step over places that cannot be free."""
 
-RING_WIDTH = 0.1
-"""[m] of a ring of floor."""
+_SECTOR_SHIFT, _RING_SHIFT = np.uint64(PARTS.bit_length() - 1), np.uint64((SECTORS * PARTS).bit_length() - 1)
+_SECTOR_BITS, _PART_BITS = np.uint64(SECTORS - 1), np.uint64(PARTS - 1)
+"""Where ring, sector and part are in `Ranking.where`."""
 
 _FIRST = 4
 """Bases that are tested before any mask is computed: mostly one of them is free."""
@@ -69,38 +71,48 @@ class TcpPlace(NamedTuple):
 class Turns(NamedTuple):
     """The yaws at which a key's bases are laid out around the TCP.
 
-    `yaws` (n,) [rad], increasing; `directions` (n, 2): their cosines and sines; `sectors` (n,): the two sectors in one
-    of which a base of sector 0 is after the turn; `all_sectors`: these together; `all_around`: whether the turns cover
-    all yaws in the steps of the map's own yaw samples, or of a divisor of these; `yaw_shift`: what to add to a turn to
-    get the approach yaw [rad].
+    `yaws` (n,) [rad], increasing; `directions` (n, 2): their cosines and sines; `sectors` (`PARTS`, n): the
+    sectors, one or two, in one of which a base of each part of sector 0 is after the turn; `all_sectors` (`PARTS`,):
+    these together; `all_around`: whether the turns cover all yaws in the steps of the map's own yaw samples, or of a
+    divisor of these; `yaw_shift`: what to add to a turn to get the approach yaw [rad].
     """
 
     yaws: Floats
     directions: Floats
     sectors: NDArray[np.uint64]
-    all_sectors: np.uint64
+    all_sectors: NDArray[np.uint64]
     all_around: bool
     yaw_shift: float
 
 
 class RingMasks(NamedTuple):
-    """The rings of floor around a TCP, `RADIUS_STEP` wide: `sectors` (b,) that may contain free floor, one bit each;
-    `is_known` (b,) whether they are computed."""
+    """The rings of floor around a TCP, `RING_WIDTH` wide: `sectors` (b,) that may contain free floor, one bit each, all
+    of them while it is not computed; `is_known` (b,) whether it is."""
 
     sectors: NDArray[np.uint64]
     is_known: NDArray[np.bool_]
 
 
 @njit(cache=True)
-def new_masks(ranking: Ranking) -> RingMasks:
+def new_masks() -> RingMasks:
     """Masks that are not computed yet, for all radii of a ranking."""
-    rings = ranking.skip.shape[1]
-    return RingMasks(np.zeros(rings, np.uint64), np.zeros(rings, np.bool_))
+    return RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_))
+
+
+@njit(cache=True, inline="always")
+def forget(masks: RingMasks) -> None:
+    """Let masks be those of a new TCP."""
+    for ring in range(RINGS):
+        masks.sectors[ring], masks.is_known[ring] = _ALL, False
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
-def _free_sectors(raster: Raster, px: float, py: float, ring: int) -> np.uint64:
-    """The mask of one ring around a TCP at (px, py)."""
+def _free_sectors(raster: Raster, px: float, py: float, gap: float, ring: int) -> np.uint64:
+    """The mask of one ring around a TCP at (px, py), from which no free floor is nearer than `gap` [m]."""
+    if ring == RINGS - 1:
+        return _ALL
+    if (ring + 1) * RING_WIDTH < gap:
+        return np.uint64(0)
     radius = (ring + 0.5) * RING_WIDTH
     reach = hypot(0.5 * RING_WIDTH, 0.5 * (radius + RING_WIDTH) * SECTOR_WIDTH) + ROUNDING
     mask = np.uint64(0)
@@ -111,10 +123,9 @@ def _free_sectors(raster: Raster, px: float, py: float, ring: int) -> np.uint64:
 
 
 @njit(cache=True, inline="always")
-def _turned_back(mask: np.uint64, sector: int) -> np.uint64:
+def _turned_back(mask: np.uint64, sector: np.uint64) -> np.uint64:
     """A mask of sectors seen from one of them."""
-    left, right = np.uint64((SECTORS - sector) % SECTORS), np.uint64(sector)
-    return (mask >> right) | (mask << left)
+    return (mask >> sector) | (mask << ((np.uint64(SECTORS) - sector) & np.uint64(SECTORS - 1)))
 
 
 @njit(cache=True, inline="always")
@@ -130,21 +141,15 @@ def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> boo
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _next_candidate(
-    radius: NDArray[np.float32],
-    sector: NDArray[np.uint8],
-    masks: RingMasks,
-    rank: int,
-    end: int,
-    gap: float,
-    all_turns: np.uint64,
+    where: NDArray[np.uint16], masks: RingMasks, rank: int, end: int, all_turns: NDArray[np.uint64]
 ) -> int:
     """The first rank in `rank` … `end` whose base may be on free floor, as far as the masks are known; else `end`."""
-    sectors, is_known = masks.sectors, masks.is_known
+    sectors = masks.sectors
     while rank < end:
-        if radius[rank] >= gap:
-            ring = int(radius[rank] / RING_WIDTH)
-            if not is_known[ring] or _turned_back(sectors[ring], sector[rank]) & all_turns != 0:
-                return rank
+        place = np.uint64(where[rank])
+        sector = (place >> _SECTOR_SHIFT) & _SECTOR_BITS
+        if _turned_back(sectors[place >> _RING_SHIFT], sector) & all_turns[place & _PART_BITS] != 0:
+            return rank
         rank += 1
     return rank
 
@@ -155,6 +160,7 @@ def _free_turn(
     y: float,
     place: TcpPlace,
     turns: Turns,
+    part: int,
     free_sectors: np.uint64,
     raster: Raster,
     taken: Floats,
@@ -165,7 +171,7 @@ def _free_turn(
     Of several such turns the one nearest to the middle is taken, or the first one if the turns cover all yaws; -1 if
     there is none.
     """
-    directions, sectors = turns.directions, turns.sectors
+    directions, sectors = turns.directions, turns.sectors[part]
     last, best_turn = directions.shape[0] - 1, -1
     for turn in range(last + 1):
         if sectors[turn] & free_sectors == 0:
@@ -206,17 +212,19 @@ def next_in_order(
     while rank < end:
         free_sectors = _ALL
         if bounded and tests >= _FIRST:
-            rank = _next_candidate(ranking.radius, ranking.sector, masks, rank, end, gap, turns.all_sectors)
+            rank = _next_candidate(ranking.where, masks, rank, end, turns.all_sectors)
             if rank == end:
                 break
-            ring = int(ranking.radius[rank] / RING_WIDTH)
+            ring = ranking.where[rank] // (SECTORS * PARTS)
             if not masks.is_known[ring]:
-                masks.sectors[ring], masks.is_known[ring] = _free_sectors(raster, place.x, place.y, ring), True
+                masks.sectors[ring], masks.is_known[ring] = _free_sectors(raster, place.x, place.y, gap, ring), True
                 continue
-            free_sectors = _turned_back(masks.sectors[ring], ranking.sector[rank])
+            sector = np.uint64(ranking.where[rank] // PARTS % SECTORS)
+            free_sectors = _turned_back(masks.sectors[ring], sector)
         if ranking.radius[rank] >= gap:
             base = ranking.base[rank]
-            turn = _free_turn(tiles.x[base], tiles.y[base], place, turns, free_sectors, raster, taken, apart)
+            part = ranking.where[rank] % PARTS
+            turn = _free_turn(tiles.x[base], tiles.y[base], place, turns, part, free_sectors, raster, taken, apart)
             if turn >= 0:
                 return rank, turn
             tests += 1

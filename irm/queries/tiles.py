@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from irm.maps.equations import inverse_reachability_on_floor
 from irm.maps.reachability import ReachabilityMap
 
-__all__ = ["RADIUS_STEP", "SECTORS", "TILE", "Ranking", "Tiles", "invert_map"]
+__all__ = ["PARTS", "RADIUS_STEP", "RINGS", "RING_WIDTH", "SECTORS", "TILE", "Ranking", "Tiles", "invert_map"]
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -32,18 +32,28 @@ RADIUS_STEP = 0.025
 SECTORS = 64
 """Directions around the TCP: the bits of one number."""
 
+PARTS = 4
+"""Parts of a sector: a base is known to lie in one of 256 directions."""
+
+RING_WIDTH = 0.05
+"""[m] of a ring of floor around the TCP."""
+
+RINGS = 64
+"""Number of rings; bases farther than all of them count for the last one."""
+
 
 class Ranking(NamedTuple):
     """Bases of every key, best first.
 
     `base` (n,): their numbers; `radius` (n,): their distances from the TCP [m]; `first` (keys + 1,): where each key's
-    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP; `sector`
-    (n,): in which of the `SECTORS` around the TCP they are.
+    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP; `where`
+    (n,): in which ring, `RING_WIDTH` wide, in which of the `SECTORS` around the TCP, and in which of its `PARTS` they
+    are, (ring * SECTORS + sector) * PARTS + part.
     """
 
     base: NDArray[np.int32]
     radius: Singles
-    sector: NDArray[np.uint8]
+    where: NDArray[np.uint16]
     first: Integers
     skip: NDArray[np.int32]
 
@@ -142,9 +152,15 @@ def _ranking(some: Integers, key: Integers, keys: int, bases: list[NDArray[Any]]
     rank = np.arange(len(base))[::-1]
     skip[own_key[rank], step[rank]] = rank
     skip = np.minimum.accumulate(skip[:, ::-1], axis=1)[:, ::-1]
-    sector = (np.arctan2(y, x).astype(float) * (SECTORS / (2 * np.pi)) // 1).astype(np.int64) % SECTORS
+    parts = SECTORS * PARTS
+    part = (np.arctan2(y, x).astype(float) * (parts / (2 * np.pi)) // 1).astype(np.int64) % parts
+    ring = np.minimum((radius.astype(float) / RING_WIDTH).astype(np.int64), RINGS - 1)
     return Ranking(
-        base.astype(np.int32), radius, sector.astype(np.uint8), first, np.ascontiguousarray(skip, dtype=np.int32)
+        base.astype(np.int32),
+        radius,
+        (ring * parts + part).astype(np.uint16),
+        first,
+        np.ascontiguousarray(skip, dtype=np.int32),
     )
 
 

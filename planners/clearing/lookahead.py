@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -44,11 +44,13 @@ __all__ = [
     "IsUsable",
     "OrderByTaskPlan",
     "RejectedGrasps",
+    "Turn",
     "alternatives",
     "commitments_for",
     "grasped",
     "keep_clear",
     "simulate_clearance",
+    "simulate_until_stuck",
 ]
 
 _CELL = 0.02
@@ -116,6 +118,13 @@ class ClearancePlan:
         placements = {other: placement for other, placement in self.placements.items() if other != name}
         kept = MappingProxyType(placements)
         return ClearancePlan(self.commitments.without(name), kept, self.provisional, max(self.moves - 1, 0))
+
+
+class Turn(NamedTuple):
+    """Before a clearance: the scene, and the commitments to what remains to be done."""
+
+    scene: Scene
+    remaining: Commitments
 
 
 def commitments_for(
@@ -208,23 +217,42 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> Kee
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
     """The scene after a grasp: the object is held, the robot where it took it or drove out to, its arm at home."""
     T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
-    T_tcp_object = np.linalg.inv(T_world_tcp) @ scene.body(grasp.object).pose
+    held = HeldObject.grasped(scene.body(grasp.object), T_world_tcp)
     base = drive_out(scene.support, grasp.base, T_world_tcp)[-1] if grasp.drives else grasp.base
     state = RobotState(base, np.array(scene.robot.home), scene.state.finger_position)
-    return scene.with_state(state).with_held(HeldObject(grasp.object, T_tcp_object))
+    return scene.with_state(state).with_held(held)
 
 
 def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> Mapping[str, Placement] | str:
     """A placement for every object to clear, found by simulating the clearances in order; or the object without one."""
-    scene, remaining = problem.scene, commitments
+    names = (*problem.scene.held_names, *commitments.order)
+    _, placements = simulate_until_stuck(problem, commitments, names)
+    return MappingProxyType(placements) if len(placements) == len(names) else names[len(placements)]
+
+
+def simulate_until_stuck(
+    problem: ClearingProblem, commitments: Commitments, names: Sequence[str]
+) -> tuple[list[Turn], dict[str, Placement]]:
+    """Clear objects in order, up to the first that finds no location.
+
+    Args:
+        problem: where placements come from.
+        commitments: at the start.
+        names: of the objects.
+
+    Returns:
+        the turns, one more than there are placements; the placements, in order.
+    """
+    turns = [Turn(problem.scene, commitments)]
     placements: dict[str, Placement] = {}
-    for name in (*scene.held_names, *commitments.order):
+    for name in names:
+        scene, remaining = turns[-1]
         done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
         if done is None:
-            return name
-        placements[name], scene = done
-        remaining = remaining.without(name)
-    return MappingProxyType(placements)
+            break
+        placements[name] = done[0]
+        turns.append(Turn(done[1], remaining.without(name)))
+    return turns, placements
 
 
 def simulate_clearance(

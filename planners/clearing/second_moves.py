@@ -7,10 +7,10 @@ comes to be in the way, it is moved again; by then there may be room that was ne
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import NamedTuple
 
 from planners.clearing.commitments import Commitments
 from planners.clearing.lookahead import (
@@ -21,11 +21,10 @@ from planners.clearing.lookahead import (
     RejectedGrasps,
     alternatives,
     commitments_for,
-    keep_clear,
     simulate_clearance,
+    simulate_until_stuck,
 )
 from planners.grasping.candidates import GraspCandidates
-from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import Scene
 
@@ -55,13 +54,6 @@ class _FirstMoves:
 
     plan: ClearancePlan
     scene: Scene
-
-
-class _Turn(NamedTuple):
-    """Before a clearance: the scene, and the commitments to what remains to be done."""
-
-    scene: Scene
-    remaining: Commitments
 
 
 def plan_with_second_moves(
@@ -132,7 +124,7 @@ def _first_moves(problem: ClearingProblem, context: _Context) -> Iterator[_First
 def _put_aside(problem: ClearingProblem, commitments: Commitments) -> Iterator[_FirstMoves]:
     """Clearances in order until an object finds no location; from there backwards, one put aside provisionally."""
     names = (*problem.scene.held_names, *commitments.order)
-    turns, placements = _simulate_until_stuck(problem, commitments, names)
+    turns, placements = simulate_until_stuck(problem, commitments, names)
     if len(placements) == len(names):
         return
     for count in reversed(range(len(placements) + 1)):
@@ -140,25 +132,8 @@ def _put_aside(problem: ClearingProblem, commitments: Commitments) -> Iterator[_
         for keep in _next_grasps(commitments, names[count + 1 :]):
             done = simulate_clearance(problem, before.scene, before.remaining, name, keep)
             if done is not None:
-                chosen = MappingProxyType({**dict(placements[:count]), name: done[0]})
-                yield _FirstMoves(ClearancePlan(commitments, chosen, name, count + 1), done[1])
-
-
-def _simulate_until_stuck(
-    problem: ClearingProblem, commitments: Commitments, names: tuple[str, ...]
-) -> tuple[list[_Turn], list[tuple[str, Placement]]]:
-    """The turns of clearing `names` in order, and the placements, up to the first object that finds no location."""
-    turns = [_Turn(problem.scene, commitments)]
-    placements: list[tuple[str, Placement]] = []
-    for name in names:
-        scene, remaining = turns[-1]
-        keep = keep_clear(problem.strategy, remaining, name)
-        done = simulate_clearance(problem, scene, remaining, name, keep)
-        if done is None:
-            break
-        placements.append((name, done[0]))
-        turns.append(_Turn(done[1], remaining.without(name)))
-    return turns, placements
+                chosen = {**dict(itertools.islice(placements.items(), count)), name: done[0]}
+                yield _FirstMoves(ClearancePlan(commitments, MappingProxyType(chosen), name, count + 1), done[1])
 
 
 def _next_grasps(commitments: Commitments, later: tuple[str, ...]) -> Iterator[KeepClear]:

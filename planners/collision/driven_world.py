@@ -18,7 +18,7 @@ from planners.collision.geometry import BOX, Solids
 from planners.collision.world import CollisionWorld
 from planners.scene import Body, StaticObstacle
 
-__all__ = ["Drive", "Extents", "driven_world"]
+__all__ = ["Drive", "Extents"]
 
 Array = NDArray[np.float64]
 
@@ -37,16 +37,6 @@ class Drive(NamedTuple):
     direction: Array
     distance: float
     rise: float
-
-
-def driven_world(world: CollisionWorld, drive: Drive, left_standing: Body | None = None) -> CollisionWorld:
-    """A world in which a configuration hits what the robot, rigid in it, hits on a straight drive.
-
-    Obstacles become boxes along the drive. An object's begins at its axis, so that the half of it on the robot's side
-    is left out: check the configuration in `world` too. For static obstacles that are not boxes along or across the
-    drive the answer is conservative; they are checked where the robot is, too. So is the object `left_standing`.
-    """
-    return Extents.of(world, drive.direction).driven_world(drive, left_standing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +63,13 @@ class Extents:
         return cls(world, R, _boxes_around(scene.static_obstacles, R), _boxes_around(scene.objects, R))
 
     def driven_world(self, drive: Drive, left_standing: Body | None = None) -> CollisionWorld:
-        """As the function `driven_world`, for a drive in this direction."""
+        """A world in which a configuration hits what the robot, rigid in it, hits on a drive in this direction.
+
+        Obstacles become boxes along the drive. An object's begins at its axis, so that the half of it on the robot's
+        side is left out: check the configuration in `world` too. For static obstacles that are not boxes along or
+        across the drive the answer is conservative; they are checked where the robot is, too. So is the object
+        `left_standing`.
+        """
         static = self._static_swept(drive)
         if left_standing is not None:
             static = _joined(static, self._swept(_boxes_around([left_standing], self.R), drive))

@@ -47,7 +47,9 @@ class CollisionWorld:
     robot: RobotArrays
     obstacles: Obstacles
     padding: float = PADDING
-    _attached: dict[int, tuple[HeldObject | None, Attached]] = field(init=False, repr=False, default_factory=dict)
+    _attached: dict[int, tuple[HeldObject | None, Attached, float]] = field(
+        init=False, repr=False, default_factory=dict
+    )
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
@@ -85,10 +87,15 @@ class CollisionWorld:
         Raises:
             UnknownObject: the scene has no object of that name.
         """
+        return self._attached_with_width(held)[1]
+
+    def _attached_with_width(self, held: HeldObject | None) -> tuple[HeldObject | None, Attached, float]:
+        """The held object, the same for kernels, and its width [m] between the fingers; 0 without an object."""
         known = self._attached.get(id(held))
         if known is None:
-            known = self._attached[id(held)] = held, self._attach(held)
-        return known[1]
+            width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
+            known = self._attached[id(held)] = held, self._attach(held), width
+        return known
 
     def _attach(self, held: HeldObject | None) -> Attached:
         if held is None:
@@ -131,15 +138,14 @@ class CollisionWorld:
         """What kernels check.
 
         Args:
-            opening: of the gripper [m].
+            opening: of the gripper [m]; fingers that are commanded to close on the held object stay at its width.
             held: the held object; it moves with the TCP and is no obstacle.
             ignore: mask of bits that do not count.
             first_only: stop at the first hit.
         """
-        active, attached = self.active(ignore), self.attached(held)
-        return CollisionQuery(
-            self.robot, self.obstacles, attached, float(opening), active, float(self.padding), first_only
-        )
+        active, (_, attached, width) = self.active(ignore), self._attached_with_width(held)
+        apart, padding = max(float(opening), width), float(self.padding)
+        return CollisionQuery(self.robot, self.obstacles, attached, apart, active, padding, first_only)
 
     def hits(
         self, base: ArrayLike, q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0

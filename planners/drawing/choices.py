@@ -65,7 +65,6 @@ class _Hold:
     """The moment at which the fingers close or open: the robot, and the object between them."""
 
     state: RobotState
-    opening: float
     touched: HeldObject
 
 
@@ -171,7 +170,7 @@ def _swept(picked: BoundAction) -> SweptVolume:
         during = (trajectory.times >= phase.start) & (trajectory.times <= end)
         if phase.name in _STRAIGHT and during.any():
             X = np.hstack((trajectory.base[during], trajectory.q[during]))
-            opening = 2 * float(trajectory.finger_position[during].max())
+            opening = world.scene.robot.opening(float(trajectory.finger_position[during].max()))
             volumes.append(path_volume(world, X, opening, phase.touched if phase.held else None))
     return join_volumes(volumes)
 
@@ -182,7 +181,7 @@ def _hold(action: BoundAction, phase_name: str) -> _Hold:
     phase = next(phase for phase in trajectory.phases if phase.name == phase_name)
     assert phase.touched is not None
     sample = trajectory.sample(phase.start)
-    return _Hold(RobotState(sample.base, sample.q, sample.finger_position), 2 * sample.finger_position, phase.touched)
+    return _Hold(RobotState(sample.base, sample.q, sample.finger_position), phase.touched)
 
 
 def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldObject, body: Body) -> NDArray[np.bool_]:

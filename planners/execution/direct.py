@@ -104,7 +104,7 @@ class _Motors:
         self._joints = RobotJoints.of(model, data, robot)
         self._drive = np.array([model.actuator(name).id for name in robot.drive_joints])
         self._fingers = np.array([model.actuator(name).id for name in robot.finger_joints])
-        self._feedforward = _velocity_feedforward(model, robot, self._drive)
+        self._feedforward = np.array(robot.velocity_feedforward(model))
         self._last = self._joints.read(data)
         self._finger = float(np.mean([data.joint(name).qpos[0] for name in robot.finger_joints]))
         head = [model.actuator(name).id for name in robot.head_joints]
@@ -124,11 +124,3 @@ class _Motors:
             mujoco.mj_step(self._model, self._data, nstep=self._steps)
         mujoco.mj_kinematics(self._model, self._data)
         self._last, self._finger = goal, finger
-
-
-def _velocity_feedforward(model: mujoco.MjModel, robot: RobotSpec, actuators: NDArray[np.int64]) -> Array:
-    """[s] (4 + n,): added to a position command per unit of velocity, it cancels the drag of the motor's damping."""
-    dof = [model.joint(name).dofadr[0] for name in robot.drive_joints]
-    joint_damping = np.array([model.dof_damping[index].ravel()[0] for index in dof])
-    feedforward: Array = (joint_damping - model.actuator_biasprm[actuators, 2]) / model.actuator_gainprm[actuators, 0]
-    return feedforward

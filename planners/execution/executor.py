@@ -193,7 +193,7 @@ class Executor:
 
     def _is_near_contact(self) -> bool:
         """Whether the fingers are about to close or to open."""
-        changes = [phase.start for phase in self._trajectory.phases if phase.name in ("close", "open")]
+        changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
         return any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
 
     def _is_over(self) -> bool:

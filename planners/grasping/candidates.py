@@ -51,6 +51,12 @@ class SamplingConfig:
     rolls: int = 18
     near_home: bool = False
 
+    def grid(self, chain: ArmChain) -> ConfigurationGrid:
+        """The values of the free parameters that are tried for an arm."""
+        if self.near_home:
+            return ConfigurationGrid.near_home(chain)
+        return ConfigurationGrid.over(chain, self.torsos, self.rolls)
+
 
 class BasePlacer(Protocol):
     """Says where the base may stand."""
@@ -198,7 +204,7 @@ class GraspCandidates:
             wanted = gripper_poses(grasps)
             bases, index = self.placer.bases(wanted, most)
             poses, opening = GripperPoses(bases, wanted[index]), max(grasp.opening for grasp in grasps)
-            candidates = self._scan(scene, body, poses, self._grid(), opening)
+            candidates = self._scan(scene, body, poses, self.config.grid(self.chain), opening)
             is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
             if is_enough:
                 break
@@ -216,11 +222,6 @@ class GraspCandidates:
             found = scan_configurations(world, poses, grid, opening, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
         return [replace(grasp, drives=covered) for grasp in as_candidates(body.name, poses, opening, found)]
-
-    def _grid(self) -> ConfigurationGrid:
-        if self.config.near_home:
-            return ConfigurationGrid.near_home(self.chain)
-        return ConfigurationGrid.over(self.chain, self.config.torsos, self.config.rolls)
 
 
 def _sorted(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:

@@ -48,7 +48,8 @@ def driven_configurations(
         if first_free and before:
             continue
         way = drive.direction.tobytes()
-        extents[way] = extents.get(way) or Extents.of(world, drive.direction)
+        if way not in extents:
+            extents[way] = Extents.of(world, drive.direction)
         driven = extents[way].driven_world(drive, body if held is None else None)
         found = scan_configurations(
             world, chosen, grid, opening, held=held, ignore=ignore, first_free=first_free, driven=driven
@@ -58,10 +59,12 @@ def driven_configurations(
             for q, pair in zip(found.q, found.pair, strict=True)
         ]
         hits = found.hits | np.array(inside, dtype=np.uint64) | np.uint64(before)
-        parts.append(found._replace(pair=rows[found.pair], hits=hits))
-        if first_free and not hits.all():
-            return _rows(parts[-1], np.flatnonzero(hits == 0))
-    return _joined([] if first_free else parts, len(world.robot.lower))
+        found = found._replace(pair=rows[found.pair], hits=hits)
+        if not first_free:
+            parts.append(found)
+        elif not hits.all():
+            return ArmConfigurations(*(column[hits == 0] for column in found))
+    return _joined(parts, len(world.robot.lower))
 
 
 def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
@@ -77,14 +80,6 @@ def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[
         yield Drive(offset, direction, farthest, LEAST_LIFT), rows
 
 
-def _rows(found: ArmConfigurations, rows: NDArray[np.int64]) -> ArmConfigurations:
-    return ArmConfigurations(found.q[rows], found.pair[rows], found.hits[rows], found.quality[rows])
-
-
 def _joined(parts: Sequence[ArmConfigurations], joints: int) -> ArmConfigurations:
-    return ArmConfigurations(
-        np.concatenate([np.zeros((0, joints)), *(part.q for part in parts)]),
-        np.concatenate([np.zeros(0, dtype=np.int64), *(part.pair for part in parts)]),
-        np.concatenate([np.zeros(0, dtype=np.uint64), *(part.hits for part in parts)]),
-        np.concatenate([np.zeros(0), *(part.quality for part in parts)]),
-    )
+    none = ArmConfigurations(np.zeros((0, joints)), np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0))
+    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(none, *parts, strict=True)))

@@ -14,7 +14,7 @@ from assets.robots import RobotSpec
 from planners.grasping.families import SIDE, GraspFamily
 from planners.scene import Body
 
-__all__ = ["GraspPose", "GripperClearances", "generate_grasps", "gripper_opening"]
+__all__ = ["GraspPose", "GripperClearances", "even_yaws", "generate_grasps", "gripper_opening"]
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -89,6 +89,11 @@ def generate_grasps(
     return tuple(grasp for family in families for grasp in _of_family(body, robot, family, gripper))
 
 
+def even_yaws(count: int) -> Array:
+    """Yaws (count,) [rad] in (-π, π], evenly about the vertical: those from which round objects are grasped."""
+    return _wrapped(np.linspace(0.0, 2 * math.pi, count, endpoint=False))
+
+
 def gripper_opening(robot: RobotSpec, half_span: float, gripper: GripperClearances = FETCH_GRIPPER) -> float:
     """Opening [m] with which to approach an object that is 2 `half_span` wide between the fingers."""
     return min(2 * (float(half_span) + gripper.finger_gap), robot.max_opening)
@@ -111,7 +116,7 @@ def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
     The fingers close along the horizontal normal of the approach. Straight down, half a turn makes no difference.
     """
     if body.shape == "cylinder" and body.is_upright:
-        yaws = _wrapped(np.linspace(0.0, 2 * math.pi, family.directions, endpoint=False))
+        yaws = even_yaws(family.directions)
         half_spans = np.full(len(yaws), body.half_width)
     else:
         rotation = body.rotation

@@ -141,7 +141,7 @@ def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, i
     """
     body = world.scene.body(name)
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
-    held = HeldObject(name, np.linalg.inv(T_world_tcp) @ body.pose)
+    held = HeldObject.grasped(body, T_world_tcp)
     openings = _openings(world.scene.robot, body, T_world_tcp)
     loaded, covered = with_room_below(world, name), is_covered(world.scene, body.foot)
     return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore, covered)
@@ -164,7 +164,7 @@ def release_context(
 
 def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, float]:
     """[m] between the fingers of a gripper at a pose (4, 4): open around an object, and closed on it."""
-    grip = 2.0 * body.half_extent_along(T_world_tcp[:3, 1])
+    grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
     return min(grip + 2 * SIDE_CLEARANCE, robot.max_opening), grip
 
 

@@ -163,19 +163,19 @@ class MujocoCollisionChecker:
                 yield _Segment(states[rows], held, self.scene.mask(between))
 
     def _refine(self, segment: _Segment, step: float) -> NDArray[np.float64]:
-        """States (m, 12) between which no point of the robot moves more than `step` [m]."""
-        robot, held = robot_arrays(self.scene.robot), segment.held
+        """States (m, 12) at most `step` [m] apart for any point of the robot; fingers stay at a held object's width."""
+        robot, held, states = robot_arrays(self.scene.robot), segment.held, segment.states.copy()
         reach = robot.reach
         if held is not None:
             body = self.scene.body(held.name)
+            states[:, -1] = states[:, -1].clip(
+                self.scene.robot.finger_position(body.width_in_gripper(held.T_tcp_object))
+            )
             swing = np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(body.half_extents)
             reach = np.maximum(reach, robot.tip_reach + swing)
-        states = segment.states
         parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
         at = np.concatenate([[0.0], *(i + np.arange(1, max(n, 1) + 1) / max(n, 1) for i, n in enumerate(parts))])
-        below = np.minimum(at.astype(int), len(states) - 1)
-        above = np.minimum(below + 1, len(states) - 1)
-        return np.asarray(states[below] + (at - below)[:, None] * (states[above] - states[below]))
+        return np.column_stack([np.interp(at, np.arange(len(states)), column) for column in states.T])
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
         """Place the robot and the held object, and find contacts."""

@@ -61,9 +61,8 @@ class Followed:
     def hits(self, world: CollisionWorld, ignore: int) -> int:
         """Mask of what is hit on the way; the bits of `ignore` do not count."""
         found = 0
-        gap = world.scene.robot.finger_gap_closed
         for rows in self._segments():
-            opening = gap + 2 * float(self.finger_position[rows].max())
+            opening = world.scene.robot.opening(float(self.finger_position[rows].max()))
             found |= world.path_hits(self.configurations[rows], opening, self.held[rows.start], ignore)
         return found
 

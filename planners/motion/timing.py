@@ -79,9 +79,8 @@ def time_parametrise(
             break
         stretch = min(max(np.sqrt(excess), 1.01), 1.5)
         clock, speed = clock * stretch, speed / stretch
-    times = np.asarray(CONTROL_STEP * np.arange(len(samples)), np.float64)
     fingers = np.full(len(samples), finger_position)
-    return Trajectory(times, samples[:, :3], samples[:, 3:], fingers, (phase,))
+    return Trajectory(_times(len(samples)), samples[:, :3], samples[:, 3:], fingers, (phase,))
 
 
 def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Array, Array]:
@@ -117,18 +116,15 @@ def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState, homing
 
     Where the arm moves home before, its motion comes first: the phases "ready" (the fingers open) and "home".
     """
-    held = path.held.name if path.held is not None else ""
-    phase = Phase("drive", 0.0, held, path.held)
     if homing is None:
-        return time_parametrise(path.configurations, robot, state.finger_position, phase, path.held is not None)
+        return _along(robot, path, state.finger_position, "drive")
     open_at = state.finger_position if path.held is not None else robot.finger_position(homing.opening)
+    here, ready = homing.configurations[0], _phase("ready", path.held)
     return join(
         [
-            _fingers(
-                robot, homing.configurations[0], state.finger_position, open_at, phase._replace(name="ready"), 0.0
-            ),
+            _fingers(robot, here, state.finger_position, open_at, ready, 0.0),
             _along(robot, homing, open_at, "home"),
-            time_parametrise(path.configurations, robot, open_at, phase, path.held is not None),
+            _along(robot, path, open_at, "drive"),
         ]
     )
 
@@ -174,13 +170,17 @@ def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -
     )
 
 
-def _along(robot: RobotSpec, path: WholeBodyPath | ArmPath, finger_position: float, name: str) -> Trajectory:
-    held: HeldObject | None = path.held
-    phase = Phase(name, 0.0, held.name if held is not None else "", held)
-    return time_parametrise(path.configurations, robot, finger_position, phase, held is not None)
+def _along(robot: RobotSpec, path: WholeBodyPath | ArmPath | BasePath, finger_position: float, name: str) -> Trajectory:
+    phase, is_loaded = _phase(name, path.held), path.held is not None
+    return time_parametrise(path.configurations, robot, finger_position, phase, is_loaded)
 
 
-def _steps(count: int) -> Array:
+def _phase(name: str, held: HeldObject | None) -> Phase:
+    """A phase in which nothing is touched but what is held throughout."""
+    return Phase(name, 0.0, held.name if held is not None else "", held)
+
+
+def _times(count: int) -> Array:
     """The first control times [s]."""
     return np.asarray(CONTROL_STEP * np.arange(count), dtype=float)
 
@@ -189,8 +189,7 @@ def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> T
     """Stand still for `duration` [s], rounded up to whole control steps."""
     count = 1 + int(np.ceil(duration / CONTROL_STEP - 1e-9))
     rows = np.tile(x, (count, 1))
-    times = np.asarray(CONTROL_STEP * np.arange(count), np.float64)
-    return Trajectory(times, rows[:, :3], rows[:, 3:], np.full(count, finger_position), (phase,))
+    return Trajectory(_times(count), rows[:, :3], rows[:, 3:], np.full(count, finger_position), (phase,))
 
 
 def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase, settle: float) -> Trajectory:
@@ -198,8 +197,7 @@ def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase,
     rests = int(np.ceil(settle / CONTROL_STEP - 1e-9))
     fingers = np.concatenate([finger_ramp(robot, start, end), np.full(rests, end)])
     rows = np.tile(x, (len(fingers), 1))
-    times = np.asarray(CONTROL_STEP * np.arange(len(fingers)), np.float64)
-    return Trajectory(times, rows[:, :3], rows[:, 3:], fingers, (phase,))
+    return Trajectory(_times(len(fingers)), rows[:, :3], rows[:, 3:], fingers, (phase,))
 
 
 def finger_ramp(robot: RobotSpec, start: float, end: float) -> Array:

@@ -15,7 +15,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import farthest_reach
-from planners.grasping.candidates import BasePlacer
+from planners.grasping.candidates import BasePlacer, SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
@@ -233,11 +233,7 @@ class PlacementSearch:
         return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
 
     def _grid(self) -> ConfigurationGrid:
-        return (
-            ConfigurationGrid.near_home(self.chain)
-            if self.near_home
-            else ConfigurationGrid.over(self.chain, self.torsos, self.rolls)
-        )
+        return SamplingConfig(self.torsos, self.rolls, self.near_home).grid(self.chain)
 
 
 def _free_levels(

@@ -86,6 +86,10 @@ class Body:
             return float(np.abs(local) @ self.half_extents)
         return float(abs(local[2]) * self.half_extents[2] + math.hypot(local[0], local[1]) * self.half_extents[0])
 
+    def width_in_gripper(self, T_tcp_body: ArrayLike) -> float:
+        """[m] of the body along the line on which the fingers close, held at T_tcp_body (4, 4)."""
+        return 2.0 * self.at_pose(np.asarray(T_tcp_body, dtype=float)).half_extent_along((0.0, 1.0, 0.0))
+
     @cached_property
     def radius(self) -> float:
         """[m] of the upright circle about `position` that contains the body's outline from above."""
@@ -168,3 +172,8 @@ class HeldObject:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_tcp_object", frozen(self.T_tcp_object, (4, 4), "T_tcp_object"))
+
+    @classmethod
+    def grasped(cls, body: Body, T_world_tcp: NDArray[np.float64]) -> HeldObject:
+        """An object as fingers at T_world_tcp (4, 4) hold it that close on it where it is."""
+        return cls(body.name, np.linalg.inv(T_world_tcp) @ body.pose)

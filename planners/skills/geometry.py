@@ -14,7 +14,7 @@ import numpy as np
 from irm.arm.kinematics import ArmChain
 from planners.clearing.lookahead import grasped
 from planners.collision.compiled_scenes import CompiledScenes
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import (
     OFF_TABLE,
     BasePlacer,
@@ -99,7 +99,7 @@ class SkillGeometry:
         bases, index = self.placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
-        found = scan_configurations(world, poses, self._grid, opening, ignore=ignore)
+        found = scan_configurations(world, poses, self.sampling.grid(self.chain), opening, ignore=ignore)
         return list(as_candidates(body.name, poses, opening, found))
 
     def placements(
@@ -136,12 +136,6 @@ class SkillGeometry:
         options = self.options(scene, Skill(target))
         ranked = sorted(options, key=lambda o: ((o.blockers & ~held).bit_count(), -o.quality))
         return KeepClear(ranked[0]) if ranked else KeepClear()
-
-    @property
-    def _grid(self) -> ConfigurationGrid:
-        torsos = np.linspace(self.chain.lower[0], self.chain.upper[0], self.sampling.torsos + 2)[1:-1]
-        rolls = -np.pi + (np.arange(self.sampling.rolls) + 0.5) * (2 * np.pi / self.sampling.rolls)
-        return ConfigurationGrid(np.asarray(torsos), np.asarray(rolls))
 
 
 def skill_geometry(scene: Scene) -> SkillGeometry:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,7 @@ from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
 from planners.motion.homing import is_among_objects, plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import (
-    PickMotion,
-    PlaceMotion,
-    can_leave,
-    fewest_blockers,
-    plan_pick,
-    plan_place,
-)
+from planners.motion.pick_and_place import PickMotion, PlaceMotion, fewest_blockers, plan_pick, plan_place
 from planners.motion.tcp_following import TcpFollower, follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory
@@ -39,6 +32,7 @@ from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
 from planners.strategies import Strategy
+from planners.tamp.usable_grasps import UsableGrasps
 
 __all__ = ["BoundMotion", "MotionLayer"]
 
@@ -91,6 +85,10 @@ class MotionLayer:
     joins_motions: bool = True
     has_refuted: bool = False
     _checker: MujocoCollisionChecker | None = None
+    _is_usable: UsableGrasps = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._is_usable = UsableGrasps(self.candidates.compiled)
 
     def choose_grasps(
         self,
@@ -127,14 +125,6 @@ class MotionLayer:
             problem, order_by_task_plan, self._is_usable, self.candidates.blank_copy, second_moves
         )
         return non_monotone or found
-
-    def _is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
-        """Whether the gripper can leave a grasp again; under a board also whether it knows all that is in its way."""
-        world = self._compiled(scene)
-        if not grasp.drives:
-            return can_leave(world, grasp.base, grasp.q, grasp.object)
-        blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
-        return blockers is not None and not blockers & ~grasp.blockers
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""

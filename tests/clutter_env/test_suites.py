@@ -20,9 +20,7 @@ from clutter_env.errors import SuiteError
 from clutter_env.experiments.suites.making import PLANS, make_suite, with_new_floors
 from clutter_env.suites import SPLITS, Floor, content_digest, scene_digests
 
-SHELVES = ("shelf-10-v1", "shelf-16-v1")
-"""Drawn when the planner did not yet drive straight in under a board; since it does, some scenes need no clearing."""
-NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v1", "shelf-16-v1", "side-15-v1", "side-25-v1", "side-40-v1")
+NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v2", "shelf-16-v2", "side-15-v1", "side-25-v1", "side-40-v1")
 
 
 def _clearances(floor: Floor) -> float:
@@ -36,6 +34,11 @@ def test_the_suites_are_there() -> None:
         clutter_env.suite("side-1")
 
 
+def test_a_suite_that_was_replaced_is_an_error_that_names_its_successor() -> None:
+    with pytest.raises(SuiteError, match=r"no suite 'shelf-10-v1'; suites: .*shelf-10-v2"):
+        clutter_env.suite("shelf-10-v1")
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_suite_has_its_scenes(name: str) -> None:
     suite = clutter_env.suite(name)
@@ -47,7 +50,7 @@ def test_every_suite_has_its_scenes(name: str) -> None:
         assert scene.floor_side.cause or scene.floor_side.is_proved
         assert scene.floor("all").cause or scene.floor("all").is_proved
         assert _clearances(scene.floor("all")) <= _clearances(scene.floor("side")), "side grasps are among all"
-        if name != "all-25-v1" and name not in SHELVES:
+        if name != "all-25-v1":
             assert scene.floor_side.is_proved
             assert (scene.floor_side.count or 0) >= 1
     with pytest.raises(SuiteError, match="splits: test, validation"):
@@ -177,7 +180,7 @@ def test_suites_need_neither_planner_nor_numba() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in SHELVES])
+@pytest.mark.parametrize("name", NAMES)
 def test_making_a_suite_again_gives_the_same_scenes(name: str) -> None:
     plan = next(plan for plan in PLANS if plan.name == name)
     made = make_suite(plan, 3, 1)

@@ -30,7 +30,7 @@ def run(arguments: Arguments) -> None:
     """Compare and print."""
     with tqdm(total=sum(one.scenes for one in SCENE_SETS), unit="scene") as bar:
         found = agreement(arguments.seed, arguments.workers, tick=bar.update)
-    print(agreement_table(found))
+    print(agreement_table(found), end="")
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -42,15 +42,16 @@ def run(arguments: Arguments) -> None:
     counts = arguments.samples, arguments.poses
     rows = compare_with_rm4d(robot(arguments.robot), arguments.package, arguments.orientations, counts, arguments.seed)
     kinds = ("random, given yaw", "random, any yaw", "side, given yaw", "side, any yaw")
-    head = ("", *kinds, "size [MB]", "forward [µs]", "inverse [µs]")
+    head = ("", *kinds, "memory [MB]", "file [MB]", "forward [µs]", "inverse [µs]")
     body = []
     for row in rows:
         shares = (row.random_given_yaw, row.random_any_yaw, row.side_given_yaw, row.side_any_yaw)
-        costs = f"{row.megabytes:.1f}", f"{row.forward:.1f}", f"{row.inverse:.0f}"
+        inverse = "–" if row.inverse is None else f"{row.inverse:.0f}"
+        costs = f"{row.memory:.1f}", f"{row.file:.1f}", f"{row.forward:.1f}", inverse
         body.append((row.method, *(f"{share:.3f}" for share in shares), *costs))
     print(markdown_table(head, body))
     if arguments.json is not None:
-        write_json(arguments.json, {"rows": [vars(row) for row in rows]})
+        write_json(arguments.json, {"rows": rows})
 
 
 def main(words: Sequence[str] | None = None) -> None:

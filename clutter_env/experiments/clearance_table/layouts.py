@@ -67,11 +67,13 @@ def run_layouts(
         workers: number of processes.
         retry_crashes: make the trials again that crashed.
         report_only: make no trials.
+
+    Raises:
+        ConfigError: an unknown layout, or one that does not hold the objects; before any trial is made.
     """
     rows = []
-    for layout in layouts:
-        own = replace(settings, layout=layout)
-        records = Records(out / layout / "trials.jsonl", own.of_trials)
+    for own in [replace(settings, layout=layout) for layout in layouts]:
+        records = Records(out / own.layout / "trials.jsonl", own.of_trials)
         if not report_only:
             run_trials(own, records, workers, retry_crashes)
         for objects in own.objects:
@@ -80,7 +82,7 @@ def run_layouts(
             floors = {seed: found[seed].floor for seed in seeds if found[seed].proved}
             attempts = records.attempts(objects, own.strategies[0], seeds)
             if attempts:
-                rows.append(make_layout_row(layout, attempts, floors))
+                rows.append(make_layout_row(own.layout, attempts, floors))
     return rows
 
 

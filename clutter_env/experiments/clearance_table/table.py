@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
+from clutter_env.config import EnvConfig
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
 from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
@@ -53,8 +54,8 @@ class TableSettings:
         supports: where objects may be put, as for `chosen_supports`; () leaves it to the grasp set.
 
     Raises:
-        ConfigError: a number that is not valid, or an unknown strategy, grasp set or support; the message lists the
-            valid ones.
+        ConfigError: a number that is not valid or more than the layout holds, or an unknown strategy, grasp set,
+            layout or support; the message lists the valid ones.
     """
 
     objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
@@ -79,6 +80,7 @@ class TableSettings:
         for count in self.objects:
             if not 1 <= count <= MAX_OBJECTS:
                 raise ConfigError(f"objects={count} is not valid; it must be from 1 to {MAX_OBJECTS}")
+            EnvConfig(num_objects=count, layout=self.layout)
         chosen_supports(self.layout, self.supports)
         if self.scenes < 1:
             raise ConfigError(f"scenes={self.scenes} is not valid; it must be at least 1")

@@ -29,9 +29,9 @@ class Variant:
 
     def planner(self, planner: Planner, scene: Scene) -> Planner:
         """The planner that a table's `planner` becomes in a scene: only what the variant is about differs."""
-        supports = scene.supports[:1] if self.is_on_first else planner.supports
-        if self.grasps and supports is None:
-            supports = None if planner.grasps == "side" else "all"
+        supports = planner.support_choice if self.grasps else planner.supports
+        if self.is_on_first:
+            supports = scene.supports[:1]
         return replace(planner, grasps=self.grasps or planner.grasps, supports=supports)
 
 

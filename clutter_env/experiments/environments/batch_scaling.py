@@ -7,7 +7,6 @@ that follows is an upper bound; but other processes on the machine do not distor
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from clutter_env.config import PHYSICS_STEPS
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.experiments.environments.cpu_time import Stopwatch, cpu_time
 from clutter_env.simulation.control import SEGMENTS
 
 __all__ = ["BatchScaling", "measure_batch"]
@@ -80,7 +80,7 @@ def measure_batch(num_envs: int, num_objects: int = 20, seed: int = 0) -> BatchS
 def _step(envs: list[RetrieveEnv], actions: NDArray[np.float64], seed: int) -> float:
     """CPU time [s] of steps with actions (steps, num_envs, k) from new episodes on, without the resets."""
     _reset(envs, seed)
-    return _cpu_time(lambda: [env.step(action) for row in actions for env, action in zip(envs, row, strict=True)])
+    return cpu_time(lambda: [env.step(action) for row in actions for env, action in zip(envs, row, strict=True)])
 
 
 def _reset(envs: list[RetrieveEnv], seed: int) -> None:
@@ -88,24 +88,16 @@ def _reset(envs: list[RetrieveEnv], seed: int) -> None:
         env.reset(seed=seed + number)
 
 
-def _cpu_time(run: Callable[[], Any]) -> float:
-    """CPU time [s] of the process, all its threads together."""
-    start = time.process_time()
-    run()
-    return time.process_time() - start
-
-
-class _Recorder:
+class _Recorder(Stopwatch):
     """`mj_step` that adds up its CPU time and keeps the motor commands."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-        self.seconds = 0.0
+        super().__init__(function)
         self.commands: list[NDArray[np.float64]] = []
 
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData, nstep: int) -> None:
         self.commands.append(data.ctrl.copy())
-        self.seconds += _cpu_time(lambda: self.function(model, data, nstep=nstep))
+        super().__call__(model, data, nstep=nstep)
 
 
 def _run_batch(
@@ -127,5 +119,5 @@ def _run_batch(
         batch.bind(name)[:] = [getattr(env.data, name) for env in envs]
     batch.bind("eq_active")[:] = 0
     every = commands.repeat(PHYSICS_STEPS // SEGMENTS, axis=2)
-    seconds = _cpu_time(lambda: [batch.rollout(PHYSICS_STEPS, control, record=()) for control in every])
+    seconds = cpu_time(lambda: [batch.rollout(PHYSICS_STEPS, control, record=()) for control in every])
     return seconds, np.array(batch.bind("qpos"))

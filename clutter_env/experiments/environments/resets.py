@@ -5,10 +5,10 @@ The comparison needs the extra [visuals], which brings Gymnasium-Robotics.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +20,7 @@ from tqdm import trange
 
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
+from clutter_env.experiments.environments.cpu_time import cpu_time
 
 __all__ = ["ResetTimes", "compare_resets"]
 
@@ -86,9 +87,4 @@ def _reference() -> Iterator[gym.Env[Any, Any]]:
 
 def _median_reset(env: gym.Env[Any, Any], first_seed: int) -> float:
     """Median CPU time [s] of `RESETS` resets."""
-    times = []
-    for seed in range(first_seed, first_seed + RESETS):
-        start = time.process_time()
-        env.reset(seed=seed)
-        times.append(time.process_time() - start)
-    return median(times)
+    return median(cpu_time(partial(env.reset, seed=seed)) for seed in range(first_seed, first_seed + RESETS))

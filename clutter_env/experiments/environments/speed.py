@@ -9,10 +9,10 @@ from __future__ import annotations
 import multiprocessing
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,6 +20,8 @@ import numpy as np
 from clutter_env.config import PHYSICS_STEPS
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import RenderingUnavailable
+from clutter_env.experiments.environments.cpu_time import Stopwatch, cpu_time
+from clutter_env.reporting.tables import markdown_table, number_text
 
 __all__ = ["SpeedMeasurement", "SpeedSettings", "measure_speed", "speed_table"]
 
@@ -87,7 +89,7 @@ def _measure(objects: int, settings: SpeedSettings) -> SpeedMeasurement:
     """All figures for one number of objects, in this process."""
     env = RetrieveEnv(num_objects=objects, layout=settings.layout, control_mode=settings.control_mode)
     step_s, physics_s = _time_steps(env, settings.steps, settings.seed)
-    resets_s = [_time_reset(env, seed) for seed in range(RESETS)]
+    resets_s = [cpu_time(partial(env.reset, seed=seed)) for seed in range(RESETS)]
     return SpeedMeasurement(
         objects=objects,
         steps_per_s=settings.steps / step_s,
@@ -101,7 +103,7 @@ def _measure(objects: int, settings: SpeedSettings) -> SpeedMeasurement:
 
 def _time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
     """CPU time [s] of `steps` random steps, without resets, and of the physics steps among it."""
-    physics = _Stopwatch(mujoco.mj_step)
+    physics = Stopwatch(mujoco.mj_step)
     actions = np.random.default_rng(seed).uniform(-1, 1, (steps, env.action_size)).astype(np.float32)
     total = 0.0
     mujoco.mj_step = physics
@@ -115,26 +117,6 @@ def _time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
     finally:
         mujoco.mj_step = physics.function
     return total, physics.seconds
-
-
-class _Stopwatch:
-    """A function that adds up the CPU time spent in it."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-        self.seconds = 0.0
-
-    def __call__(self, *values: Any, **keywords: Any) -> None:
-        start = time.process_time()
-        self.function(*values, **keywords)
-        self.seconds += time.process_time() - start
-
-
-def _time_reset(env: RetrieveEnv, seed: int) -> float:
-    """CPU time [s] of a reset."""
-    start = time.process_time()
-    env.reset(seed=seed)
-    return time.process_time() - start
 
 
 def _frames_per_second(objects: int, settings: SpeedSettings) -> float | None:
@@ -155,14 +137,25 @@ def _frames_per_second(objects: int, settings: SpeedSettings) -> float | None:
 
 def speed_table(rows: list[SpeedMeasurement]) -> str:
     """The measurements as a Markdown table."""
-    lines = [
-        "| objects | steps/s | step / physics | µs per physics step | reset, median ms | 480 × 480 frames/s | MB |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        frames = "–" if row.frames_per_s is None else f"{row.frames_per_s:.0f}"
-        lines.append(
-            f"| {row.objects} | {row.steps_per_s:.0f} | {row.step_over_physics:.2f} | {row.physics_step_us:.1f} "
-            f"| {row.reset_median_ms:.2f} | {frames} | {row.memory_mb:.0f} |"
+    head = (
+        "objects",
+        "steps/s",
+        "step / physics",
+        "µs per physics step",
+        "reset, median ms",
+        "480 × 480 frames/s",
+        "MB",
+    )
+    cells = [
+        (
+            str(row.objects),
+            f"{row.steps_per_s:.0f}",
+            f"{row.step_over_physics:.2f}",
+            f"{row.physics_step_us:.1f}",
+            f"{row.reset_median_ms:.2f}",
+            number_text(row.frames_per_s, "{:.0f}"),
+            f"{row.memory_mb:.0f}",
         )
-    return "\n".join(lines)
+        for row in rows
+    ]
+    return markdown_table(head, cells)

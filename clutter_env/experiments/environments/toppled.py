@@ -15,7 +15,7 @@ from tqdm import trange
 
 from clutter_env.envs.retrieve import RetrieveEnv
 
-__all__ = ["ToppledSpeed", "measure_toppled", "topple_objects"]
+__all__ = ["ToppledSpeed", "measure_toppled", "topple_objects", "wake"]
 
 TOPPLING_SPEED, TOPPLING_SPIN = 2.0, 16.0
 """[m/s], [rad/s] Bounds of the objects' random velocities at the start; nine of ten objects topple."""
@@ -88,6 +88,11 @@ def topple_objects(env: RetrieveEnv, rng: np.random.Generator) -> None:
     model, data, dof = env.model, env.data, env.world.index.object_dof
     bounds = np.array([TOPPLING_SPEED, TOPPLING_SPEED, 0.0, *[TOPPLING_SPIN] * 3])
     data.qvel[dof] = (rng.uniform(-1, 1, (env.world.index.num_objects, 6)) * bounds).ravel()
+    wake(model, data)
+
+
+def wake(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Wake all bodies, as setting a state does; a sleeping one does not notice that its pose or velocity is written."""
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)

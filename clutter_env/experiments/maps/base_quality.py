@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -12,12 +14,14 @@ from tqdm import tqdm
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
-from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
+from irm.checks.verification import IsFree, Verified, tcp_poses, verify
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
+from irm.queries.arguments import SEPARATION
 from irm.queries.inverse import InverseReachabilityMap
+from irm.queries.placement import BasePlacement
 
-__all__ = ["PATH", "CollisionModel", "Targets", "floor_of", "measure_targets"]
+__all__ = ["KINDS", "PATH", "CollisionModel", "QueryKind", "Targets", "floor_of", "measure_targets"]
 
 Floats = NDArray[np.float64]
 
@@ -37,17 +41,46 @@ EDGE = 0.05
 """[m] between targets and the table's edge."""
 
 
+TRIED = 40
+"""Number of bases of a target that are tried before no base is said to be valid."""
+CLOSE = 0.05
+"""[m] between these."""
+
+
+class QueryKind(NamedTuple):
+    """A kind of query: its `name`, the `offsets` (m, 3) of its TCP positions in the approach frame [m], the `pitch` of
+    the TCP, and the `half_width` of the range of its approach yaws [rad]; π for any yaw."""
+
+    name: str
+    offsets: Floats
+    pitch: float
+    half_width: float
+
+
+KINDS = (
+    QueryKind("query", PATH[2:3], 0.0, np.pi),
+    QueryKind("query_path", PATH, 0.0, np.pi),
+    *(
+        QueryKind(f"query_path, pitch {pitch:g}, ± 10°", PATH, pitch, float(np.radians(10)))
+        for pitch in (0.0, 0.3, -0.2)
+    ),
+)
+"""The kinds that are measured. A pitch of -0.2 rad lets the gripper rise: its wrist is lower than the TCP."""
+
+
 @dataclass(frozen=True)
 class Targets:
     """Counts of targets.
 
     Attributes:
         layout: of the table.
-        query: "query" or "query_path".
+        query: name of the kind of query.
         targets: number of targets.
         answered: targets for which the map gives a base.
         verified_first: targets for which the best base is valid.
         verified: targets for which one of the best bases is valid.
+        hopeless: answered targets for which none of the `TRIED` best bases is valid.
+        wrong: targets whose best base is certain, and no configurations reach from there, collisions apart.
     """
 
     layout: str
@@ -56,6 +89,8 @@ class Targets:
     answered: int
     verified_first: int
     verified: int
+    hopeless: int
+    wrong: int
 
 
 class CollisionModel:
@@ -109,39 +144,65 @@ def floor_of(robot: RobotSpec, layout: Layout) -> FreeSpace:
     return FreeSpace.from_boxes(boxes, robot.base_radius + FLOOR_MARGIN, bounds)
 
 
-def measure_targets(robot: RobotSpec, layout_name: str, count: int, with_path: bool, seed: int) -> Targets:
-    """Verify bases for level TCP poses above the whole table, from grasp height to 0.25 m, with any approach yaw.
+def measure_targets(robot: RobotSpec, layout_name: str, count: int, kind: QueryKind, seed: int) -> Targets:
+    """Verify bases for TCP poses above the whole table, from grasp height to 0.25 m, each with one range of yaws.
 
-    A base is valid if some arm configuration reaches the TCP pose with no collision, self-collision included. With the
-    path this holds at five waypoints, with consecutive configurations close to each other.
+    A base is valid if some arm configuration reaches the TCP pose with no collision, self-collision included. On a path
+    this holds at every waypoint, with consecutive configurations close to each other. A target may have no valid base
+    at all: the gripper of a pose itself, or its wrist, may be inside the table.
     """
     layout = LAYOUTS[layout_name]
     model, floor, chain = CollisionModel(robot, layout), floor_of(robot, layout), ArmChain.from_robot(robot)
-    inverse_map = InverseReachabilityMap(cached_map(robot, orientations=266, pitches=(0.0,), heights=(0.7, 1.2)))
+    is_level = kind.half_width == np.pi
+    parameters: dict[str, Any] = {"orientations": 266, "pitches": (0.0,), "heights": (0.7, 1.2)} if is_level else {}
+    inverse_map = InverseReachabilityMap(cached_map(robot, **parameters))
     rng = np.random.default_rng(seed)
     half = np.array([layout.depth / 2 - EDGE, layout.width / 2 - EDGE])
-    offsets = PATH if with_path else PATH[2:3]
-    answered = first = verified = 0
-    for _ in tqdm(range(count), f"targets, {layout_name}{', path' if with_path else ''}"):
+    counts: Counter[str] = Counter()
+    for _ in tqdm(range(count), f"targets, {layout_name}, {kind.name}"):
         target = np.array([*rng.uniform(-half, half), TABLE_HEIGHT + rng.uniform(robot.grasp_height, HIGHEST)])
-        if with_path:
-            placement = inverse_map.query_path(offsets, target=target, free_space=floor, k=BEST)
-        else:
-            placement = inverse_map.query(target, free_space=floor, k=BEST)
-        answered += len(placement) > 0
+        yaw = 0.0 if is_level else rng.uniform(-np.pi, np.pi)
+        counts += _verify_target(chain, inverse_map, model, floor, target, (kind, yaw))
+    columns = ("answered", "verified_first", "verified", "hopeless", "wrong")
+    return Targets(layout_name, kind.name, count, *(counts[column] for column in columns))
+
+
+def _verify_target(
+    chain: ArmChain,
+    inverse_map: InverseReachabilityMap,
+    model: CollisionModel,
+    floor: FreeSpace,
+    target: Floats,
+    how: tuple[QueryKind, float],
+) -> Counter[str]:
+    """The counts of one target, with the middle of its range of yaws."""
+    kind, yaw = how
+    keywords: dict[str, Any] = {"free_space": floor, "pitch": kind.pitch}
+    keywords |= {"yaw_range": (yaw - kind.half_width, yaw + kind.half_width)}
+
+    def place(k: int, separation: float) -> BasePlacement:
+        if len(kind.offsets) > 1:
+            return inverse_map.query_path(kind.offsets, target=target, k=k, separation=separation, **keywords)
+        return inverse_map.query(target, k=k, separation=separation, **keywords)
+
+    def valid_rank(placement: BasePlacement, limit: int, is_free: IsFree | None = model.is_free) -> int:
+        """The first valid one of the best bases, `limit` if none is."""
         yaws = placement.approach_yaw
 
-        def poses_of(rank: int, target: Floats = target, yaws: Floats = yaws) -> ArrayLike:
+        def poses_of(rank: int) -> ArrayLike:
             """T_world_tcp of the path from the base of that rank."""
-            return tcp_poses(target + _turned(offsets, yaws[rank]), yaws[rank])
+            return tcp_poses(target + _turned(kind.offsets, yaws[rank]), yaws[rank], kind.pitch)
 
-        match verify(chain, placement, poses_of, model.is_free, limit=BEST):
-            case Verified(rank=rank):
-                verified += 1
-                first += rank == 0
-            case NotVerified():
-                pass
-    return Targets(layout_name, "query_path" if with_path else "query", count, answered, first, verified)
+        verified = verify(chain, placement, poses_of, is_free, limit=limit)
+        return verified.rank if isinstance(verified, Verified) else limit
+
+    placement = place(BEST, SEPARATION)
+    if not len(placement):
+        return Counter()
+    rank = valid_rank(placement, BEST)
+    is_hopeless = rank == BEST and valid_rank(place(TRIED, CLOSE), TRIED) == TRIED
+    is_wrong = bool(placement.certain[0]) and rank > 0 and valid_rank(placement, 1, None) > 0
+    return Counter(answered=1, verified_first=rank == 0, verified=rank < BEST, hopeless=is_hopeless, wrong=is_wrong)
 
 
 def _turned(offsets: Floats, yaw: float) -> Floats:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.base_quality import Targets, measure_targets
+from clutter_env.experiments.maps.base_quality import KINDS, Targets, measure_targets
 from clutter_env.experiments.maps.build_times import BUILDS, BuildCost, measure_build
 from clutter_env.experiments.maps.decisions import Decisions, measure_decisions
 from clutter_env.experiments.maps.settings import BenchmarkSettings, Part
@@ -93,7 +93,17 @@ def _summary(row: Timing) -> dict[str, Any]:
 def _decide(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
     numbers = (62, 266), settings.poses, settings.grasps, settings.seed
     rows: list[Decisions] = _in_own_process(measure_decisions, robot, *numbers)
-    of_map = ("poses", "map", "in reach", "accuracy", "false +", "UNKNOWN (of those in reach)", "wrong")
+    of_map = (
+        "poses",
+        "asked",
+        "MB",
+        "in reach",
+        "accuracy",
+        "false +",
+        "UNKNOWN (of those in reach)",
+        "wrong",
+        "µs a pose",
+    )
     head = (*of_map, "decide: UNKNOWN (of those in reach)", "wrong", "µs a pose")
     body = []
     for r in rows:
@@ -102,8 +112,8 @@ def _decide(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
             f"{100 * of_all:.2f}% ({100 * in_reach:.2f}%)"
             for of_all, in_reach in ((r.map_unknown, r.map_unknown_in_reach), (r.unknown, r.unknown_in_reach))
         )
-        cells = (from_map, str(r.map_wrong), decided, str(r.wrong), f"{r.time_us:.2f}")
-        body.append((f"{r.poses:,} {r.poses_of}", str(r.orientations), *shares, *cells))
+        cells = (from_map, str(r.map_wrong), f"{r.map_time_us:.2f}", decided, str(r.wrong), f"{r.time_us:.2f}")
+        body.append((f"{r.poses:,} {r.poses_of}", r.source, f"{r.megabytes:.1f}", *shares, *cells))
     return Measurement(markdown_table(head, body), {"decide": [asdict(row) for row in rows]})
 
 
@@ -118,10 +128,31 @@ def _strips(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
 
 def _targets(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
     rows: list[Targets] = [
-        _in_own_process(measure_targets, robot, layout, settings.targets, with_path, settings.seed)
+        _in_own_process(measure_targets, robot, layout, settings.targets, kind, settings.seed)
         for layout in settings.layouts
-        for with_path in (False, True)
+        for kind in KINDS
     ]
-    head = ("layout", "query", "targets", "answered", "best base is valid", "one of the best five is valid")
-    body = [(r.layout, r.query, str(r.targets), str(r.answered), str(r.verified_first), str(r.verified)) for r in rows]
+    head = (
+        "layout",
+        "query",
+        "targets",
+        "answered",
+        "best base is valid",
+        "one of the best five",
+        "none of forty",
+        "wrong YES",
+    )
+    body = [
+        (
+            r.layout,
+            r.query,
+            str(r.targets),
+            str(r.answered),
+            str(r.verified_first),
+            str(r.verified),
+            str(r.hopeless),
+            str(r.wrong),
+        )
+        for r in rows
+    ]
     return Measurement(markdown_table(head, body), {"targets": [asdict(row) for row in rows]})

@@ -1,4 +1,4 @@
-"""The map alone and `decide` for random TCP poses and for grasps above a table, against an oracle without a map.
+"""Maps alone, the certificate table and `decide` for random TCP poses and grasps above a table, against an oracle.
 
 The oracle knows neither cells nor bounds: a pose is in reach if a scan of half a degree of pan and one centimetre of
 torso lift finds a configuration, or if the configuration of the exact solver takes the TCP there in MuJoCo.
@@ -21,7 +21,8 @@ from irm.arm.kinematics import ArmChain
 from irm.checks.classification import classify, predict
 from irm.checks.decide import decide
 from irm.compilation import njit
-from irm.maps.cache import cached_map
+from irm.maps.cache import cache_file, cached_map, cached_table, table_file
+from irm.maps.certificate.table import CertificateTable
 from irm.maps.orientation_index import rotation
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.status import Status
@@ -42,12 +43,14 @@ SAME_POSE = 1e-6
 class Decisions:
     """Answers to one set of poses.
 
-    `orientations` of the map; `poses`, `map_wrong` and `wrong` are counts; `time_us` is the CPU time of `decide` for
-    one pose [µs]; all others are shares in 0 … 1.
+    `source`: the map or table that is asked; `poses`, `map_wrong` and `wrong` are counts; `megabytes` is the size of
+    its file; `map_time_us` and `time_us` are the CPU times of `classify` and of `decide` for one pose [µs]; all others
+    are shares in 0 … 1.
     """
 
     poses_of: str
-    orientations: int
+    source: str
+    megabytes: float
     poses: int
     reachable: float
     accuracy: float
@@ -56,6 +59,7 @@ class Decisions:
     map_unknown_in_reach: float
     unknown: float
     unknown_in_reach: float
+    map_time_us: float
     time_us: float
     map_wrong: int
     wrong: int
@@ -64,25 +68,36 @@ class Decisions:
 def measure_decisions(
     robot: RobotSpec, orientations: Sequence[int], poses: int, grasps: int, seed: int
 ) -> list[Decisions]:
-    """Rows for random poses of a ball, and for level grasps above a table, for each of several maps."""
+    """Rows for random poses of a ball, and for level grasps above a table, for several maps and the table."""
     rng = np.random.default_rng(seed)
     chain = ArmChain.from_robot(robot)
     rows = []
     for name, T in (("ball", _ball(chain, poses, rng)), ("table", _table_grasps(grasps, rng))):
         truth = _solve_by_scan(chain, T) | _is_reached_in_mujoco(robot, chain, T)
-        rows += [_measure(cached_map(robot, orientations=number), name, T, truth) for number in orientations]
+        for number in orientations:
+            rm = cached_map(robot, orientations=number)
+            size = cache_file(robot, orientations=number).stat().st_size / 1e6
+            about = name, f"map, {number} orientations", size
+            rows.append(_measure(rm, about, T, truth))
+        table = cached_table(robot)
+        size = table_file(robot).stat().st_size / 1e6
+        rows.append(_measure(table, (name, "certificate table", size), T, truth))
     return rows
 
 
-def _measure(rm: ReachabilityMap, name: str, T: Floats, truth: NDArray[np.bool_]) -> Decisions:
+def _measure(
+    rm: ReachabilityMap | CertificateTable, about: tuple[str, str, float], T: Floats, truth: NDArray[np.bool_]
+) -> Decisions:
     decide(rm, T[:10])
     start = time.process_time()
+    from_map = classify(rm, T)
+    classified = time.process_time()
     answers = decide(rm, T)
-    elapsed = time.process_time() - start
-    plain, from_map = predict(rm, T), classify(rm, T)
+    elapsed, plain = time.process_time() - classified, predict(rm, T)
     return Decisions(
-        poses_of=name,
-        orientations=rm.parameters.orientations,
+        poses_of=about[0],
+        source=about[1],
+        megabytes=about[2],
         poses=len(T),
         reachable=float(truth.mean()),
         accuracy=float((plain == truth).mean()),
@@ -91,6 +106,7 @@ def _measure(rm: ReachabilityMap, name: str, T: Floats, truth: NDArray[np.bool_]
         map_unknown_in_reach=float((from_map == Status.UNKNOWN.value)[truth].mean()),
         unknown=float((answers == Status.UNKNOWN.value).mean()),
         unknown_in_reach=float((answers == Status.UNKNOWN.value)[truth].mean()),
+        map_time_us=(classified - start) / len(T) * 1e6,
         time_us=elapsed / len(T) * 1e6,
         map_wrong=_count_wrong(from_map, truth),
         wrong=_count_wrong(answers, truth),

@@ -10,6 +10,7 @@ import importlib
 import sys
 import time
 import types
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from irm.arm.exact import exact_solver
 from irm.arm.numerical import random_seeds
 from irm.checks.classification import predict
 from irm.checks.decide import decide
-from irm.maps.cache import cache_file, cached_map
+from irm.maps.cache import cache_file, cached_map, cached_table, table_file
 from irm.maps.orientation_index import rotation, rotations
 from irm.maps.sampled_field import tcp_frames
 from irm.queries.inverse import InverseReachabilityMap
@@ -51,23 +52,27 @@ YES = Status.YES.value
 
 @dataclass(frozen=True)
 class MapComparison:
-    """One method. Accuracies are shares of the poses; sizes in megabytes; times in microseconds of CPU per pose:
-    `forward` for many poses, `inverse` for one query."""
+    """One method.
+
+    Accuracies are shares of the poses; sizes in megabytes, that of the file compressed; times in microseconds of CPU
+    per pose: `forward` for many poses, `inverse` for one query, None where the method has no such query.
+    """
 
     method: str
     random_given_yaw: float
     random_any_yaw: float
     side_given_yaw: float
     side_any_yaw: float
-    megabytes: float
+    memory: float
+    file: float
     forward: float
-    inverse: float
+    inverse: float | None
 
 
 def compare_with_rm4d(
     robot: RobotSpec, package: Path, orientations: int, counts: tuple[int, int], seed: int
 ) -> list[MapComparison]:
-    """RM4D, our map alone, and our map with exact answers.
+    """RM4D, our map and our certificate table alone, and our map with exact answers.
 
     Args:
         robot: with a closed form, so that the truth is exact.
@@ -78,27 +83,32 @@ def compare_with_rm4d(
     """
     rng, chain = np.random.default_rng(seed), ArmChain.from_robot(robot)
     theirs = _filled(_rm4d_class(package), chain, counts[0], rng)
-    rm = cached_map(robot, orientations=orientations)
+    rm, table = cached_map(robot, orientations=orientations), cached_table(robot)
     inverse_map = InverseReachabilityMap(rm)
     kinds = [_random_poses(counts[1], rng), _side_grasps(counts[1], rng)]
     truth = [_truth(chain, T) for T in kinds]
     answers = {
         "RM4D": [(found, found) for found in (_ask_rm4d(theirs, T) for T in kinds)],
         f"map, {orientations} orientations": [_with_any_yaw(lambda poses: predict(rm, poses), T) for T in kinds],
+        "certificate table": [_with_any_yaw(lambda poses: predict(table, poses), T) for T in kinds],
         "decide": [_with_any_yaw(lambda poses: decide(rm, poses) == YES, T) for T in kinds],
     }
-    ours = cache_file(robot, orientations=orientations).stat().st_size / 1e6
-    megabytes = [theirs.map.nbytes / 1e6, ours, ours]
+    files = [cache_file(robot, orientations=orientations), table_file(robot)]
+    ours, small = (file.stat().st_size / 1e6 for file in files)
+    stored = [len(zlib.compress(theirs.map.tobytes())) / 1e6, ours, small, ours]
+    rows_of_map = sum(getattr(rm, name).nbytes for name in ("cells", "manipulability", "torso_index", "flags")) / 1e6
+    memory = [theirs.map.nbytes / 1e6, rows_of_map, table.arcs.nbytes / 1e6, rows_of_map]
     random, side = (T[:TIMED] for T in kinds)
     forward = [
         _microseconds(lambda T: _ask_rm4d(theirs, T), [random]) / len(random),
         _microseconds(lambda T: predict(rm, T), [random]) / len(random),
+        _microseconds(lambda T: predict(table, T), [random]) / len(random),
         _microseconds(lambda T: decide(rm, T), [random]) / len(random),
     ]
     query = _microseconds(lambda T: inverse_map.query(T[:3, 3]), side)
-    inverse = [_microseconds(lambda T: theirs.get_base_positions(_their_frame(T)), side), query, query]
+    inverse = [_microseconds(lambda T: theirs.get_base_positions(_their_frame(T)), side), query, None, query]
     shares = [_accuracies(per_kind, truth) for per_kind in answers.values()]
-    columns = zip(answers, shares, megabytes, forward, inverse, strict=True)
+    columns = zip(answers, shares, memory, stored, forward, inverse, strict=True)
     return [MapComparison(method, *accuracies, *costs) for method, accuracies, *costs in columns]
 
 

@@ -69,7 +69,8 @@ class PlanReplay:
         self._columns = np.array([self._model.joint(name).qposadr[0] for name in joints])
         self._fingers = {int(self._model.joint(name).bodyid[0]) for name in robot.finger_joints}
         self._tcp = self._data.site(robot.tcp_site)
-        self._held, self._T_tcp_object = "", np.eye(4)
+        self._held, self._T_tcp_object, self._least_finger = "", np.eye(4), 0.0
+        self._scene = scene
         for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
             self._data.joint(joint).qpos = angle
         for body in scene.objects:
@@ -121,7 +122,7 @@ class PlanReplay:
         self._place(state)
         if self._held:
             self._set_bits(self._held, _AT_REST, 0)
-            self._held = ""
+            self._held, self._least_finger = "", 0.0
         if held:
             self._take(held)
 
@@ -131,6 +132,8 @@ class PlanReplay:
         T_world_object[:3, :3], T_world_object[:3, 3] = body.xmat.reshape(3, 3), body.xpos
         self._held, self._T_tcp_object = name, np.linalg.inv(self._tcp_pose) @ T_world_object
         self._set_bits(name, _HELD, _ROBOT | _AT_REST)
+        robot, width = self._scene.robot, self._scene.body(name).width_in_gripper(self._T_tcp_object)
+        self._least_finger = robot.finger_position(width)
 
     def _set_bits(self, name: str, contype: int, conaffinity: int) -> None:
         """Of an object; MuJoCo keeps the bits of geoms once more for each body."""
@@ -146,8 +149,9 @@ class PlanReplay:
         return T_world_tcp
 
     def _place(self, state: Array) -> None:
-        """The robot in a state (12,), and the held object with it."""
-        self._data.qpos[self._columns] = [*state, state[-1]]
+        """The robot in a state (12,), and the held object with it; fingers that press on it stay at its width."""
+        finger = max(state[-1], self._least_finger)
+        self._data.qpos[self._columns] = [*state[:-1], finger, finger]
         mujoco.mj_kinematics(self._model, self._data)
         if self._held:
             self._data.joint(_OBJECT + self._held).qpos = _as_qpos(self._tcp_pose @ self._T_tcp_object)

@@ -11,6 +11,7 @@ import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.obstruction import count_blockers, side_approaches
 from planners.cause import Cause
 from planners.planner import Planner
@@ -114,14 +115,12 @@ def agreement_table(found: dict[SceneSet, Confusion]) -> str:
         for name in vars(total):
             setattr(total, name, getattr(total, name) + getattr(entry, name))
     rows = {f"{one.layout}, {one.objects} objects": entry for one, entry in found.items()} | {"all": total}
-    lines = [
-        "| scenes | number | both: obstructed | both: not | test only | planner only | agreement |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    head = ("scenes", "number", "both: obstructed", "both: not", "test only", "planner only", "agreement")
+    cells = []
     for name, entry in rows.items():
         counts = (entry.scenes, entry.both, entry.neither, entry.test_only, entry.planner_only)
-        lines.append(f"| {name} | {' | '.join(map(str, counts))} | {entry.agreement:.1%} |")
-    return "\n".join(lines)
+        cells.append((name, *map(str, counts), f"{entry.agreement:.1%}"))
+    return markdown_table(head, cells)
 
 
 def _compare(job: _Job) -> tuple[bool, bool]:
@@ -138,4 +137,4 @@ def _compare(job: _Job) -> tuple[bool, bool]:
 
 @cache
 def _env(scene_set: SceneSet) -> gym.Env[Any, Any]:
-    return gym.make(f"clutter_env/Retrieve-o{scene_set.objects}-v0", layout=scene_set.layout)
+    return gym.make("clutter_env/Retrieve-o15-v0", layout=scene_set.layout, num_objects=scene_set.objects)

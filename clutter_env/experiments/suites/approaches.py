@@ -17,10 +17,11 @@ from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
+from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE
-from planners.grasping.grasp_poses import gripper_opening
+from planners.grasping.grasp_poses import even_yaws, gripper_opening
 from planners.planner import map_placer
 from planners.scene import Scene
 
@@ -28,8 +29,10 @@ __all__ = ["CELL", "approach_table", "reachable_yaws"]
 
 CELL = 0.025
 """[m] Side of the cells of the table top."""
-RADIUS = 0.03
-"""[m] of the object for which the gripper opens: the mean of the random cylinders."""
+RADIUS, HEIGHT = 0.03, 0.16
+"""[m] of the object that is grasped: the means of the random cylinders."""
+BASES_UNDER_A_BOARD = 8
+"""Base poses for each gripper pose, as many as the planner tries there before it calls a target obstructed."""
 
 Array = NDArray[np.float64]
 
@@ -61,34 +64,34 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     """Whether the planner reaches grasps at TCP positions (k, 2) [m] on the empty table, by yaw: (k, 24).
 
     A grasp counts if one of the base poses that the planner offers has an arm configuration that hits neither furniture
-    nor the robot itself.
+    nor the robot itself; under a board, neither on the straight drive to it.
     """
     env: Any = gym.make("clutter_env/Retrieve-o1-v0", layout=layout, robot=robot, disable_env_checker=True).unwrapped
-    env.reset(seed=0)
-    scene = replace(Scene.from_mujoco(env.model, env.data, robot), objects=())
-    sampling = SamplingConfig()
-    chain = ArmChain.from_robot(robot)
-    grid = ConfigurationGrid.over(chain, sampling.torsos, sampling.rolls)
+    env.reset(
+        seed=0, options={"objects": [{"shape": "cylinder", "radius": RADIUS, "height": HEIGHT, "position": (0.0, 0.0)}]}
+    )
+    alone = Scene.from_mujoco(env.model, env.data, robot)
+    scene, is_driven = replace(alone, objects=()), layout.board_height is not None
+    grid = SamplingConfig().grid(ArmChain.from_robot(robot))
     world, placer, opening = CollisionWorld.from_scene(scene), map_placer(scene), gripper_opening(robot, RADIUS)
-    yaws = _yaws(SIDE.directions)
+    yaws = even_yaws(SIDE.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):
         positions = np.tile((x, y, TABLE_HEIGHT + robot.grasp_height), (len(yaws), 1))
         poses = np.column_stack((positions, yaws, np.zeros(len(yaws))))
-        bases, pose_of = placer.bases(poses)
+        bases, pose_of = placer.bases(poses, BASES_UNDER_A_BOARD if is_driven else 0)
+        body = alone.objects[0].at((x, y, TABLE_HEIGHT + HEIGHT / 2))
         for yaw in range(len(yaws)):
             mine = bases[pose_of == yaw]
             if len(mine):
                 tried = GripperPoses(mine, np.tile(poses[yaw], (len(mine), 1)))
-                configurations = scan_configurations(world, tried, grid, opening, first_free=True)
+                configurations = (
+                    driven_configurations(world, body, tried, grid, opening, first_free=True)
+                    if is_driven
+                    else scan_configurations(world, tried, grid, opening, first_free=True)
+                )
                 found[index, yaw] = len(configurations.q) > 0
     return found
-
-
-def _yaws(count: int) -> Array:
-    """[rad] in (-π, π], as the planner writes them."""
-    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
-    return np.asarray(np.pi - np.mod(np.pi - angles, 2 * np.pi))
 
 
 def _rows(robot: RobotSpec, layout: Layout, tick: Callable[[], object]) -> list[str]:

@@ -50,7 +50,7 @@ class SuitePlan:
 
     @property
     def max_steps(self) -> int:
-        """Control steps in an episode: the time limit of Retrieve with as many objects when version 1 was made."""
+        """Control steps in an episode: the time limit of Retrieve with as many objects when the suites were made."""
         return 400 + 220 * self.objects
 
     @property
@@ -66,10 +66,10 @@ PLANS = (
     SuitePlan("side-40-v1", "40 objects on the paper's table, an obstructed target", 40, {"obstructed": True}),
     SuitePlan("all-25-v1", "25 objects on the paper's table, targets as they come", 25, {}, False),
     SuitePlan(
-        "shelf-10-v1", "10 objects in the shelf, an obstructed target", 10, {"layout": "shelf", "obstructed": True}
+        "shelf-10-v2", "10 objects in the shelf, an obstructed target", 10, {"layout": "shelf", "obstructed": True}
     ),
     SuitePlan(
-        "shelf-16-v1", "16 objects in the shelf, an obstructed target", 16, {"layout": "shelf", "obstructed": True}
+        "shelf-16-v2", "16 objects in the shelf, an obstructed target", 16, {"layout": "shelf", "obstructed": True}
     ),
     SuitePlan(
         "dense-25-v1",

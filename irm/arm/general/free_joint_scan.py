@@ -13,18 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.answers import NO, OPEN, YES
+from irm.arm.chain_arrays import ChainArrays
 from irm.arm.general.spherical_kernel import SphericalGoal, spherical_excess, spherical_goal
 from irm.arm.general.structure import SphericalArm
 from irm.arm.numerical import approach_pose
 from irm.compilation import njit
 
-__all__ = ["NO", "OPEN", "YES", "ChainArrays", "refine", "scan_free_joint"]
+__all__ = ["refine", "scan_free_joint"]
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-NO, OPEN, YES = 0, 1, 2
-"""The values of `irm.queries.status.Status`."""
 
 COARSE_STEP = 2.5 * pi / 180.0
 """[rad] Largest step of the first grid."""
@@ -38,16 +36,6 @@ docs/irm.md."""
 
 _CAPACITY = 4096
 """Intervals that are kept for halving at a time."""
-
-
-class ChainArrays(NamedTuple):
-    """Arrays of `ArmChain`, for kernels."""
-
-    offsets: Floats
-    axes: Integers
-    tip: Floats
-    lower: Floats
-    upper: Floats
 
 
 class _Trial(NamedTuple):

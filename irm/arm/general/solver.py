@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.answers import NO, OPEN, YES
 from irm.arm.chain import ArmChain
-from irm.arm.general.free_joint_scan import NO, OPEN, YES, ChainArrays, refine, scan_free_joint
+from irm.arm.chain_arrays import ChainArrays, chain_arrays
+from irm.arm.general.free_joint_scan import refine, scan_free_joint
 from irm.arm.general.parallel_kernel import parallel_excess
 from irm.arm.general.structure import ParallelArm, SphericalArm, find_structure
 from irm.arm.numerical import random_seeds
@@ -54,7 +56,7 @@ class GeneralSolver:
         self.chain = chain
         self.torso_range = torso_range
         self.structure = find_structure(chain)
-        self._arrays = ChainArrays(chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
+        self._arrays = chain_arrays(chain)
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """Which poses the arm reaches.

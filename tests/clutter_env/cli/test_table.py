@@ -210,6 +210,14 @@ def test_a_wrong_layout_is_named(tmp_path: Path) -> None:
         main(["--layouts", "shelf", "attic", "--out", str(tmp_path)])
 
 
+@pytest.mark.parametrize("option", ["--layouts", "--layout"])
+def test_more_objects_than_a_layout_holds_are_refused_before_any_trial(option: str, tmp_path: Path) -> None:
+    layouts = ["paper", "dense"] if option == "--layouts" else ["dense"]
+    with pytest.raises(SystemExit, match=r"num_objects=60 does not fit layout 'dense'.*at most 51 fit"):
+        main([option, *layouts, "--objects", "3", "60", "--scenes", "1", "--out", str(tmp_path)])
+    assert not list(tmp_path.rglob("trials.jsonl"))
+
+
 @pytest.mark.parametrize("objects", [8, 15, 40])
 def test_a_trial_has_the_time_limit_of_its_number_of_objects(objects: int) -> None:
     env = trials._environment(objects, "paper", "joint")

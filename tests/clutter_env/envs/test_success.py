@@ -13,17 +13,9 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
+from tests.clutter_env.envs.test_gymnasium import INFO_TYPES
 
 ENVIRONMENTS = ["Retrieve-o5-v0", "Skill-o5-v0", "Reach-v0", "Pick-v0"]
-KEYS = {
-    "is_success": bool,
-    "lifted": bool,
-    "target": str,
-    "held": str,
-    "num_fallen": int,
-    "num_disturbed": int,
-    "num_cleared": int,
-}
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
@@ -32,7 +24,7 @@ def test_all_environments_have_the_same_info(name: str) -> None:
     _, info = env.reset(seed=0)
     _, _, _, _, after = env.step(env.action_space.sample())
     for entry in (info, after):
-        assert {key: type(entry[key]) for key in KEYS} == KEYS
+        assert {key: type(entry[key]) for key in INFO_TYPES} == INFO_TYPES
     assert not info["is_success"]
     assert (info["num_fallen"], info["num_disturbed"], info["num_cleared"]) == (0, 0, 0)
 

@@ -65,6 +65,26 @@ def test_an_object_in_the_way_of_the_gripper_is_found(planned: tuple[Scene, Solu
     assert "pin" in found.geoms
 
 
+def test_fingers_that_press_on_an_object_are_beside_it(planned: tuple[Scene, Solution]) -> None:
+    """Their command is to close, but the object is between them."""
+    scene, plan = planned
+    last = plan.actions[-1].trajectory
+    phase, end = last.phases[-1], last.states[-1]
+    assert phase.touched is not None
+    assert end[-1] == 0.0
+    state = RobotState(end[:3], end[3:-1], 0.0)
+    beside = scene.body(phase.held).half_width + FETCH.finger_thickness + 0.002
+    pinned = with_pin(scene, (tcp_pose(FETCH, state) @ [0.0, beside, 0.0, 1.0])[:3])
+    holding = pinned.with_state(state).with_held(phase.touched)
+    still = Trajectory(
+        last.times[:2], *(np.stack([x, x]) for x in (end[:3], end[3:-1])), np.zeros(2), (phase._replace(start=0.0),)
+    )
+    found = PlanReplay(holding).deepest_contact([BoundAction("wait", (), still, holding)])
+    assert 0.001 < found.depth < 0.01
+    assert "pin" in found.geoms
+    assert any("finger" in geom for geom in found.geoms)
+
+
 def test_what_is_held_goes_with_the_gripper_and_stays_where_it_is_put(planned: tuple[Scene, Solution]) -> None:
     """The pin stands inside the place where the cleared object is put down."""
     scene, plan = planned

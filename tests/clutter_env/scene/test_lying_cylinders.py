@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-import zlib
 from typing import Any
 
 import gymnasium as gym
@@ -16,12 +14,13 @@ import pytest
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH
 from clutter_env.errors import OptionError, StateError
+from clutter_env.experiments.environments.toppled import wake
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.scene.obstruction import count_blockers, side_approaches
 from clutter_env.scene.random_scene import sample_scene
+from tests.clutter_env.simulation.sealed import opened, seal
 
-MAGIC = b"clutter-env state 1\n"
 LYING = {"shape": "cylinder", "lying": True, "radius": 0.025, "height": 0.14}
 BOX = {"shape": "box", "depth": 0.14, "width": 0.05, "height": 0.05}
 
@@ -42,10 +41,7 @@ def idle(env: Any, steps: int) -> dict[str, Any]:
 def place(env: Any, slot: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
     """Put an object elsewhere, at rest and awake."""
     env.data.qpos[env.world.index.object_qpos].reshape(-1, 7)[slot] = (*position, *quaternion)
-    kind = mujoco.mjtState.mjSTATE_INTEGRATION
-    state = np.empty(mujoco.mj_stateSize(env.model, kind))
-    mujoco.mj_getState(env.model, env.data, state, kind)
-    mujoco.mj_setState(env.model, env.data, state, kind)
+    wake(env.model, env.data)
 
 
 def test_they_lie_along_their_yaw_and_touch_the_table() -> None:
@@ -165,10 +161,9 @@ def test_a_state_continues_bit_for_bit() -> None:
 
 def rewritten(state: bytes, change: Any) -> bytes:
     """The state with its scene changed, sealed again."""
-    content = json.loads(zlib.decompress(state[len(MAGIC) + 32 :]))
+    content = opened(state)
     change(content["scene"])
-    body = zlib.compress(json.dumps(content).encode())
-    return MAGIC + hashlib.sha256(body).digest() + body
+    return seal(content)
 
 
 def test_states_from_before_cylinders_could_lie_are_restored() -> None:

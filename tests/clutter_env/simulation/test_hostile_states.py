@@ -16,23 +16,13 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.envs.base import BaseEnv
 from clutter_env.errors import StateError
+from tests.clutter_env.simulation.sealed import MAGIC, opened, seal
 
-MAGIC = b"clutter-env state 1\n"
 BAD_VALUES = (float("nan"), 1e999, -1e300, 10**30, 77, -5, True, None, "0", [], [[]], {}, {"a": 1})
 MANY = 60
 """Lists longer than this are changed at their first, middle and last entries alone."""
 
 Path = tuple[str | int, ...]
-
-
-def seal(content: Any) -> bytes:
-    """Bytes with the right checksum."""
-    body = zlib.compress(json.dumps(content).encode(), level=1)
-    return MAGIC + hashlib.sha256(body).digest() + body
-
-
-def opened(state: bytes) -> Any:
-    return json.loads(zlib.decompress(state[len(MAGIC) + 32 :]))
 
 
 def paths(value: Any, path: Path = ()) -> Iterator[Path]:

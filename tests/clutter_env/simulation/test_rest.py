@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.experiments.environments.toppled import measure_toppled, topple_objects
+from clutter_env.experiments.environments.toppled import measure_toppled, topple_objects, wake
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.simulation.world import World
-
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def lay_down(world: World, slot: int, spin: float) -> None:
@@ -24,9 +22,7 @@ def lay_down(world: World, slot: int, spin: float) -> None:
     pose[:] = (-2.0, -2.0, radius, math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
     velocity = data.qvel[index.object_dof].reshape(-1, 6)[slot]
     velocity[:] = (-spin * radius, 0.0, 0.0, 0.0, 0.0, spin)
-    state = np.empty(mujoco.mj_stateSize(model, STATE))
-    mujoco.mj_getState(model, data, state, STATE)
-    mujoco.mj_setState(model, data, state, STATE)
+    wake(model, data)
 
 
 def test_a_rolling_cylinder_stops_and_sleeps_within_two_seconds() -> None:

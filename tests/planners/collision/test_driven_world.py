@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.collision.driven_world import Drive, driven_world
+from planners.collision.driven_world import Drive, Extents
 from planners.collision.world import CollisionWorld
 from planners.scene import SELF_BIT, STATIC_BIT
 from tests.planners.scenes import random_shelf
@@ -20,7 +20,8 @@ def test_what_a_straight_drive_hits_is_hit_in_its_world(
 ) -> None:
     world = CollisionWorld.from_scene(random_shelf(12, 4))
     drive = Drive(np.array(offset), np.array(direction), 0.5, 0.0)
-    driven, rng, found = driven_world(world, drive), np.random.default_rng(0), []
+    driven = Extents.of(world, drive.direction).driven_world(drive)
+    rng, found = np.random.default_rng(0), []
     for _ in range(400):
         base = np.array([rng.uniform(-1.0, -0.6), rng.uniform(-0.4, 0.4), rng.uniform(-0.6, 0.6)])
         q = rng.uniform(np.maximum(world.robot.lower, -2.0), np.minimum(world.robot.upper, 2.0))
@@ -44,5 +45,6 @@ def test_an_object_that_is_left_standing_counts_as_static() -> None:
     scene = random_shelf(1, 0)
     world, body = CollisionWorld.from_scene(scene), scene.objects[0]
     drive = Drive(np.zeros(2), np.array([-1.0, 0.0]), 0.3, 0.0)
-    driven = driven_world(world, drive, body)
-    assert len(driven.obstacles.static.core) == len(driven_world(world, drive).obstacles.static.core) + 1
+    extents = Extents.of(world, drive.direction)
+    driven, without = extents.driven_world(drive, body), extents.driven_world(drive)
+    assert len(driven.obstacles.static.core) == len(without.obstacles.static.core) + 1

@@ -15,9 +15,11 @@ from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import ArmPath, tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import STATIC_BIT, HeldObject, RobotState, UnknownObject
 from tests.planners.collision.slow_geometry import slow_hits
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
+from tests.planners.scenes import cylinder, table_scene
 
 BASE = np.array([-0.72, 0.05, 0.1])
 OPENING = 0.08
@@ -108,6 +110,27 @@ def test_fingers_move_with_the_opening() -> None:
         apart = np.linalg.norm(scratch.solids.position[0] - scratch.solids.position[1])
         inner = apart - FETCH.finger_thickness
         assert inner == pytest.approx(FETCH.finger_gap_closed + 2 * FETCH.finger_position(opening), abs=1e-6)
+
+
+def test_fingers_that_press_on_an_object_stay_at_its_width() -> None:
+    """Whatever they are commanded to: what they hit beside the object is hit, for this check and for MuJoCo's."""
+    held_body, beside = cylinder("object_00", 0.0, 0.0, 0.035), cylinder("object_01", 0.0, 0.3, 0.01)
+    T_world_tcp = tcp_pose(FETCH, RobotState(BASE, np.array(FETCH.home), 0.0))
+    held = HeldObject("object_00", np.eye(4))
+    T_beside = T_world_tcp.copy()
+    T_beside[:3, 3] += T_world_tcp[:3, 1] * (held_body.radius + FETCH.finger_thickness + beside.radius - 0.004)
+    world = CollisionWorld.from_scene(table_scene(held_body, beside.at_pose(T_beside)), padding=0.0)
+    checker, states = MujocoCollisionChecker(world.scene), np.array([*BASE, *FETCH.home])
+    still = Trajectory(
+        0.05 * np.arange(2),
+        states[None, :3].repeat(2, 0),
+        states[None, 3:].repeat(2, 0),
+        np.zeros(2),
+        (Phase("lift", 0.0, held.name, held),),
+    )
+    assert world.hits(BASE, FETCH.home, held_body.radius * 2, held) == 1 << 1
+    assert world.hits(BASE, FETCH.home, FETCH.opening(0.0), held) == 1 << 1
+    assert "object_01" in checker.deepest_penetration(still).pair
 
 
 def corners(world: CollisionWorld, x: NDArray[np.float64], held: HeldObject | None) -> NDArray[np.float64]:

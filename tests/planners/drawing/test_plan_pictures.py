@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,6 +16,8 @@ from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.drawing.choices import choices_of, last_picture
 from planners.drawing.plan import draw_plan
+from planners.placing.negative_goal_region import SweptVolume
+from planners.placing.swept_volume import path_volume
 from tests.planners.plans import solved
 from tests.planners.scenes import cylinder, table_scene
 
@@ -72,6 +75,22 @@ def test_the_last_picture_shows_the_objects_where_the_plan_leaves_them() -> None
     for action in plan.actions:
         if action.released is not None:
             np.testing.assert_allclose(bodies[action.target].position, action.released.position, atol=1e-6)
+
+
+def test_the_last_picture_shows_the_gripper_as_wide_as_it_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Closed fingers leave a gap; the picture left it out."""
+    plan, openings = solved(), []
+
+    def record(*arguments: Any) -> SweptVolume:
+        openings.append(arguments[2])
+        return path_volume(*arguments)
+
+    monkeypatch.setattr("planners.drawing.choices.path_volume", record)
+    last_picture(plan)
+    trajectory = plan.actions[-1].trajectory
+    approach = next(phase for phase in trajectory.phases if phase.name == "approach")
+    assert max(openings) == pytest.approx(FETCH.opening(trajectory.sample(approach.start).finger_position))
+    assert min(openings) == pytest.approx(FETCH.opening(0.0))
 
 
 def test_an_object_in_the_gripper_at_the_start_is_drawn_too(tmp_path: Path) -> None:

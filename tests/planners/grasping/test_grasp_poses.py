@@ -95,6 +95,7 @@ def assert_touches_nothing(body: Body, family: GraspFamily) -> None:
     """The exact collision check agrees with the lengths that the poses are computed from."""
     world = CollisionWorld.from_scene(table_scene(body))
     grasps = generate_grasps(body, FETCH, (family,))
+    assert grasps
     for grasp in grasps:
         assert not gripper_hits(world, gripper_poses([grasp]), grasp.opening)[0]
 

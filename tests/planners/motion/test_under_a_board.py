@@ -106,7 +106,9 @@ def test_grasps_know_what_is_in_the_way_out() -> None:
     walls = [cylinder(f"object_{2 + i:02d}", -0.25, y) for i, y in enumerate((-0.3, -0.2, -0.1, 0.1, 0.2, 0.3))]
     scene = shelf_scene(front, behind, *walls)
     world, candidates = CollisionWorld.from_scene(scene), GraspCandidates(map_placer(scene), PLANNER.chain)
-    for grasp in candidates.for_object(scene, "object_01"):
+    walled_in = candidates.for_object(scene, "object_01")
+    assert walled_in
+    for grasp in walled_in:
         assert grasp.blockers
     free = candidates.for_object(scene, "object_00")[0]
     assert not free.blockers

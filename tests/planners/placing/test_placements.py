@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from assets.robots import FETCH
 from planners.clearing.lookahead import grasped
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidates
@@ -18,7 +19,7 @@ from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
-from planners.planner import map_placer
+from planners.planner import Planner, map_placer
 from planners.scene import Scene, StaticObstacle
 from planners.strategies import STRATEGIES, Strategy, StrategyError
 from tests.planners.motion_scenes import CHAIN
@@ -137,6 +138,12 @@ def test_supports_are_names_that_the_scene_declares() -> None:
             find_supports(scene, wrong)
 
 
+def test_a_planner_refuses_to_put_objects_nowhere() -> None:
+    """It put them where it would have by default."""
+    with pytest.raises(UnknownSupport, match=r"supports=\(\) is not valid"):
+        Planner(FETCH, supports=()).solve(table_scene(cylinder("object_00", 0.0, 0.0)), "object_00")
+
+
 def test_locations_of_all_supports_are_tried_level_by_level(in_hand: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Within a level their order is that of their distances, whichever support they are on."""
     names = ("table_top", "counter_left", "counter_right")
@@ -163,7 +170,9 @@ def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Sce
         support = scene.support_named(name)
         finder = replace(search(scene), supports=(name,))
         found = finder.find(world, KeepClear(), STRATEGIES["srivastava"], np.random.default_rng(0))
-        for placement in itertools.islice(found, 5):
+        first = list(itertools.islice(found, 5))
+        assert len(first) == 5
+        for placement in first:
             body = placement.body
             away = np.abs(body.position[:2] - support.position[:2])
             assert (away + body.radius <= support.extent[:2]).all()
