@@ -37,7 +37,7 @@ class Arguments:
     layout: str = ""
     """Layout; empty for the environment's own."""
     obstructed: bool = False
-    """Only targets that no side grasp reaches without moving something."""
+    """Collect on scenes whose target no side grasp reaches without moving something."""
     seed: int = 0
     """First seed; the others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
     workers: int = 2
@@ -67,11 +67,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.parallel.jobs import run_jobs
     from clutter_env.reporting.json_file import write_json
 
-    chosen = {
-        "control_mode": arguments.control_mode,
-        "layout": arguments.layout,
-        "obstructed": arguments.obstructed,
-    }
+    chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
     job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed)
     dataset = Dataset.open_for(job, arguments.out)
