@@ -234,7 +234,8 @@ def scene_digests(env: gym.Env[Any, Any]) -> dict[str, str]:
 
     The numbers are digested as they are, 64 bits each, so that a difference in the last bit shows.
     """
-    inner: Any = env.unwrapped
+    outer: Any = env.unwrapped
+    inner = getattr(outer, "physics_env", outer)  # of a Skill environment
     scene = inner.world.scene
     parts = {name: getattr(scene, name) for name in _ARRAYS}
     parts |= {"shapes": scene.is_box, "target": scene.target, "joint_positions": inner.data.qpos}

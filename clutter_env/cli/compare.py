@@ -1,10 +1,11 @@
-"""Compare expert strategies, baselines and trained policies on the same held-out scenes.
+"""Compare expert strategies, learned policies and controls on the same scenes.
 
-    clutter-env compare --envs clutter_env/Retrieve-o5-v0 clutter_env/Retrieve-o10-v0 \\
-        --policies lookahead random greedy --runs outputs/runs/maskable_ppo-skill-* --scenes 50
+    clutter-env compare --suites side-15-v1 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
+    clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
 
-Runs of one algorithm that differ in their seed form one row. A Markdown table, all scores as JSON and a plot over the
-number of objects are written to the output directory; scores that are there already are not made again.
+The controls (greedy and random skills, the bulldozer) always play. Runs of one algorithm that differ in their seed form
+one row. Two Markdown tables and a picture are written to the output directory; every result is written there as soon as
+its episode ends: run the same command again after an interruption.
 """
 
 from __future__ import annotations
@@ -12,32 +13,42 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from clutter_env.cli.command import command_line, run_command
+
+if TYPE_CHECKING:
+    from clutter_env.learning.comparison.scene_sets import SceneSet
 
 
 @dataclass(frozen=True)
 class Arguments:
     """Compare policies."""
 
-    envs: tuple[str, ...] = ("clutter_env/Retrieve-o5-v0",)
-    """Environments; Skill policies play the scenes of the Retrieve environment with as many objects."""
-    policies: tuple[str, ...] = ("lookahead", "random", "greedy")
-    """Strategies of the planner, "scripted", "random", "greedy"."""
+    suites: tuple[str, ...] = ()
+    """Suites whose scenes are played."""
+    split: Literal["test", "validation"] = "test"
+    """Split of the suites: "test" for results to report, "validation" to tune a policy."""
+    envs: tuple[str, ...] = ()
+    """Environments whose resets, from seed 1,000,000 on, are played; of Retrieve also by skills."""
+    obstructed: Literal[0, 1, 2, 3] = 0
+    """Environments: least number of objects in the way of every side grasp of the target."""
+    policies: tuple[str, ...] = ("lookahead",)
+    """Names of policies, as for `clutter-env evaluate`; or module:Class."""
     runs: tuple[Path, ...] = ()
-    """Directories of training runs; each plays the environments whose scenes it was trained on."""
-    scenes: int = 50
-    """Number of held-out scenes."""
-    max_steps: int = 1500
-    """Steps of 0.05 s after which an episode of low-level actions is cut off."""
+    """Directories of training runs; each plays the scenes of its kind with as many objects."""
+    scenes: int | None = None
+    """Number of scenes of each environment (50 if not given) and suite (all if not given)."""
+    feasibility: Literal["oracle", "none"] = "oracle"
+    """For policies that act by skills: whether skills without a free grasp are refused, or tried all the same."""
     workers: int = 2
     """Number of processes."""
     ray: str = ""
     """Address of Ray ("auto", "local", …): play there instead of in processes of this machine."""
     seed: int = 0
-    """Random seed of the bootstrap."""
+    """Random seed of the random policies and of the bootstrap."""
     out: Path = Path("outputs/compare")
-    """Directory of table.md, plot.png and scores.json."""
+    """Directory of table.md, plot.png and results.jsonl."""
     json: Path | None = None
     """Write the rows to this file."""
 
@@ -49,31 +60,50 @@ def run(arguments: Arguments) -> None:
     from tqdm import tqdm
 
     from clutter_env.learning.comparison.compare import Comparison, evaluate_all, make_jobs, make_rows
-    from clutter_env.learning.comparison.tables import markdown, plot
+    from clutter_env.learning.comparison.picture import plot
+    from clutter_env.learning.comparison.records import ResultRecords
+    from clutter_env.learning.comparison.tables import markdown, markdown_by_floor
     from clutter_env.parallel.jobs import run_jobs
     from clutter_env.reporting.json_file import write_json
 
     comparison = Comparison(
-        envs=arguments.envs,
+        scene_sets=scene_sets(arguments),
         policies=arguments.policies,
         runs=arguments.runs,
-        scenes=arguments.scenes,
-        max_steps=arguments.max_steps,
         seed=arguments.seed,
+        feasibility=arguments.feasibility,
     )
     jobs = make_jobs(comparison)
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    records = ResultRecords(arguments.out / "results.jsonl")
     workers = partial(run_jobs, workers=arguments.workers, ray=arguments.ray)
     with tqdm(total=len(jobs), unit="episode") as bar:
-        results = evaluate_all(jobs, arguments.out / "scores.json", workers, lambda done: bar.update(done - bar.n))
+        results = evaluate_all(jobs, records, workers, lambda done: bar.update(done - bar.n))
     rows = make_rows(comparison, results)
-    table = markdown(rows)
+    tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"
     command = command_line("compare", arguments, leave_out=("workers", "ray", "out", "json"))
-    (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{table}")
+    (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
     plot(rows, arguments.out / "plot.png")
-    print(table)
+    print(tables)
     if arguments.json is not None:
         write_json(arguments.json, rows)
+
+
+def scene_sets(arguments: Arguments) -> list[SceneSet]:
+    """The sets of scenes that the arguments name.
+
+    Raises:
+        LearningError: they name none, or a number of scenes that there is not.
+        SuiteError: no such suite.
+    """
+    from clutter_env.learning.comparison.scene_sets import SceneSet
+    from clutter_env.learning.errors import LearningError
+
+    if not arguments.suites and not arguments.envs:
+        raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes")
+    obstructed = True if arguments.obstructed == 1 else arguments.obstructed or False
+    of_suites = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
+    count = arguments.scenes or 50
+    return of_suites + [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from clutter_env.cli.command import run_command
 from clutter_env.reporting.tables import markdown_table
@@ -25,7 +25,8 @@ class Arguments:
     """Name of the suite."""
     policy: str = "lookahead"
     """A strategy of the expert with side grasps ("lookahead", "ngr", "dogar", "srivastava") or with all grasps
-    ("lookahead-all", …), "random", "bulldozer", or module:Class."""
+    ("lookahead-all", …), "random", "random-skills", "greedy", "bulldozer", "scripted", the directory of a training run,
+    or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
@@ -35,7 +36,9 @@ class Arguments:
     ray: str = ""
     """Address of Ray ("auto", "local", …): play there instead of in processes of this machine."""
     seed: int = 0
-    """Random seed of the built-in random policy."""
+    """Random seed of the built-in random policies."""
+    feasibility: Literal["oracle", "none"] = "oracle"
+    """For policies that act by skills: whether skills without a free grasp are refused, or tried all the same."""
     json: Path | None = None
     """The results file; outputs/evaluate/SUITE_POLICY.json if not given."""
 
@@ -46,17 +49,24 @@ def run(arguments: Arguments) -> None:
 
     from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate
     from clutter_env.reporting.json_file import write_json
-    from clutter_env.suites import suite
 
-    evaluation = Evaluation(arguments.suite, arguments.policy, arguments.split, arguments.scenes, arguments.seed)
-    total = arguments.scenes or len(suite(arguments.suite).split(arguments.split))
-    with tqdm(total=total, unit="episode") as bar:
+    evaluation = Evaluation(
+        suite=arguments.suite,
+        policy=arguments.policy,
+        split=arguments.split,
+        scenes=arguments.scenes,
+        seed=arguments.seed,
+        feasibility=arguments.feasibility,
+    )
+    with tqdm(total=len(evaluation.jobs), unit="episode") as bar:
         content = evaluate(evaluation, arguments.workers, arguments.ray, bar.update)
-    name = f"{arguments.suite}_{arguments.policy.replace(':', '.')}.json"
+    name = f"{arguments.suite}_{arguments.policy.replace(':', '.').replace('/', '.')}.json"
     file = arguments.json or Path("outputs/evaluate") / name
     write_json(file, content)
     print(_text(content))
-    print(f"digest: {content['digest']}\nwritten: {file}")
+    means = content["summary"]["mean"]
+    print("\nmeans over all episodes: " + ", ".join(f"{name} {value:.3g}" for name, value in means.items()))
+    print(f"\ndigest: {content['digest']}\nwritten: {file}")
 
 
 def _text(content: Mapping[str, Any]) -> str:

@@ -40,11 +40,11 @@ class Arguments:
     out: Path | None = None
     """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
     demos: Path | None = None
-    """Dataset of `clutter-env collect`: cloned by bc and dagger, put in the replay buffer of sac and tqc."""
+    """Dataset of `clutter-env collect`: cloned by bc and dagger; sac and tqc correct the clone."""
     demo_episodes: int | None = None
     """How many of its episodes to use; all by default."""
     imitation_steps: int = 10_000
-    """Gradient steps for which the actor of sac and tqc first imitates the demonstrations."""
+    """Gradient steps of the imitation of the demonstrations that sac and tqc correct."""
     control_mode: Literal["joint", "ee", ""] = ""
     """Control mode; empty for the environment's own."""
     reward_mode: Literal["sparse", "dense", ""] = ""
@@ -53,6 +53,10 @@ class Arguments:
     """Whether Skill is learnt in physics or on the kinematic model."""
     geometric_mask: bool = False
     """Leave out skills without a free grasp while learning Skill."""
+    obstructed: bool = False
+    """Learn on scenes whose target no side grasp reaches without moving something."""
+    feasibility: Literal["oracle", "none"] = "oracle"
+    """Whether Skill refuses skills without a free grasp, or tries them all the same."""
     rounds: int = 5
     """Rounds of dagger."""
     round_episodes: int = 10
@@ -94,10 +98,10 @@ def make_run(arguments: Arguments) -> Run:
     from clutter_env.learning.task import Task
     from clutter_env.learning.training.run import Run
 
-    chosen = {"control_mode": arguments.control_mode, "reward_mode": arguments.reward_mode}
+    chosen = {name: getattr(arguments, name) for name in ("control_mode", "reward_mode", "obstructed")}
     keywords: dict[str, Any] = {name: value for name, value in chosen.items() if value}
     if "/Skill" in arguments.env:
-        keywords |= {"simulation": arguments.simulation, "geometric_mask": arguments.geometric_mask}
+        keywords |= {name: getattr(arguments, name) for name in ("simulation", "geometric_mask", "feasibility")}
     name = f"{arguments.algorithm}-{arguments.env.rpartition('/')[2].removesuffix('-v0').lower()}"
     if arguments.seeds == 1:
         name += f"-{arguments.seed}"

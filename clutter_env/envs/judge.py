@@ -18,14 +18,23 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["CHORD", "DISTURBED_PATH", "HOLD_STEPS", "LIFT_HEIGHT", "RELEASE_STEPS", "Judge", "JudgeMemory"]
+__all__ = [
+    "CHORD",
+    "DISTURBED_PATH",
+    "HOLD_STEPS",
+    "LIFT_HEIGHT",
+    "RELEASE_STEPS",
+    "Judge",
+    "JudgeMemory",
+    "is_as_placed",
+]
 
 LIFT_HEIGHT = 0.10
 """[m] above what it stood on at which the target's lowest point counts as lifted."""
@@ -39,6 +48,9 @@ CHORD = 0.005
 """[m] Length of the chords in which a path is measured; far above the jitter and creep of objects at rest."""
 RELEASE_STEPS = 2
 """Control steps without contact of both fingers after which an object is released; a single one is contact noise."""
+
+UPRIGHT = 0.9
+"""Cosine of the largest tilt of an object that still is as it was placed."""
 
 Array = NDArray[np.float64]
 
@@ -230,3 +242,17 @@ class Judge:
         self.num_cleared = int(np.count_nonzero(is_cleared))
         self._num_spoilt = int(np.count_nonzero(is_disturbed | self._is_fallen))
         self.newly_disturbed = 0
+
+
+def is_as_placed(quaternion: ArrayLike, bottom: float, is_lying: bool) -> bool:
+    """Whether an object stands, or lies if it was placed so, on the table or is held above it.
+
+    Args:
+        quaternion: (4,) w, x, y, z of its pose.
+        bottom: [m] height of its lowest point.
+        is_lying: whether it was placed lying.
+    """
+    _, x, y, _ = np.asarray(quaternion)
+    up = 1 - 2 * (x * x + y * y)
+    is_tilted = abs(up) > math.sqrt(1 - UPRIGHT**2) if is_lying else up <= UPRIGHT
+    return bool(not is_tilted and bottom > TABLE_HEIGHT - 0.02)

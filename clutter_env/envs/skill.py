@@ -18,25 +18,26 @@ from numpy.typing import NDArray
 from clutter_env import skill_budget
 from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.generator import generator_kept_on_error
+from clutter_env.envs.judge import is_as_placed
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
-from clutter_env.scene.layout import TABLE_HEIGHT
-from planners.execution.executor import Executor, Outcome
+from planners.execution.executor import Command
+from planners.execution.following import follow
 from planners.execution.monitor import MonitorConfig, Sensor
 from planners.scene import Body, Scene
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
 from planners.skills.motion import SkillPlanner
-from planners.tamp.solution import BoundAction
 
-__all__ = ["BODY_FIELDS", "SIMULATIONS", "SKILL_COST", "SkillEnv", "is_as_placed"]
+__all__ = ["BODY_FIELDS", "FEASIBILITIES", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
 
 SIMULATIONS = ("physics", "kinematic")
+FEASIBILITIES = ("oracle", "none")
+_PUSHING = MonitorConfig(displacement=math.inf, tilt=math.pi)
+"""Of an attempt that runs into objects: their motion does not stop it."""
 SKILL_COST = 0.05
 """Reward lost by every skill; success is worth 1."""
 HOLD_STEPS = 20
 """Control steps for which the target is held up in the end, if that is not success yet."""
-UPRIGHT = 0.9
-"""Cosine of the largest tilt of an object that still is as it was placed."""
 BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "is_box")
 """Columns of an object's row before its `DIRECTIONS` flags of failed attempts."""
 
@@ -53,10 +54,15 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
     any case), with the target lost, or when the budget is spent. The reward is 1 for success less `SKILL_COST` for
     every skill. `info` has, besides the keys of `RetrieveEnv`'s: `failure` (why the last skill failed, "" if it did
-    not) and `moved` (names of the objects cleared so far, in order).
+    not), `moved` (names of the objects cleared so far, in order) and `num_refused` (skills so far that nothing moved
+    for).
+
+    With `feasibility="oracle"` a skill without a free grasp is refused, and costs no more than its share of the budget.
+    With "none" it is tried by its least obstructed grasp: in physics whatever is in the way is pushed; on the kinematic
+    model it counts as disturbed, and the episode ends, because the model does not know where it would be.
 
     Keyword arguments: `simulation` ("physics" or "kinematic"), `budget` (skills), `geometric_mask` (what `action_masks`
-    says), and those of `RetrieveEnv` but for `control_mode`.
+    says), `feasibility`, and those of `RetrieveEnv` but for `control_mode`.
     """
 
     metadata: dict[str, Any] = RetrieveEnv.metadata
@@ -66,12 +72,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         simulation: Literal["physics", "kinematic"] = "physics",
         budget: int | None = None,
         geometric_mask: bool = False,
+        feasibility: Literal["oracle", "none"] = "oracle",
         **keywords: Any,
     ) -> None:
         check_choice("simulation", simulation, SIMULATIONS)
+        check_choice("feasibility", feasibility, FEASIBILITIES)
         self._physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
         self._is_kinematic = simulation == "kinematic"
-        self._geometric_mask = geometric_mask
+        self._geometric_mask, self._tries_all = geometric_mask, feasibility == "none"
         self._count = self._physics_env.config.num_objects
         self.budget = skill_budget(self._count) if budget is None else budget
         check_integer("budget", self.budget, 1)
@@ -106,6 +114,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._failed = np.zeros(self._size, dtype=np.bool_)
         self._left = self.budget
         self._moved: list[str] = []
+        self._num_refused, self._num_hit = 0, 0
         self._is_taken = self._is_physics_over = False
         self._has_started = True
         return self._observe(), self._info("")
@@ -127,7 +136,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             self._moved.append(skill.object)
         info = self._info(failure)
         is_lost = not self._is_taken and not self._is_placed(self._scene.body(self._target))
-        is_over = self._is_taken or is_lost or self._is_physics_over or self._left == 0
+        is_over = self._is_taken or is_lost or self._is_physics_over or self._num_hit > 0 or self._left == 0
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
     def render(self) -> Any:
@@ -159,8 +168,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
             mask[clears] &= body is not None and body.name != self._target
         is_geometric = self._geometric_mask if geometric is None else geometric
-        if is_geometric:
-            assert self._geometry is not None
+        if is_geometric and self._geometry:
             for index in np.flatnonzero(mask):
                 mask[index] = not isinstance(self._geometry.grasps(self._scene, self.skill(int(index))), SkillFailure)
         mask[-1] |= not mask.any()
@@ -197,13 +205,16 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._scene = Scene.from_mujoco(
             self._physics_env.model, self._physics_env.data, self._physics_env.robot, held=name
         )
-        if self._geometry is None:
-            self._geometry = skill_geometry(self._scene)
+        self._geometry = self._geometry or skill_geometry(self._scene)
 
     def _simulate_kinematically(self, skill: Skill) -> str:
         assert self._geometry is not None
         result = self._geometry.simulate_kinematically(self._scene, self._target, skill, self._rng)
         if isinstance(result, SkillFailure):
+            if result.reason == "blocked" and self._tries_all:
+                self._num_hit = len(self._geometry.in_the_way(self._scene, skill))
+                return "collision"
+            self._num_refused += 1
             return result.reason
         self._scene = result
         self._is_taken = skill.direction is None
@@ -211,10 +222,16 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _carry_out(self, skill: Skill) -> str:
         assert self._geometry is not None
-        actions = SkillPlanner(self._geometry, self._rng).plan(self._scene, self._target, skill)
+        planner, config = SkillPlanner(self._geometry, self._rng), MonitorConfig()
+        actions = planner.plan(self._scene, self._target, skill)
+        if isinstance(actions, SkillFailure) and actions.reason == "blocked" and self._tries_all:
+            actions, config = planner.plan_through(self._scene, self._target, skill), _PUSHING
         if isinstance(actions, SkillFailure):
+            self._num_refused += 1
             return actions.reason
-        deviation = self._execute(actions)
+        physics_env = self._physics_env
+        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
+        deviation = follow(actions, physics_env.robot, sensor, self._command, config)
         if skill.direction is None and not deviation:
             self._hold()
         self._read_scene()
@@ -222,24 +239,15 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             return deviation
         return "not held"
 
-    def _execute(self, actions: tuple[BoundAction, ...]) -> str:
-        """Follow the motions; the kind of deviation that stopped the execution, "" for none."""
-        physics_env = self._physics_env
-        sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
-        plan = Executor(actions, physics_env.robot, sensor.names, sensor.read(), MonitorConfig())
-        outcome, is_over = Outcome.RUNNING, False
-        while outcome is Outcome.RUNNING and not is_over:
-            step = plan.advance(sensor.read())
-            outcome = step.outcome
-            is_over = self._step_physics(physics_env.joint_action(*step.command))
-        return "" if plan.deviation is None else str(plan.deviation.kind)
-
     def _hold(self) -> None:
         """Stand still and hold the target."""
         controller = self._physics_env.world.controller
         for _ in range(HOLD_STEPS):
             if self._is_taken or self._step_physics(self._physics_env.joint_action(controller.state.target, 0.0)):
                 return
+
+    def _command(self, command: Command) -> bool:
+        return self._step_physics(self._physics_env.joint_action(*command))
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
         """One control step; whether the episode of the physics environment is over."""
@@ -253,7 +261,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _is_placed(self, body: Body) -> bool:
         """Whether it has neither toppled nor left the table."""
-        return is_as_placed(body, body.name in self._lying)
+        return is_as_placed(body.quaternion, body.bottom, body.name in self._lying)
 
     def _observe(self) -> NDArray[np.float32]:
         rows = np.zeros((self._count, len(BODY_FIELDS) + DIRECTIONS), np.float32)
@@ -269,10 +277,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _info(self, failure: str) -> dict[str, Any]:
         info = self._kinematic_info() if self._is_kinematic else self._physics_env.info
-        return {**info, "failure": failure, "moved": tuple(self._moved)}
+        return {**info, "failure": failure, "moved": tuple(self._moved), "num_refused": self._num_refused}
 
     def _kinematic_info(self) -> dict[str, Any]:
-        """The info of the kinematic model, in which no object is ever disturbed."""
+        """The info of the kinematic model, in which objects are disturbed by attempts without a free grasp alone."""
         held = self._scene.held
         return {
             "is_success": self._is_taken,
@@ -280,17 +288,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             "target": self._target,
             "held": held.name if held is not None else "",
             "num_fallen": 0,
-            "num_disturbed": 0,
+            "num_disturbed": self._num_hit,
             "num_cleared": len(set(self._moved)),
         }
-
-
-def is_as_placed(body: Body, is_lying: bool) -> bool:
-    """Whether it stands, or lies if it was placed so, on the table or is held above it."""
-    _, x, y, _ = body.quaternion
-    up = 1 - 2 * (x * x + y * y)
-    is_tilted = abs(up) > math.sqrt(1 - UPRIGHT**2) if is_lying else up <= UPRIGHT
-    return bool(not is_tilted and body.bottom > TABLE_HEIGHT - 0.02)
 
 
 def _checked(action: Any, count: int) -> int:

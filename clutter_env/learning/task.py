@@ -49,6 +49,12 @@ class Task:
         """The family of the environment: "retrieve", "skill", "reach" or "pick"."""
         return family(self.env_id)
 
+    @property
+    def num_objects(self) -> int:
+        """How many objects stand on the table; 0 if the environment decides."""
+        known = {**gym.spec(self.env_id).kwargs, **self.keywords}
+        return int(known.get("num_objects", 0))
+
     def to_json(self) -> str:
         """The task as JSON text."""
         return json.dumps({"env_id": self.env_id, "keywords": dict(self.keywords)}, sort_keys=True)

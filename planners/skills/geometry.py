@@ -84,6 +84,18 @@ class SkillGeometry:
             return SkillFailure("blocked" if found else "unreachable")
         return tuple(sorted(free, key=lambda option: -option.quality))
 
+    def least_obstructed(self, scene: Scene, skill: Skill) -> GraspCandidate | SkillFailure:
+        """The grasp for the skill with the fewest objects in its way, the best of them."""
+        found = self.options(scene, skill)
+        if not found:
+            return SkillFailure("unreachable")
+        return min(found, key=lambda option: (option.blockers.bit_count(), -option.quality))
+
+    def in_the_way(self, scene: Scene, skill: Skill) -> tuple[str, ...]:
+        """Names of the objects in the way of the least obstructed grasp; none if there is no grasp at all."""
+        grasp = self.least_obstructed(scene, skill)
+        return () if isinstance(grasp, SkillFailure) else scene.names_of(grasp.blockers)
+
     def options(self, scene: Scene, skill: Skill) -> list[GraspCandidate]:
         """Grasps for the skill with what is in the way of each."""
         body = scene.body(skill.object)
@@ -130,7 +142,7 @@ class SkillGeometry:
 
     def _wanted_grasp(self, scene: Scene, target: str) -> KeepClear:
         assert scene.held is not None
-        if scene.held.name == target:
+        if scene.held.name == target or target not in scene.names:
             return KeepClear()
         held = scene.mask({scene.held.name})
         options = self.options(scene, Skill(target))

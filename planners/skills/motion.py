@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,16 @@ class SkillPlanner:
                 return (*done, *actions, *placed[0])
             failure = placed
         return failure
+
+    def plan_through(self, scene: Scene, target: str, skill: Skill) -> tuple[BoundAction, ...] | SkillFailure:
+        """As `plan`, by the least obstructed grasp, and as if what is in its way were not there.
+
+        Raises:
+            UnknownObject: no object of that name.
+        """
+        in_the_way = self.geometry.in_the_way(scene, skill)
+        others = tuple(body for body in scene.objects if body.name not in in_the_way)
+        return self.plan(replace(scene, objects=others), target, skill)
 
     def _put_down(
         self, motion_layer: MotionLayer, scene: Scene, target: str

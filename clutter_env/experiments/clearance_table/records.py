@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt
-from clutter_env.reporting.json_file import json_text
+from clutter_env.reporting.json_lines import JsonLines
 
 __all__ = ["OtherSettings", "Record", "Records"]
 
@@ -29,13 +27,12 @@ class Records:
     """
 
     def __init__(self, path: Path, settings: dict[str, Any]) -> None:
-        self._path = path
+        self._file = JsonLines(path)
         self._known: dict[Key, Record] = {}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not path.exists() or not _whole_lines(path):
-            self._append(settings)
+        if not self._file.values:
+            self._file.append(settings)
             return
-        header, *rows = map(json.loads, _whole_lines(path))
+        header, *rows = self._file.values
         different = [
             f"{name}: {header.get(name)!r} there, {value!r} now"
             for name, value in settings.items()
@@ -48,7 +45,7 @@ class Records:
 
     def add(self, record: Record) -> None:
         """Add a record, and write it to the disk."""
-        self._append(record)
+        self._file.append(record)
         self._keep(record)
 
     def get(self, objects: int, seed: int, strategy: str) -> Record | None:
@@ -70,21 +67,6 @@ class Records:
 
     def _keep(self, record: Record) -> None:
         self._known[record.objects, record.seed, record.strategy] = record
-
-    def _append(self, content: Record | dict[str, Any]) -> None:
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json_text(content) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-
-
-def _whole_lines(path: Path) -> list[str]:
-    """The lines of the file; a last line that a killed run left incomplete is removed from it."""
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    if len(whole) < len(text):
-        path.write_text(whole, encoding="utf-8")
-    return whole.splitlines()
 
 
 def _restored(row: dict[str, Any]) -> Record:

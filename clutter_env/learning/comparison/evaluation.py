@@ -1,21 +1,20 @@
-"""Held-out episodes of a policy or an expert, and their scores."""
+"""An episode of a policy, and its score: the same for the commands `evaluate` and `compare`, and during training."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.learning.demonstrations.experts import Expert
 from clutter_env.learning.task import HELD_OUT
 
-__all__ = ["MOVED", "Score", "held_out_seeds", "play", "play_expert", "success_rate"]
+__all__ = ["MOVED", "PlayedScene", "Score", "SuitePolicy", "held_out_seeds", "play", "play_scene", "success_rate"]
 
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""
@@ -27,27 +26,118 @@ class Score:
 
     Attributes:
         seed: of the scene.
-        is_success: whether the last step's info says success; of the Retrieve and Skill environments clean success.
-        moved: number of objects other than the target that were moved; see `MOVED`.
-        fallen: number of objects that have toppled or left the table.
-        steps: of the environment.
+        clean: success: in Retrieve and Skill, the target was lifted, and nothing had fallen or been disturbed by then;
+            in Reach and Pick, the goal was reached in the end.
+        lifted: the target was lifted.
+        steps: of the environment: control steps, or skills.
         sim_s: simulated time [s].
+        moved: number of objects other than the target that ended elsewhere; see `MOVED`.
+        cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs.judge`.
+        refused: number of skills that the motion layer refused; 0 for policies that do not act by skills.
+        failure: "" for success, else why not.
         wall_s: wall time [s], with planning and the policy's inference.
-        failure: cause of the failure, "" for success.
-        lifted: whether the last step's info says that the target is lifted, whatever else has moved.
-        disturbed: number of objects that have been disturbed.
     """
 
     seed: int
-    is_success: bool
-    moved: int
-    fallen: int
+    clean: bool
+    lifted: bool
     steps: int
     sim_s: float
-    wall_s: float
+    moved: int
+    cleared: int
+    disturbed: int
+    fallen: int
+    refused: int
     failure: str
-    lifted: bool = False
-    disturbed: int = 0
+    wall_s: float
+
+    @classmethod
+    def of_crash(cls, seed: int, cause: str) -> Score:
+        """The score of a policy that raised an exception: a failed episode."""
+        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0, cause, 0.0)
+
+
+class SuitePolicy(Protocol):
+    """What plays scenes. What it does in an episode must not depend on earlier episodes.
+
+    Optional attributes: `env_keywords`, a dictionary of keyword arguments of the environment among control_mode,
+    obs_mode, image_size and reward_mode; `grasps`, "side" or "all" (the default): the grasps that it uses, by whose
+    floors its results are broken down; `acts_by_skills`, true for one that plays the Skill environment of the scenes;
+    `done`, true once the policy gives up; `failure`, then the reason.
+    """
+
+    def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:
+        """Start an episode; `env` has been reset and returned `info`."""
+        ...
+
+    def act(self, observation: Any) -> Any:
+        """The next action."""
+        ...
+
+
+class PlayedScene(Protocol):
+    """A scene of a suite, or one reset of an environment."""
+
+    @property
+    def seed(self) -> int:
+        """Of the reset."""
+        ...
+
+    def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
+        """Start the episode; observation and info."""
+        ...
+
+
+def play_scene(scene: PlayedScene, env: gym.Env[Any, Any], policy: SuitePolicy, max_steps: int | None = None) -> Score:
+    """One episode: until the target has been lifted, cleanly or not, or is lost; the policy gives up; or time is up.
+
+    In Reach and Pick an episode ends with its time alone.
+
+    Args:
+        scene: how the episode begins.
+        env: an environment of that scene.
+        policy: that plays it.
+        max_steps: after which the episode is cut off, if the environment does not end it before.
+
+    Raises:
+        SuiteError: the first state is not the one that the suite was made with.
+    """
+    started = time.perf_counter()
+    observation, info = scene.reset(env)
+    positions = _positions(env)
+    policy.reset(env, info)
+    steps, is_over, failure = 0, False, ""
+    while not is_over:
+        if getattr(policy, "done", False):
+            failure = str(getattr(policy, "failure", "")) or "gave up"
+            break
+        observation, _, terminated, truncated, info = env.step(policy.act(observation))
+        steps += 1
+        is_over = terminated or truncated or steps == max_steps or _is_retrieved(env, info)
+        failure = _ending(env, terminated)
+    away = np.linalg.norm(_positions(env) - positions, axis=1) > MOVED
+    target = _physics_env(env).target_slot
+    away[target : target + 1] = False
+    clean = _is_clean(env, info)
+    return Score(
+        seed=scene.seed,
+        clean=clean,
+        lifted=bool(info["lifted"]),
+        steps=steps,
+        sim_s=float(_physics_env(env).data.time),
+        moved=int(away.sum()),
+        cleared=int(info["num_cleared"]),
+        disturbed=int(info["num_disturbed"]),
+        fallen=int(info["num_fallen"]),
+        refused=int(info.get("num_refused", 0)),
+        failure="" if clean else "not clean" if info["lifted"] else failure,
+        wall_s=time.perf_counter() - started,
+    )
+
+
+def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | None = None) -> Score:
+    """One episode of a function from observations to actions, on the scene of a seed; see `play_scene`."""
+    return play_scene(_Seed(seed), env, _Function(act), max_steps)
 
 
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
@@ -55,79 +145,50 @@ def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
     return range(first, first + count)
 
 
-def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | None = None) -> Score:
-    """One episode of a policy, cut off after `max_steps`, or when the target is lifted, which decides a retrieval."""
-    start = _start(env, seed)
-    observation, steps, is_over, failure = start.observation, 0, False, ""
-    while not is_over:
-        observation, _, terminated, truncated, info = env.step(act(observation))
-        steps += 1
-        is_over = terminated or truncated or steps == max_steps or _is_retrieved(env, info)
-        failure = "budget spent" if terminated else "time limit"
-    return _score(env, seed, info, start, steps, failure)
-
-
-def play_expert(env: gym.Env, expert: Expert, seed: int) -> Score:
-    """One episode of an expert."""
-    start = _start(env, seed)
-    info = start.info
-    expert.reset()
-    steps, is_over = 0, False
-    while not (is_over or expert.done):
-        _, _, terminated, truncated, info = env.step(expert.act())
-        steps += 1
-        is_over = terminated or truncated or _is_retrieved(env, info)
-    failure = str(expert.report_values.get("failure") or "not held to the end")
-    return _score(env, seed, info, start, steps, failure)
-
-
 def success_rate(env: gym.Env, act: Callable[[Any], Any], seeds: Sequence[int], max_steps: int | None = None) -> float:
     """Share of the episodes that succeed, within `max_steps` each."""
-    return float(np.mean([play(env, act, seed, max_steps).is_success for seed in seeds]))
+    return float(np.mean([play(env, act, seed, max_steps).clean for seed in seeds]))
 
 
-class _Start(NamedTuple):
-    """The beginning of an episode: wall time [s], what `reset` returned, centres (n, 3) [m] of the objects."""
+@dataclass(frozen=True)
+class _Seed:
+    """The scene that an environment draws for a seed."""
 
-    wall_s: float
-    observation: Any
-    info: dict[str, Any]
-    positions: NDArray[np.float64]
+    seed: int
 
-
-def _start(env: gym.Env, seed: int) -> _Start:
-    started = time.perf_counter()
-    observation, info = env.reset(seed=seed)
-    return _Start(started, observation, info, _positions(env))
+    def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
+        return env.reset(seed=self.seed)
 
 
-def _is_retrieved(env: gym.Env, info: dict[str, Any]) -> bool:
+@dataclass(frozen=True)
+class _Function:
+    """A policy without memory."""
+
+    act: Callable[[Any], Any]
+
+    def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:
+        pass
+
+
+def _is_retrieved(env: gym.Env, info: Mapping[str, Any]) -> bool:
     """Whether a retrieval is decided: the target is lifted, which is a success or can never become one."""
     return bool(info["lifted"]) and isinstance(_physics_env(env), RetrieveEnv)
 
 
-def _score(env: gym.Env, seed: int, info: dict[str, Any], start: _Start, steps: int, failure: str) -> Score:
-    """The score of an episode that has ended; `info` is of its last step."""
-    away = np.linalg.norm(_positions(env) - start.positions, axis=1) > MOVED
+def _is_clean(env: gym.Env, info: Mapping[str, Any]) -> bool:
+    if not isinstance(_physics_env(env), RetrieveEnv):
+        return bool(info["is_success"])
+    return bool(info["lifted"]) and not info["num_fallen"] and not info["num_disturbed"]
+
+
+def _ending(env: gym.Env, terminated: bool) -> str:
+    """Why an episode is over whose target was not lifted."""
     physics_env = _physics_env(env)
-    away[physics_env.target_slot : physics_env.target_slot + 1] = False
-    is_success = bool(info["is_success"])
     if physics_env.target_slot >= 0 and physics_env.measurements.is_off[physics_env.target_slot]:
-        failure = "target lost"
-    elif info["lifted"]:
-        failure = "not clean"
-    return Score(
-        seed=seed,
-        is_success=is_success,
-        moved=int(away.sum()),
-        fallen=int(info["num_fallen"]),
-        disturbed=int(info["num_disturbed"]),
-        lifted=bool(info["lifted"]),
-        steps=steps,
-        sim_s=float(physics_env.data.time),
-        wall_s=time.perf_counter() - start.wall_s,
-        failure="" if is_success else failure,
-    )
+        return "target lost"
+    if not terminated:
+        return "time limit"
+    return "object fallen" if physics_env is env.unwrapped else "budget spent"
 
 
 def _physics_env(env: gym.Env) -> Any:

@@ -1,58 +1,58 @@
-"""Policies that play suites: the protocol, the built-in ones, and those of other people by their import name."""
+"""Policies that play scenes, by name: the built-in ones, training runs, and those of other people by import name."""
 
 from __future__ import annotations
 
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Any
 
 import gymnasium as gym
 
-from clutter_env.learning.demonstrations.experts import PLANNERS, Expert, PlannerChoice, PlannerExpert
+from clutter_env.learning.comparison.evaluation import SuitePolicy
+from clutter_env.learning.demonstrations.experts import (
+    PLANNERS,
+    Expert,
+    PlannerChoice,
+    PlannerExpert,
+    ScriptedExpert,
+    expert_keywords,
+)
+from clutter_env.learning.demonstrations.scripted import SCRIPTS
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.baselines import Bulldozer, random_agent
+from clutter_env.learning.policies.baselines import Bulldozer, greedy_agent, random_agent
+from clutter_env.learning.policies.runs import RUN_FILE, load_run
+from clutter_env.learning.task import family
 from clutter_env.suites import GRASPS
 
-__all__ = ["BUILT_IN", "SuitePolicy", "env_keywords", "load_policy", "policy_grasps"]
+__all__ = ["BUILT_IN", "acts_by_skills", "env_keywords", "load_policy", "policy_families", "policy_grasps"]
 
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
 
 
-class SuitePolicy(Protocol):
-    """What plays a suite. What it does in an episode must not depend on earlier episodes.
-
-    Optional attributes: `env_keywords`, a dictionary of keyword arguments of the environment among control_mode,
-    obs_mode, image_size and reward_mode; `grasps`, "side" or "all" (the default): the grasps that it uses, by whose
-    floors its results are broken down; `done`, true once the policy gives up; `failure`, then the reason.
-    """
-
-    def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:
-        """Start an episode; `env` has been reset and returned `info`."""
-        ...
-
-    def act(self, observation: Any) -> Any:
-        """The next action."""
-        ...
-
-
 class ExpertPolicy:
-    """The task and motion planning expert, which reads the exact state of the simulation.
+    """An expert, which reads the exact state of the simulation.
 
     Attributes:
-        grasps: the grasps that it chooses from, "side" or "all"; with "all" it also puts objects on every support.
+        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
+            support.
+        env_keywords: keyword arguments with which an environment must be made for it.
     """
 
-    def __init__(self, choice: PlannerChoice) -> None:
-        self.grasps = choice.grasps
-        self._choice = choice
+    def __init__(
+        self, make: Callable[[gym.Env[Any, Any]], Expert], grasps: str, env_keywords: Mapping[str, Any]
+    ) -> None:
+        self.grasps, self.env_keywords = grasps, env_keywords
+        self._make = make
         self._expert: Expert | None = None
 
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
-        self._expert = PlannerExpert(env, self._choice)
+        self._expert = self._make(env)
         self._expert.reset()
 
     @property
@@ -71,48 +71,108 @@ class ExpertPolicy:
         return self._expert.act()
 
 
-class RandomPolicy:
-    """Actions drawn uniformly, in each episode from a generator of its own."""
+class AgentPolicy:
+    """A function from observations to actions that is made anew for every episode.
 
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
+    Attributes:
+        acts_by_skills: whether it plays the Skill environment of the scenes.
+        grasps: those of the skills are level ones.
+        env_keywords: keyword arguments with which an environment must be made for it.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[gym.Env[Any, Any]], Callable[[Any], Any]],
+        acts_by_skills: bool = False,
+        env_keywords: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
+        self.acts_by_skills, self.env_keywords = acts_by_skills, env_keywords
+        self.grasps = "side" if acts_by_skills else "all"
+        self._make = make
         self._act: Callable[[Any], Any] | None = None
 
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
-        scene_seed = env.unwrapped.np_random_seed
-        self._act = random_agent(env, self._seed + scene_seed)
+        self._act = self._make(env)
 
     def act(self, observation: Any) -> Any:
-        """A random action."""
+        """The next action."""
         assert self._act is not None
         return self._act(observation)
 
 
-BUILT_IN = (*PLANNERS, "random", "bulldozer")
-"""Names of the built-in policies; the experts "…-all" choose from all grasps, the others from side grasps."""
+def _random_policy(acts_by_skills: bool, seed: int) -> SuitePolicy:
+    """Actions drawn uniformly, in each episode from a generator of its own."""
+
+    def make(env: gym.Env[Any, Any]) -> Callable[[Any], Any]:
+        """For the episode that has just begun."""
+        return random_agent(env, seed + env.unwrapped.np_random_seed)
+
+    return AgentPolicy(make, acts_by_skills)
+
+
+def _planner_policy(choice: PlannerChoice) -> SuitePolicy:
+    return ExpertPolicy(partial(PlannerExpert, choice=choice), choice.grasps, {})
+
+
+def _script_policy(name: str) -> SuitePolicy:
+    return ExpertPolicy(partial(ScriptedExpert, name=name), "all", expert_keywords(name))
+
+
+def _run_policy(directory: Path) -> SuitePolicy:
+    """The policy of a training run; loaded once, for the first episode's environment."""
+    task = load_run(directory)["task"]
+    loaded: dict[int, Callable[[Any], Any]] = {}
+
+    def make(env: gym.Env[Any, Any]) -> Callable[[Any], Any]:
+        """The same policy for every episode in one environment."""
+        from clutter_env.learning.policies.agents import load_agent  # needs torch, which the other policies do without
+
+        if id(env) not in loaded:
+            loaded.clear()
+            loaded[id(env)] = load_agent(directory, env)
+        return loaded[id(env)]
+
+    is_of_skills = family(task["env_id"]) == "skill"
+    wanted = {} if is_of_skills else {key: task["keywords"][key] for key in _FREE_KEYWORDS if key in task["keywords"]}
+    return AgentPolicy(make, is_of_skills, wanted)
+
+
+_FIXED: Mapping[str, Callable[[], SuitePolicy]] = MappingProxyType(
+    {name: partial(_planner_policy, choice) for name, choice in PLANNERS.items()}
+    | {name: partial(_script_policy, name) for name in SCRIPTS}
+    | {"greedy": partial(AgentPolicy, greedy_agent, acts_by_skills=True), "bulldozer": Bulldozer}
+)
+"""The built-in policies without a random seed."""
+_RANDOM = {"random": False, "random-skills": True}
+"""The built-in policies with a random seed: whether they act by skills."""
+_GOAL_FAMILIES = ("reach", "pick")
+BUILT_IN = (*_FIXED, *_RANDOM)
+"""Names of the built-in policies."""
 
 
 def load_policy(name: str, seed: int) -> SuitePolicy:
     """A policy by its name.
 
     Args:
-        name: one of `BUILT_IN`, or "module:Class" of a class without arguments; modules are also looked for in the
-            current directory.
-        seed: of the built-in random policy.
+        name: one of `BUILT_IN`; the directory of a training run; or "module:Class" of a class without arguments;
+            modules are also looked for in the current directory.
+        seed: of the built-in random policies.
 
     Raises:
         LearningError: there is no such policy, or it lacks the methods of the protocol.
     """
-    if name in PLANNERS:
-        return ExpertPolicy(PLANNERS[name])
-    if name == "random":
-        return RandomPolicy(seed)
-    if name == "bulldozer":
-        return Bulldozer()
+    if name in _FIXED:
+        return _FIXED[name]()
+    if name in _RANDOM:
+        return _random_policy(_RANDOM[name], seed)
+    if (Path(name) / RUN_FILE).exists():
+        return _run_policy(Path(name))
     module, _, attribute = name.partition(":")
     if not attribute:
-        raise LearningError(f"no policy {name!r}; give module:Class, or one of {', '.join(BUILT_IN)}")
+        raise LearningError(
+            f"no policy {name!r}; give module:Class, the directory of a training run, or one of {', '.join(BUILT_IN)}"
+        )
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -149,3 +209,19 @@ def policy_grasps(policy: SuitePolicy) -> str:
     if grasps not in GRASPS:
         raise LearningError(f"a policy's grasps={grasps!r} are not valid; it may have {', '.join(GRASPS)}")
     return str(grasps)
+
+
+def acts_by_skills(policy: SuitePolicy) -> bool:
+    """Whether the policy plays the Skill environment of the scenes."""
+    return bool(getattr(policy, "acts_by_skills", False))
+
+
+def policy_families(name: str) -> tuple[str, ...]:
+    """The families of environments whose scenes a policy can play; of other people's policies all."""
+    every = ("retrieve", *_GOAL_FAMILIES)
+    if name in _GOAL_FAMILIES:
+        return (name,)
+    if (Path(name) / RUN_FILE).exists():
+        own = family(load_run(Path(name))["task"]["env_id"])
+        return ("retrieve" if own == "skill" else own,)
+    return ("retrieve",) if name in BUILT_IN and name != "random" else every

@@ -1,25 +1,28 @@
-"""The results of a comparison as a Markdown table and as a plot over the number of objects."""
+"""The results of a comparison as Markdown tables."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from clutter_env.learning.comparison.evaluation import Score
+from clutter_env.learning.comparison.strata import STRATA, stratum
 from clutter_env.reporting.statistics import NO_INTERVAL, Interval, bootstrap, success_interval
-from clutter_env.reporting.tables import markdown_table, number_text
+from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
+from clutter_env.suites import Floor
 
-__all__ = ["Row", "markdown", "plot", "summarise"]
+__all__ = ["Row", "StratumRate", "markdown", "markdown_by_floor", "summarise"]
 
-OFFSET = 0.3
-"""[objects] Horizontal distance between the points of two policies, so that none hides another."""
+
+class StratumRate(NamedTuple):
+    """Clean success on the scenes with one floor: number of scenes, and rate."""
+
+    scenes: int
+    clean: Interval
 
 
 @dataclass(frozen=True)
@@ -27,14 +30,17 @@ class Row:
     """One policy on one set of scenes: means with 95% intervals.
 
     Attributes:
-        scene_set: "o15", "reach", …; see `scene_set_name`.
+        scene_set: name of the scenes; see `SceneSet.name`.
         policy: its name.
         runs: number of training seeds.
         episodes: number of episodes of all runs.
-        success: share of the episodes with (clean) success; see `success_interval`.
+        clean: share of the episodes with success; see `Score.clean` and `success_interval`.
         lifted: share of the episodes whose target was lifted, whatever else moved; NaN for Reach and Pick.
-        moved: number of objects moved, over the scenes that the policy solved.
-        excess: `moved` minus the minimum number of clearances, over the solved scenes for which it is proved.
+        by_floor: clean success by stratum, see `strata.STRATA`; empty where no floors are known.
+        moved_per_floor: number of objects moved, divided by the minimum number of clearances, over the scenes that the
+            policy solved and whose proved minimum is at least 1.
+        disturbed, fallen: numbers of objects, over all episodes.
+        refused: number of skills refused by the motion layer, over all episodes.
         steps: of the environment.
         sim_s: simulated time [s].
         wall_s: wall time [s].
@@ -45,10 +51,13 @@ class Row:
     policy: str
     runs: int
     episodes: int
-    success: Interval
+    clean: Interval
     lifted: Interval
-    moved: Interval
-    excess: Interval
+    by_floor: Mapping[str, StratumRate]
+    moved_per_floor: Interval
+    disturbed: Interval
+    fallen: Interval
+    refused: Interval
     steps: Interval
     sim_s: Interval
     wall_s: Interval
@@ -56,7 +65,7 @@ class Row:
 
 
 def summarise(
-    scene_set: str, policy: str, runs: Sequence[Sequence[Score]], floors: Mapping[int, int | None], seed: int
+    scene_set: str, policy: str, runs: Sequence[Sequence[Score]], floors: Mapping[int, Floor], seed: int
 ) -> Row:
     """The row of one policy.
 
@@ -64,32 +73,56 @@ def summarise(
         scene_set: name of the scenes.
         policy: name of the policy.
         runs: its scores, one sequence per training seed.
-        floors: minimum number of clearances by seed of the scene, None where it is not proved.
+        floors: minimum number of clearances by seed of the scene, as far as known.
         seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
-    solved = [[score for score in run if score.is_success] for run in runs]
+
+    def mean(name: str) -> Interval:
+        """Of one attribute of the scores, over all episodes."""
+        return bootstrap([[float(getattr(score, name)) for score in run] for run in runs], rng)
+
     return Row(
         scene_set=scene_set,
         policy=policy,
         runs=len(runs),
         episodes=sum(len(run) for run in runs),
-        success=success_interval([[score.is_success for score in run] for run in runs], rng),
-        moved=bootstrap([[score.moved for score in run] for run in solved], rng),
-        excess=bootstrap([_excess(run, floors) for run in solved], rng),
-        steps=bootstrap([[score.steps for score in run] for run in runs], rng),
-        sim_s=bootstrap([[score.sim_s for score in run] for run in runs], rng),
-        wall_s=bootstrap([[score.wall_s for score in run] for run in runs], rng),
-        lifted=_lifted(scene_set, runs, rng),
-        failures=dict(Counter(score.failure for run in runs for score in run if not score.is_success)),
+        clean=_rate(runs, "clean", rng),
+        lifted=NO_INTERVAL if scene_set in ("reach", "pick") else _rate(runs, "lifted", rng),
+        by_floor=_by_floor(runs, floors, rng),
+        moved_per_floor=bootstrap([_moved_per_floor(run, floors) for run in runs], rng),
+        disturbed=mean("disturbed"),
+        fallen=mean("fallen"),
+        refused=mean("refused"),
+        steps=mean("steps"),
+        sim_s=mean("sim_s"),
+        wall_s=mean("wall_s"),
+        failures=dict(Counter(score.failure for run in runs for score in run if not score.clean)),
     )
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table. Steps are of the environment: skills where a policy acts by skills."""
-    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved", "moved - floor"]
-    head += ["steps", "sim s", "wall s", "failures"]
+    """The main table. Steps are of the environment: skills where a policy acts by skills."""
+    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved / floor", "disturbed", "fallen"]
+    head += ["refused", "steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
+
+
+def markdown_by_floor(rows: Sequence[Row]) -> str:
+    """Clean success by the minimum number of clearances, with the number of scenes; "" where no floors are known."""
+    known = [row for row in rows if row.by_floor]
+    strata = [name for name in STRATA if any(name in row.by_floor for row in known)]
+    if not known:
+        return ""
+    cells = [
+        [
+            row.scene_set,
+            row.policy,
+            *(_stratum_text(row.by_floor[name]) if name in row.by_floor else NOTHING for name in strata),
+        ]
+        for row in known
+    ]
+    return markdown_table(["scenes", "policy", *(f"floor {name}" for name in strata)], cells)
 
 
 def _cells(row: Row) -> list[str]:
@@ -98,10 +131,12 @@ def _cells(row: Row) -> list[str]:
         row.scene_set,
         row.policy,
         f"{row.runs} × {row.episodes // max(row.runs, 1)}",
-        str(row.success),
+        str(row.clean),
         str(row.lifted),
-        str(row.moved),
-        str(row.excess),
+        str(row.moved_per_floor),
+        number_text(row.disturbed.mean),
+        number_text(row.fallen.mean),
+        number_text(row.refused.mean),
         number_text(row.steps.mean, "{:.0f}"),
         number_text(row.sim_s.mean, "{:.1f}"),
         number_text(row.wall_s.mean, "{:.1f}"),
@@ -109,45 +144,27 @@ def _cells(row: Row) -> list[str]:
     ]
 
 
-def plot(rows: Sequence[Row], path: Path) -> None:
-    """Draw success and objects moved over the number of objects, with intervals; other sets of scenes are left out."""
-    counted = [row for row in rows if row.scene_set.startswith("o") and row.scene_set[1:].isdigit()]
-    if not counted:
-        return
-    figure = Figure(figsize=(10, 4.4), layout="constrained")
-    panels = figure.subplots(1, 2)
-    policies = list(dict.fromkeys(row.policy for row in counted))
-    for index, policy in enumerate(policies):
-        own = [row for row in counted if row.policy == policy]
-        numbers = np.array([int(row.scene_set[1:]) for row in own]) + OFFSET * (index - (len(policies) - 1) / 2)
-        _draw(panels[0], numbers, [row.success for row in own], policy, index)
-        _draw(panels[1], numbers, [row.moved for row in own], policy, index)
-    panels[0].set(title="clean success", ylim=(-0.03, 1.03))
-    panels[1].set(title="objects moved, on solved scenes")
-    panels[1].set_ylim(bottom=0)
-    for axes in panels:
-        axes.set_xlabel("objects on the table")
-        axes.set_xticks(sorted({int(row.scene_set[1:]) for row in counted}))
-        axes.grid(alpha=0.3)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9)
-    figure.savefig(path, dpi=120)
+def _stratum_text(rate: StratumRate) -> str:
+    return f"{rate.clean} of {rate.scenes}"
 
 
-def _draw(axes: Any, numbers: NDArray[np.float64], values: Sequence[Interval], label: str, index: int) -> None:
-    """Draw the points of one policy; there is none where it solved no scene."""
-    means, low, high = (np.array(column) for column in zip(*values, strict=True))
-    marker, colour = "osD^vPX"[index % 7], f"C{index % 10}"
-    lengths = np.maximum((means - low, high - means), 0.0)
-    axes.errorbar(numbers, means, yerr=lengths, marker=marker, color=colour, capsize=3, label=label)
+def _rate(runs: Sequence[Sequence[Score]], name: str, rng: np.random.Generator) -> Interval:
+    return success_interval([[bool(getattr(score, name)) for score in run] for run in runs], rng)
 
 
-def _lifted(scene_set: str, runs: Sequence[Sequence[Score]], rng: np.random.Generator) -> Interval:
-    """The share of targets lifted; lifting is not the task in Reach and Pick."""
-    if scene_set in ("reach", "pick"):
-        return NO_INTERVAL
-    return success_interval([[score.lifted for score in run] for run in runs], rng)
+def _by_floor(
+    runs: Sequence[Sequence[Score]], floors: Mapping[int, Floor], rng: np.random.Generator
+) -> dict[str, StratumRate]:
+    found = {}
+    for name in STRATA:
+        seeds = {seed for seed, floor in floors.items() if stratum(floor) == name}
+        own = [[score for score in run if score.seed in seeds] for run in runs]
+        if scenes := max(map(len, own), default=0):
+            found[name] = StratumRate(scenes, _rate(own, "clean", rng))
+    return found
 
 
-def _excess(run: Sequence[Score], floors: Mapping[int, int | None]) -> list[float]:
-    known = [(score.moved, floors.get(score.seed)) for score in run]
-    return [moved - floor for moved, floor in known if floor is not None]
+def _moved_per_floor(run: Sequence[Score], floors: Mapping[int, Floor]) -> list[float]:
+    """The quotient on every scene that was solved and whose floor is proved and at least 1."""
+    known = {seed: floor.count for seed, floor in floors.items() if floor.is_proved and floor.count}
+    return [score.moved / known[score.seed] for score in run if score.clean and score.seed in known]

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, load_model, training_env
 from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
@@ -29,15 +30,25 @@ def load_agent(directory: Path, env: gym.Env) -> Agent:
     algorithm = load_run(directory)["algorithm"]
     if algorithm in CLONERS:
         return Policy.load(directory / POLICY_FILE).act
-    return model_agent(algorithm, load_model(algorithm, directory, training_env(algorithm, env)), env)
+    imitation = Policy.load(directory / POLICY_FILE) if (directory / POLICY_FILE).exists() else None
+    model = load_model(algorithm, directory, training_env(algorithm, env, imitation))
+    return model_agent(algorithm, model, env, imitation)
 
 
-def model_agent(algorithm: str, model: Any, env: gym.Env) -> Agent:
+def model_agent(algorithm: str, model: Any, env: gym.Env, imitation: Policy | None = None) -> Agent:
     """A Stable-Baselines3 model as a policy in `env`: the most probable action, in the scale of the environment.
 
     Action masks exclude skills that have just failed, but not skills without a free grasp.
+
+    Args:
+        algorithm: that trained the model.
+        model: from observations of `training_env` to its actions.
+        env: where to act.
+        imitation: that the model corrects.
     """
     assert algorithm in ALGORITHMS
+    if imitation is not None:
+        return _corrected(model, training_env(algorithm, env, imitation), imitation)
     scaled = ScaledActions(env) if algorithm in GOAL_ALGORITHMS else None
 
     def act(observation: Any) -> Any:
@@ -48,5 +59,17 @@ def model_agent(algorithm: str, model: Any, env: gym.Env) -> Agent:
         else:
             action, _ = model.predict(observation, deterministic=True)
         return np.asarray(action) if scaled is None else scaled.action(action)
+
+    return act
+
+
+def _corrected(model: Any, env: gym.Env, imitation: Policy) -> Agent:
+    assert isinstance(env, CorrectedActions)
+
+    def act(observation: Any) -> Any:
+        """The imitation's action with the most probable correction."""
+        seen = corrected_observations(imitation, observation)
+        action, _ = model.predict(seen, deterministic=True)
+        return env.corrected(seen[-len(action) :], action)
 
     return act

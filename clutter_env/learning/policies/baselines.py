@@ -45,9 +45,11 @@ class Bulldozer:
 
     Attributes:
         env_keywords: keyword arguments with which an environment must be made for it.
+        grasps: it holds the gripper level.
     """
 
     env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
+    grasps = "side"
 
     def __init__(self) -> None:
         self._env: RetrieveEnv | None = None

@@ -39,9 +39,13 @@ class Policy(nn.Module):
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """The action (a,) for one observation."""
+        return self.act_on(feature_vector(observation))
+
+    def act_on(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions (..., a) for features (..., f)."""
         with torch.no_grad():
-            action = self(torch.from_numpy(feature_vector(observation))[None])[0]
-        return np.asarray(action.numpy(), np.float32)
+            actions = self(torch.from_numpy(features))
+        return np.asarray(actions.numpy(), np.float32)
 
     def save(self, path: Path) -> None:
         """Write shape and weights; the file is complete, or the old one stays.

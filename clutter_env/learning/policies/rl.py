@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +22,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from clutter_env.learning.errors import LearningError
+from clutter_env.learning.policies.corrections import CorrectedActions
+from clutter_env.learning.policies.critics import NormalisedSACPolicy, NormalisedTQCPolicy
 from clutter_env.learning.policies.features import (
     COS_YAW,
     NEAR_SCALES,
@@ -28,8 +32,10 @@ from clutter_env.learning.policies.features import (
     SIN_YAW,
     TCP_POSITION,
 )
+from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
+from clutter_env.learning.policies.symmetric import SymmetricReplayBuffer
 from clutter_env.reporting.json_file import write_atomically, write_json, written_atomically
 
 __all__ = [
@@ -74,9 +80,12 @@ class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
         return np.clip(action / self.scale, -1.0, 1.0)
 
 
-def training_env(name: str, env: gym.Env) -> gym.Env:
-    """The environment with the action scale of an algorithm."""
-    return ScaledActions(env) if name in GOAL_ALGORITHMS else env
+def training_env(name: str, env: gym.Env, imitation: Policy | None = None) -> gym.Env:
+    """The environment as a learner sees it: with the action scale of its algorithm, and the imitation it corrects."""
+    if name not in GOAL_ALGORITHMS:
+        return env
+    scaled = ScaledActions(env)
+    return scaled if imitation is None else CorrectedActions(env, imitation, scaled.scale)
 
 
 class GoalFeatures(BaseFeaturesExtractor):
@@ -116,8 +125,8 @@ def make_model(
         env: where it will learn.
         seed: random seed.
         log: directory for TensorBoard.
-        has_demonstrations: whether SAC or TQC stays close to demonstrations, and therefore explores little. Without
-            demonstrations it explores more, and its learning rate falls so that the policy converges.
+        has_demonstrations: whether SAC or TQC corrects an imitation, in an environment with `CorrectedActions`. Then
+            its actor starts as the imitation and explores little, and half of its data will be demonstrations.
 
     Raises:
         LearningError: no such algorithm; the message lists the known ones.
@@ -130,8 +139,14 @@ def make_model(
         "device": "cpu",
         "tensorboard_log": None if log is None else str(log),
     }
-    settings = _off_policy(has_demonstrations) if name in GOAL_ALGORITHMS else _on_policy(name)
-    return ALGORITHMS[name](**settings, **common)
+    if name not in GOAL_ALGORITHMS:
+        return ALGORITHMS[name](**_on_policy(name), **common)
+    if not has_demonstrations:
+        return ALGORITHMS[name](**_OFF_POLICY, **common)
+    policy = NormalisedSACPolicy if name == "sac" else NormalisedTQCPolicy
+    model = ALGORITHMS[name](policy, replay_buffer_class=SymmetricReplayBuffer, **_CORRECTING, **common)
+    _begin_with_small_corrections(model.policy.actor)
+    return model
 
 
 def save_model(model: BaseAlgorithm, directory: Path) -> None:
@@ -165,11 +180,20 @@ def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = Fal
 
 
 class Checkpoints(BaseCallback):
-    """Evaluates and saves the model at regular intervals; continues the history of an interrupted run."""
+    """Evaluates and saves the model at regular intervals; continues the history of an interrupted run.
 
-    def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
+    Both happen within `in_place`, which may put other weights in the model meanwhile.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        every: int,
+        evaluate: Callable[[BaseAlgorithm], Mapping[str, float]],
+        in_place: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
         super().__init__()
-        self._directory, self._every, self._evaluate = directory, every, evaluate
+        self._directory, self._every, self._evaluate, self._in_place = directory, every, evaluate, in_place
         self._next = every
         path = directory / HISTORY_FILE
         self.history: list[dict[str, float]] = json.loads(path.read_text()) if path.exists() else []
@@ -180,10 +204,11 @@ class Checkpoints(BaseCallback):
     def _on_step(self) -> bool:
         if self.num_timesteps >= self._next:
             self._next += self._every
-            self.history.append({"steps": self.num_timesteps, **self._evaluate(self.model)})
+            with self._in_place():
+                self.history.append({"steps": self.num_timesteps, **self._evaluate(self.model)})
+                save_model(self.model, self._directory)
             for name, value in self.history[-1].items():
                 self.logger.record(f"held_out/{name}", value)
-            save_model(self.model, self._directory)
             write_json(self._directory / HISTORY_FILE, self.history)
         return True
 
@@ -193,13 +218,13 @@ def _falling_rate(share_left: float) -> float:
     return 1e-3 * (0.1 + 0.9 * share_left)
 
 
-def _off_policy(has_demonstrations: bool) -> dict[str, Any]:
-    return {
+_OFF_POLICY: Mapping[str, Any] = MappingProxyType(
+    {
         "policy": "MultiInputPolicy",
         "replay_buffer_class": HerReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
-        "learning_rate": 1e-3 if has_demonstrations else _falling_rate,
-        "ent_coef": "auto_0.1" if has_demonstrations else "auto",
+        "learning_rate": _falling_rate,
+        "ent_coef": "auto",
         "batch_size": 256,
         "gamma": 0.95,
         "tau": 0.02,
@@ -207,6 +232,31 @@ def _off_policy(has_demonstrations: bool) -> dict[str, Any]:
         "buffer_size": 300_000,
         "policy_kwargs": {"net_arch": [128, 128], "features_extractor_class": GoalFeatures},
     }
+)
+"""SAC and TQC from rewards alone, with hindsight."""
+_CORRECTING: Mapping[str, Any] = MappingProxyType(
+    {
+        "learning_rate": 3e-4,
+        "ent_coef": "auto_0.05",
+        "batch_size": 256,
+        "gamma": 0.98,
+        "tau": 0.01,
+        "learning_starts": 500,
+        "gradient_steps": 2,
+        "buffer_size": 60_000,
+        "policy_kwargs": {"net_arch": [128, 128]},
+    }
+)
+"""SAC and TQC that correct an imitation."""
+_FIRST_DEVIATION = 0.3
+"""Initial standard deviation of corrections, before tanh squashes them into [-1, 1]."""
+
+
+def _begin_with_small_corrections(actor: Any) -> None:
+    """Start with the imitation itself, and small deviations from it."""
+    for layer, bias in ((actor.mu, 0.0), (actor.log_std, math.log(_FIRST_DEVIATION))):
+        torch.nn.init.zeros_(layer.weight)
+        torch.nn.init.constant_(layer.bias, bias)
 
 
 def _on_policy(name: str) -> dict[str, Any]:

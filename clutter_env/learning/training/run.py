@@ -25,7 +25,7 @@ __all__ = ["LEARNERS", "Run"]
 LEARNERS = (*GOAL_ALGORITHMS, *SKILL_ALGORITHMS, *CLONERS)
 _FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        **dict.fromkeys(GOAL_ALGORITHMS, ("reach", "pick")),
+        **dict.fromkeys(GOAL_ALGORITHMS, ("reach", "pick", "retrieve")),
         **dict.fromkeys(SKILL_ALGORITHMS, ("skill",)),
         **dict.fromkeys(CLONERS, ("retrieve", "reach", "pick")),
     }
@@ -43,9 +43,10 @@ class Run:
         steps: of the environment; gradient steps of "bc"; gradient steps of each round of "dagger".
         directory: of the run.
         seed: random seed.
-        demonstrations: dataset, needed by "bc" and "dagger"; "sac" and "tqc" put it in their replay buffer.
+        demonstrations: dataset, needed by "bc" and "dagger"; "sac" and "tqc" imitate it and correct the imitation; they
+            need it on Retrieve.
         episodes: of the dataset to use; None for all.
-        imitation_steps: gradient steps for which the actor of "sac" and "tqc" first imitates the demonstrations.
+        imitation_steps: gradient steps of the imitation that "sac" and "tqc" correct.
         rounds: of "dagger".
         round_episodes: episodes of the learner in each round of "dagger".
         expert: that corrects the learner in "dagger"; "" for the one of the demonstrations.
@@ -86,6 +87,10 @@ class Run:
             raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}")
         if self.algorithm in CLONERS and self.demonstrations is None:
             raise LearningError(f"{self.algorithm} needs demonstrations; make some with `clutter-env collect`")
+        if self.algorithm in GOAL_ALGORITHMS and self.task.family == "retrieve" and self.demonstrations is None:
+            raise LearningError(
+                f"{self.algorithm} needs demonstrations on Retrieve; make some with `clutter-env collect`"
+            )
         if min(self.steps, self.checkpoint_every, self.evaluation_episodes) < 1:
             raise LearningError("steps, checkpoint_every and evaluation_episodes must be at least 1")
         if (self.directory / RUN_FILE).exists():

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import torch
-from sb3_contrib import TQC
-from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from torch.utils.tensorboard import SummaryWriter
 
@@ -20,6 +19,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.experts import make_expert
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.agents import POLICY_FILE, model_agent
+from clutter_env.learning.policies.corrections import CorrectedActions
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import (
     HISTORY_FILE,
@@ -29,15 +29,18 @@ from clutter_env.learning.policies.rl import (
     save_model,
     training_env,
 )
-from clutter_env.learning.policies.runs import CLONERS
+from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS
+from clutter_env.learning.training.averaging import AveragedActor
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of
+from clutter_env.learning.training.critics_first import CriticsFirst
 from clutter_env.learning.training.dagger import DaggerConfig, dagger
-from clutter_env.learning.training.imitation import BCRegularisation, Imitation, add_demonstrations
 from clutter_env.learning.training.run import Run
 from clutter_env.reporting.json_file import write_json
 
 __all__ = ["Trained", "train"]
 
+CRITICS_ALONE = 2000
+"""Steps of the environment during which a learner that corrects an imitation keeps to the imitation."""
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""
 
@@ -78,43 +81,46 @@ def train(run: Run, resume: bool = False) -> Trained:
 
 def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     """Stable-Baselines3, with checkpoints."""
-    env = training_env(run.algorithm, run.task.make())
-    evaluation_env = run.task.make()
     is_resumed = resume and (run.directory / "model.zip").exists()
+    evaluation_env = run.task.make()
+    episodes = [] if run.demonstrations is None else _episodes(run)
+    imitation = _imitation(run, episodes, evaluation_env, is_resumed) if episodes else None
+    env = training_env(run.algorithm, run.task.make(), imitation)
     if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
         model.tensorboard_log = str(run.directory)
     else:
-        has_demonstrations = run.demonstrations is not None
-        model = make_model(run.algorithm, env, run.seed, run.directory, has_demonstrations)
-    callbacks: list[BaseCallback] = []
-    if run.demonstrations is not None and isinstance(model, SAC | TQC):
-        callbacks.append(_use_demonstrations(run, model, env, is_new=not is_resumed))
+        model = make_model(run.algorithm, env, run.seed, run.directory, imitation is not None)
+        if isinstance(env, CorrectedActions):
+            model.replay_buffer.keep(env, episodes)
 
     def evaluate(model: Any) -> dict[str, float]:
         """Success at a checkpoint."""
-        return {"success": _success(run, evaluation_env, model_agent(run.algorithm, model, evaluation_env))}
+        return {"success": _success(run, evaluation_env, model_agent(run.algorithm, model, evaluation_env, imitation))}
 
-    checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate)
+    averaged = AveragedActor() if run.algorithm in GOAL_ALGORITHMS else None
+    in_place = nullcontext if averaged is None else averaged.in_place
+    checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate, in_place)
+    callbacks: list[BaseCallback] = [] if imitation is None else [CriticsFirst(CRITICS_ALONE)]
+    callbacks += [checkpoints] if averaged is None else [averaged, checkpoints]
     left = run.steps - model.num_timesteps
     if left > 0:
-        model.learn(
-            left, callback=CallbackList([*callbacks, checkpoints]), reset_num_timesteps=False, tb_log_name="tensorboard"
-        )
-        save_model(model, run.directory)
+        model.learn(left, callback=CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="tensorboard")
+        with in_place():
+            save_model(model, run.directory)
     env.close()
     evaluation_env.close()
     return checkpoints.history
 
 
-def _use_demonstrations(run: Run, model: SAC | TQC, env: gym.Env, is_new: bool) -> BCRegularisation:
-    """Add the demonstrations to a new model's replay buffer, and let its actor imitate them first."""
-    episodes = _episodes(run)
-    imitation = Imitation(model, env, episodes)
-    if is_new:
-        add_demonstrations(model, env, episodes)
-        imitation.begin(run.imitation_steps)
-    return BCRegularisation(imitation, run.steps)
+def _imitation(run: Run, episodes: Sequence[Episode], env: gym.Env, is_resumed: bool) -> Policy:
+    """The clone of the demonstrations that is corrected; its success begins the history."""
+    if is_resumed:
+        return Policy.load(run.directory / POLICY_FILE)
+    imitation = clone(examples_of(episodes), CloneConfig(steps=run.imitation_steps, seed=run.seed))
+    imitation.save(run.directory / POLICY_FILE)
+    write_json(run.directory / HISTORY_FILE, [{"steps": 0, "success": _success(run, env, imitation.act)}])
+    return imitation
 
 
 def _clone(run: Run) -> list[dict[str, float]]:

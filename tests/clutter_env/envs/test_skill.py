@@ -11,7 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import clutter_env
-from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv, is_as_placed
+from clutter_env.envs.judge import is_as_placed
+from clutter_env.envs.skill import BODY_FIELDS, FEASIBILITIES, SIMULATIONS, SKILL_COST, SkillEnv
 from clutter_env.errors import ActionError, ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from planners.scene import Body
@@ -206,6 +207,49 @@ def test_lying_cylinders_have_not_fallen(simulation: str) -> None:
 def test_a_lying_cylinder_that_stands_up_has_fallen() -> None:
     body = Body("object_00", "cylinder", (0.025, 0.025, 0.07), (0.0, 0.0, TABLE_HEIGHT + 0.07), (1.0, 0.0, 0.0, 0.0))
     lying = body.at((0.0, 0.0, TABLE_HEIGHT + 0.025), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
-    assert (is_as_placed(body, is_lying=False), is_as_placed(lying, is_lying=True)) == (True, True)
-    assert (is_as_placed(body, is_lying=True), is_as_placed(lying, is_lying=False)) == (False, False)
-    assert not is_as_placed(lying.at((0.0, 0.0, 0.025)), is_lying=True), "it lies on the floor"
+    assert (placed(body, is_lying=False), placed(lying, is_lying=True)) == (True, True)
+    assert (placed(body, is_lying=True), placed(lying, is_lying=False)) == (False, False)
+    assert not placed(lying.at((0.0, 0.0, 0.025)), is_lying=True), "it lies on the floor"
+
+
+def placed(body: Body, is_lying: bool) -> bool:
+    return is_as_placed(body.quaternion, body.bottom, is_lying)
+
+
+def test_refused_skills_are_counted(kinematic: SkillEnv) -> None:
+    _, info = kinematic.reset(seed=BLOCKED_SEED)
+    assert info["num_refused"] == 0
+    *_, info = kinematic.step(10 * DIRECTIONS)
+    assert (info["failure"], info["num_refused"], info["num_disturbed"]) == ("blocked", 1, 0)
+    *_, info = kinematic.step(free_clearance(kinematic))
+    assert (info["failure"], info["num_refused"]) == ("", 1)
+
+
+def test_without_the_oracle_a_blocked_attempt_spoils_the_episode_on_the_kinematic_model() -> None:
+    env = SkillEnv(simulation="kinematic", num_objects=10, feasibility="none")
+    env.reset(seed=BLOCKED_SEED)
+    _, reward, is_over, _, info = env.step(10 * DIRECTIONS)
+    assert is_over
+    assert reward == -SKILL_COST
+    assert (info["failure"], info["num_refused"], info["is_success"]) == ("collision", 0, False)
+    assert info["num_disturbed"] >= 1
+
+
+def test_without_the_oracle_the_robot_pushes_what_is_in_the_way() -> None:
+    env = SkillEnv(simulation="physics", num_objects=10, feasibility="none")
+    env.reset(seed=BLOCKED_SEED)
+    before = env.physics_env.measurements.poses[:, :2].copy()
+    *_, info = env.step(10 * DIRECTIONS)
+    shifted = np.linalg.norm(env.physics_env.measurements.poses[:, :2] - before, axis=1)
+    shifted[env.physics_env.target_slot] = 0.0
+    assert shifted.max() > 0.02
+    assert info["num_refused"] == 0
+    assert not info["is_success"]
+
+
+def test_free_skills_do_not_depend_on_the_oracle() -> None:
+    for feasibility in FEASIBILITIES:
+        env = SkillEnv(simulation="kinematic", num_objects=10, feasibility=feasibility)
+        env.reset(seed=0)
+        *_, info = env.step(10 * DIRECTIONS)
+        assert info["is_success"]

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutter_env.learning.comparison.evaluation import play_expert
+from clutter_env.learning.comparison.evaluation import play_scene
+from clutter_env.learning.comparison.scene_sets import SeededScene
+from clutter_env.learning.comparison.suite_policies import load_policy
 from clutter_env.learning.demonstrations.collect import Outcome, collect
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import Episode, record, replay
@@ -63,8 +65,7 @@ def outcome_of(seed: int) -> Outcome:
 
 def test_the_script_retrieves() -> None:
     env = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"}).make()
-    score = play_expert(env, make_expert(env, "scripted"), seed=0)
-    assert score.is_success
+    assert play_scene(SeededScene("clutter_env/Retrieve-o1-v0", {}, 0), env, load_policy("scripted", 0)).clean
     with pytest.raises(UnknownExpert, match="ee"):
         make_expert(Task("clutter_env/Retrieve-o1-v0").make(), "scripted")
     with pytest.raises(UnknownExpert, match="Retrieve"):

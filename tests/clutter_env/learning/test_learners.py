@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,9 +63,13 @@ def test_reinforcement_learns_saves_and_resumes(algorithm: str, task: Task, tmp_
     assert load_run(tmp_path / "run")["algorithm"] == algorithm
 
 
-def test_tqc_takes_demonstrations_into_its_buffer(demos: Path, tmp_path: Path) -> None:
-    train(run(PICK, "tqc", 150, tmp_path / "run", demonstrations=demos, imitation_steps=50))
-    assert (tmp_path / "run" / "replay_buffer.pkl").exists()
+def test_tqc_corrects_an_imitation_and_resumes(demos: Path, tmp_path: Path) -> None:
+    task = run(PICK, "tqc", 150, tmp_path / "run", demonstrations=demos, imitation_steps=50)
+    history = train(task).history
+    assert [entry["steps"] for entry in history] == [0, 150]
+    train(replace(task, steps=160), resume=True)
+    env = PICK.make()
+    assert play(env, load_agent(tmp_path / "run", env), held_out_seeds(1)[0]).steps == 100
 
 
 def test_cloning_and_dagger_act(demos: Path, tmp_path: Path) -> None:

@@ -1,0 +1,124 @@
+"""Learners that correct an imitation: their environment, their buffer, their critics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+from clutter_env.learning.demonstrations.episode import record  # noqa: E402
+from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
+from clutter_env.learning.errors import LearningError  # noqa: E402
+from clutter_env.learning.policies.agents import model_agent  # noqa: E402
+from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations  # noqa: E402
+from clutter_env.learning.policies.features import feature_vector  # noqa: E402
+from clutter_env.learning.policies.policy import Policy  # noqa: E402
+from clutter_env.learning.policies.rl import make_model, training_env  # noqa: E402
+from clutter_env.learning.task import Task  # noqa: E402
+from clutter_env.learning.training.averaging import AveragedActor  # noqa: E402
+from clutter_env.learning.training.critics_first import CriticsFirst  # noqa: E402
+from clutter_env.learning.training.run import Run  # noqa: E402
+
+PICK = Task("clutter_env/Pick-v0")
+
+
+@pytest.fixture(scope="module")
+def corrected() -> CorrectedActions:
+    """Pick with an imitation that has learned nothing."""
+    env = PICK.make()
+    observation, _ = env.reset(seed=0)
+    torch.manual_seed(0)
+    made = training_env("sac", env, Policy(feature_vector(observation).size, 10, 8))
+    assert isinstance(made, CorrectedActions)
+    return made
+
+
+def test_no_correction_is_the_imitation(corrected: CorrectedActions) -> None:
+    seen, _ = corrected.reset(seed=0)
+    assert corrected.observation_space.contains(seen)
+    plain = PICK.make()
+    observation, _ = plain.reset(seed=0)
+    assert np.array_equal(seen, corrected_observations(corrected.imitation, observation))
+    for _ in range(3):
+        seen, reward, *_ = corrected.step(np.zeros(10))
+        observation, other, *_ = plain.step(corrected.imitation.act(observation))
+        assert np.allclose(seen, corrected_observations(corrected.imitation, observation), atol=1e-6)
+        assert reward == other
+
+
+def test_corrections_are_undone_as_far_as_they_reach(corrected: CorrectedActions) -> None:
+    imitated, action = np.linspace(-0.5, 0.5, 10), np.linspace(1, -1, 10)
+    assert np.allclose(corrected.corrections(imitated, corrected.corrected(imitated, action)), action, atol=1e-4)
+    assert np.abs(corrected.corrections(imitated, imitated + 9.0)).max() == 1.0
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
+def test_a_new_learner_acts_as_its_imitation_with_normalised_critics(
+    corrected: CorrectedActions, algorithm: str
+) -> None:
+    model = make_model(algorithm, corrected, 0, has_demonstrations=True)
+    observation, _ = PICK.make().reset(seed=1)
+    act = model_agent(algorithm, model, PICK.make(), corrected.imitation)
+    assert np.allclose(act(observation), corrected.imitation.act(observation), atol=1e-6)
+    for network in model.critic.q_networks:
+        kinds = [type(layer).__name__ for layer in network]
+        assert kinds == ["Linear", "LayerNorm", "ReLU", "Linear", "LayerNorm", "ReLU", "Linear"]
+    moved = {id(weight) for group in model.critic.optimizer.param_groups for weight in group["params"]}
+    assert {id(weight) for weight in model.critic.parameters()} == moved
+
+
+def test_half_of_every_batch_are_demonstrations(corrected: CorrectedActions) -> None:
+    env = PICK.make()
+    episode = record(PICK, env, make_expert(env), seed=3)
+    buffer = make_model("sac", corrected, 0, has_demonstrations=True).replay_buffer
+    seen, _ = corrected.reset(seed=0)
+    buffer.add(seen, seen, np.zeros(10), np.array([7.0]), np.array([False]), [{}])
+    assert (buffer.sample(10).rewards == 7.0).all()
+    assert buffer.keep(corrected, [episode]) == len(episode)
+    batch = buffer.sample(10)
+    assert (batch.rewards == 7.0).sum() == 5
+    assert batch.observations.shape == (10, seen.size)
+    shown = buffer.demonstrations
+    assert not shown.dones.sum() - shown.timeouts.sum(), "an episode of Pick ends by its time limit"
+
+
+def test_learning_retrieve_from_rewards_needs_demonstrations(tmp_path: Path) -> None:
+    run = Run(Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"}), "sac", 10, tmp_path / "run")
+    with pytest.raises(LearningError, match="clutter-env collect"):
+        run.check()
+
+
+def test_the_average_of_the_weights_is_in_place_for_a_while() -> None:
+    model = make_model("sac", PICK.make(), 0)
+    averaged = AveragedActor()
+    averaged.init_callback(model)
+    weight = model.policy.actor.mu.bias
+    with torch.no_grad():
+        weight.fill_(0.0)
+    averaged.on_training_start({}, {})
+    for value in (1.0, 3.0):
+        with torch.no_grad():
+            weight.fill_(value)
+        averaged.on_step()
+    with averaged.in_place():
+        assert torch.allclose(weight, torch.full_like(weight, 2.0))
+    assert (weight == 3.0).all()
+
+
+def test_the_critics_learn_alone_at_first() -> None:
+    model = make_model("sac", PICK.make(), 0)
+    first = CriticsFirst(10)
+    first.init_callback(model)
+    first.on_training_start({}, {})
+    weight = model.policy.actor.mu.bias
+    before = weight.detach().clone()
+    for steps, stays in ((10, True), (11, False)):
+        model.num_timesteps = steps
+        with torch.no_grad():
+            weight.fill_(7.0)
+        first.on_step()
+        assert torch.equal(weight, before) == stays
