@@ -1,4 +1,4 @@
-"""What things are: robots, furniture, PDDL text. Imports nothing else of the project."""
+"""What things are: robots, furniture, PDDL text, trained weights. Imports nothing else of the project."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def path(relative: str) -> Path:
     """
     file = _ROOT / relative
     if not file.is_file():
-        suffixes = {".xml", ".pddl", ".json"}
+        suffixes = {".xml", ".pddl", ".json", ".npz"}
         known = sorted(str(f.relative_to(_ROOT)) for f in _ROOT.rglob("*") if f.suffix in suffixes)
         raise FileNotFoundError(f"no asset {relative!r}; known assets: {', '.join(known)}")
     return file

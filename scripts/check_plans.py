@@ -1,6 +1,6 @@
-"""Run `clutter_env.cli.check_plans`."""
+"""Run `clutter_env.cli.checks.check_plans`."""
 
-from clutter_env.cli.check_plans import main
+from clutter_env.cli.checks.check_plans import main
 
 if __name__ == "__main__":
     main()

@@ -1,6 +1,6 @@
 """The same as `clutter-env motion_benchmark`."""
 
-from clutter_env.cli.motion_benchmark import main
+from clutter_env.cli.checks.motion_benchmark import main
 
 if __name__ == "__main__":
     main()

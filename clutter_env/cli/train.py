@@ -3,6 +3,8 @@
 clutter-env train --env clutter_env/Reach-v0 --algorithm sac --steps 30000
 clutter-env train --env clutter_env/Skill-o10-v0 --algorithm maskable_ppo --steps 30000 --seeds 3 --workers 2
 clutter-env train --env clutter_env/Pick-v0 --algorithm bc --steps 10000 --demos outputs/demos/pick
+clutter-env train --env clutter_env/Retrieve-o15-v0 --algorithm keyframes --steps 4000 --demos outputs/demos/o15
+clutter-env train --env clutter_env/Retrieve-o15-v0 --obstructed --algorithm decisions_dagger --steps 3000
 """
 
 from __future__ import annotations
@@ -25,10 +27,24 @@ class Arguments:
 
     env: str = "clutter_env/Reach-v0"
     """Environment id."""
-    algorithm: Literal["sac", "tqc", "ppo", "maskable_ppo", "bc", "dagger"] = "sac"
-    """SAC and TQC (with hindsight) for Reach and Pick, PPO and MaskablePPO for Skill, BC and DAgger for all others."""
+    algorithm: Literal[
+        "sac",
+        "tqc",
+        "ppo",
+        "maskable_ppo",
+        "bc",
+        "dagger",
+        "keyframes",
+        "chunks",
+        "flow",
+        "decisions",
+        "decisions_dagger",
+    ] = "sac"
+    """SAC and TQC (with hindsight) for Reach and Pick, PPO and MaskablePPO for Skill, BC and DAgger for all others. For
+    Retrieve: keyframes, chunks and flow clone motions; decisions, and with DAgger, learn what to take and where to put
+    it."""
     steps: int = 30_000
-    """Steps of the environment; gradient steps of bc, and of each round of dagger."""
+    """Steps of the environment; gradient steps of those that clone and of decisions, and of each round of dagger."""
     seed: int = 0
     """Random seed; the first one of several."""
     seeds: int = 1
@@ -40,9 +56,9 @@ class Arguments:
     out: Path | None = None
     """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
     demos: Path | None = None
-    """Dataset of `clutter-env collect`: cloned by bc and dagger; sac and tqc correct the clone."""
+    """Dataset of `clutter-env collect`: cloned by those that clone; sac and tqc correct the clone."""
     demo_episodes: int | None = None
-    """How many of its episodes to use; all by default."""
+    """How many of its episodes to use; all by default. Scenes from which decisions collects examples."""
     imitation_steps: int = 10_000
     """Gradient steps of the imitation of the demonstrations that sac and tqc correct."""
     control_mode: Literal["joint", "ee", ""] = ""
@@ -57,10 +73,14 @@ class Arguments:
     """Learn on scenes whose target no side grasp reaches without moving something."""
     feasibility: Literal["oracle", "none"] = "oracle"
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
+    layout: str = ""
+    """Table and surroundings, for decisions; empty for the environment's own."""
+    grasps: Literal["side", "tilted", "top", "all"] = "side"
+    """Grasps that decisions are made among."""
     rounds: int = 5
-    """Rounds of dagger."""
+    """Rounds of dagger and of decisions_dagger."""
     round_episodes: int = 10
-    """Episodes of the learner in each round of dagger."""
+    """Episodes of the learner in each round."""
     expert: str = ""
     """Expert that corrects the learner in dagger; empty for the one of the demonstrations."""
     checkpoint_every: int = 5000
@@ -98,7 +118,7 @@ def make_run(arguments: Arguments) -> Run:
     from clutter_env.learning.task import Task
     from clutter_env.learning.training.run import Run
 
-    chosen = {name: getattr(arguments, name) for name in ("control_mode", "reward_mode", "obstructed")}
+    chosen = {name: getattr(arguments, name) for name in ("control_mode", "reward_mode", "obstructed", "layout")}
     keywords: dict[str, Any] = {name: value for name, value in chosen.items() if value}
     if "/Skill" in arguments.env:
         keywords |= {name: getattr(arguments, name) for name in ("simulation", "geometric_mask", "feasibility")}
@@ -120,6 +140,7 @@ def make_run(arguments: Arguments) -> Run:
         checkpoint_every=arguments.checkpoint_every,
         evaluation_episodes=arguments.evaluation_episodes,
         evaluation_steps=arguments.evaluation_steps,
+        grasps=arguments.grasps,
     )
 
 

@@ -147,7 +147,14 @@ _FIXED: Mapping[str, Callable[[], SuitePolicy]] = MappingProxyType(
 _RANDOM = {"random": False, "random-skills": True}
 """The built-in policies with a random seed: whether they act by skills."""
 _GOAL_FAMILIES = ("reach", "pick")
-BUILT_IN = (*_FIXED, *_RANDOM)
+_LEARNED = {
+    "keyframes": "clutter_env.learning.comparison.learned_policies:keyframes",
+    "planned-decisions": "clutter_env.learning.comparison.learned_policies:planned_decisions",
+    "planned-motions": "clutter_env.learning.comparison.decision_policies:side",
+}
+"""Where the trained policies are, which need torch: learned decisions and motions, the expert's decisions and learned
+motions, learned decisions and the planner's motions."""
+BUILT_IN = (*_FIXED, *_LEARNED, *_RANDOM)
 """Names of the built-in policies."""
 
 
@@ -168,7 +175,7 @@ def load_policy(name: str, seed: int) -> SuitePolicy:
         return _random_policy(_RANDOM[name], seed)
     if (Path(name) / RUN_FILE).exists():
         return _run_policy(Path(name))
-    module, _, attribute = name.partition(":")
+    module, _, attribute = _LEARNED.get(name, name).partition(":")
     if not attribute:
         raise LearningError(
             f"no policy {name!r}; give module:Class, the directory of a training run, or one of {', '.join(BUILT_IN)}"

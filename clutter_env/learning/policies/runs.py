@@ -9,7 +9,17 @@ from typing import Any
 
 from clutter_env.learning.errors import LearningError
 
-__all__ = ["CLONERS", "GOAL_ALGORITHMS", "RUN_FILE", "SKILL_ALGORITHMS", "differences", "load_run"]
+__all__ = [
+    "CLONERS",
+    "DECISION_LEARNERS",
+    "GOAL_ALGORITHMS",
+    "MOVER_FILE",
+    "MOVER_LEARNERS",
+    "RUN_FILE",
+    "SKILL_ALGORITHMS",
+    "differences",
+    "load_run",
+]
 
 RUN_FILE = "run.json"
 GOAL_ALGORITHMS = ("sac", "tqc")
@@ -18,6 +28,12 @@ SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
 """Learn the Skill environments from rewards."""
 CLONERS = ("bc", "dagger")
 """Learn from an expert."""
+MOVER_LEARNERS = ("keyframes", "chunks", "flow")
+"""Learn from demonstrations how contacts are brought about."""
+MOVER_FILE = "mover.npz"
+"""Their weights, in the directory of a run."""
+DECISION_LEARNERS = ("decisions", "decisions_dagger")
+"""Learn from the planner's geometry what to take next and from where, and where to put it."""
 
 
 def load_run(directory: Path) -> dict[str, Any]:

@@ -11,7 +11,9 @@ from typing import Any
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.runs import (
     CLONERS,
+    DECISION_LEARNERS,
     GOAL_ALGORITHMS,
+    MOVER_LEARNERS,
     RUN_FILE,
     SKILL_ALGORITHMS,
     differences,
@@ -19,15 +21,18 @@ from clutter_env.learning.policies.runs import (
 )
 from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import json_values, write_json
+from planners.grasping.families import find_grasp_set
 
 __all__ = ["LEARNERS", "Run"]
 
-LEARNERS = (*GOAL_ALGORITHMS, *SKILL_ALGORITHMS, *CLONERS)
+LEARNERS = (*GOAL_ALGORITHMS, *SKILL_ALGORITHMS, *CLONERS, *MOVER_LEARNERS, *DECISION_LEARNERS)
 _FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         **dict.fromkeys(GOAL_ALGORITHMS, ("reach", "pick", "retrieve")),
         **dict.fromkeys(SKILL_ALGORITHMS, ("skill",)),
         **dict.fromkeys(CLONERS, ("retrieve", "reach", "pick")),
+        **dict.fromkeys(MOVER_LEARNERS, ("retrieve",)),
+        **dict.fromkeys(DECISION_LEARNERS, ("retrieve",)),
     }
 )
 """The families of environments that each algorithm learns on."""
@@ -40,19 +45,20 @@ class Run:
     Attributes:
         task: environment and keyword arguments.
         algorithm: one of `LEARNERS`.
-        steps: of the environment; gradient steps of "bc"; gradient steps of each round of "dagger".
+        steps: of the environment; gradient steps of those that clone and of "decisions", and of each round of "dagger".
         directory: of the run.
         seed: random seed.
-        demonstrations: dataset, needed by "bc" and "dagger"; "sac" and "tqc" imitate it and correct the imitation; they
+        demonstrations: dataset, needed by all that clone; "sac" and "tqc" imitate it and correct the imitation; they
             need it on Retrieve.
-        episodes: of the dataset to use; None for all.
+        episodes: of the dataset to use; None for all. Scenes from which "decisions" collects its examples.
         imitation_steps: gradient steps of the imitation that "sac" and "tqc" correct.
-        rounds: of "dagger".
-        round_episodes: episodes of the learner in each round of "dagger".
+        rounds: of "dagger" and "decisions_dagger".
+        round_episodes: episodes of the learner in each of these rounds.
         expert: that corrects the learner in "dagger"; "" for the one of the demonstrations.
         checkpoint_every: steps between checkpoints. Cloning has one at its end, DAgger one after every round.
         evaluation_episodes: held-out scenes played at every checkpoint.
         evaluation_steps: after which each of them is cut off.
+        grasps: name of the grasp set that decisions are made among.
     """
 
     task: Task
@@ -69,23 +75,26 @@ class Run:
     checkpoint_every: int = 5000
     evaluation_episodes: int = 20
     evaluation_steps: int = 600
+    grasps: str = "side"
 
     def check(self, resume: bool = False) -> None:
         """Make sure that the run can be started, or resumed; nothing is written.
 
         Raises:
             UnknownTask: no such environment, or not with these keyword arguments.
+            UnknownGraspSet: no grasp set of that name.
             LearningError: the algorithm does not learn on this task or lacks demonstrations; a number is too small;
                 the directory holds a run, and it is not to be resumed or is another one (the message names what
                 differs).
         """
         self.task.make().close()
+        find_grasp_set(self.grasps)
         if self.algorithm not in LEARNERS:
             raise LearningError(f"no algorithm {self.algorithm!r}; known ones: {', '.join(LEARNERS)}")
         if self.task.family not in _FAMILIES[self.algorithm]:
             fitting = ", ".join(name for name in LEARNERS if self.task.family in _FAMILIES[name])
             raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}")
-        if self.algorithm in CLONERS and self.demonstrations is None:
+        if self.algorithm in (*CLONERS, *MOVER_LEARNERS) and self.demonstrations is None:
             raise LearningError(f"{self.algorithm} needs demonstrations; make some with `clutter-env collect`")
         if self.algorithm in GOAL_ALGORITHMS and self.task.family == "retrieve" and self.demonstrations is None:
             raise LearningError(
@@ -122,6 +131,7 @@ class Run:
             "expert": self.expert,
             "evaluation_episodes": self.evaluation_episodes,
             "evaluation_steps": self.evaluation_steps,
+            "grasps": self.grasps,
         }
         record = {"algorithm": self.algorithm, "task": self.task, "steps": self.steps, "seed": self.seed}
         return dict(json_values({**record, "settings": settings}))

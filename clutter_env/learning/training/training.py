@@ -29,11 +29,13 @@ from clutter_env.learning.policies.rl import (
     save_model,
     training_env,
 )
-from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS
+from clutter_env.learning.policies.runs import CLONERS, DECISION_LEARNERS, GOAL_ALGORITHMS, MOVER_LEARNERS
 from clutter_env.learning.training.averaging import AveragedActor
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of
 from clutter_env.learning.training.critics_first import CriticsFirst
 from clutter_env.learning.training.dagger import DaggerConfig, dagger
+from clutter_env.learning.training.decisions import train_decisions
+from clutter_env.learning.training.movers import train_mover
 from clutter_env.learning.training.run import Run
 from clutter_env.reporting.json_file import write_json
 
@@ -70,13 +72,24 @@ def train(run: Run, resume: bool = False) -> Trained:
     torch.set_num_threads(1)
     try:
         run.write_record()
-        history = _clone(run) if run.algorithm in CLONERS else _reinforce(run, resume)
+        history = _learn(run, resume)
     except OSError as problem:
         raise LearningError(
             f"training had to stop: {problem}; the last complete checkpoint in {run.directory} stays, and --resume "
             "goes on from there"
         ) from problem
     return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
+
+
+def _learn(run: Run, resume: bool) -> list[dict[str, float]]:
+    """The history of the run."""
+    if run.algorithm in MOVER_LEARNERS:
+        return train_mover(run, _episodes(run))
+    if run.algorithm in CLONERS:
+        return _clone(run)
+    if run.algorithm in DECISION_LEARNERS:
+        return train_decisions(run)
+    return _reinforce(run, resume)
 
 
 def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:

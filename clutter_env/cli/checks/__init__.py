@@ -1,0 +1,1 @@
+"""Checks and measurements that are run as scripts."""

@@ -1,0 +1,1 @@
+"""Reference learners of motions: action chunks and flow matching."""

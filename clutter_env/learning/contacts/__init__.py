@@ -1,0 +1,1 @@
+"""Policies in two levels: deciders choose contacts, movers bring them about."""

@@ -1,0 +1,1 @@
+"""Movers that are learned from demonstrations as keyframes."""

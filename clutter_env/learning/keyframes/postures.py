@@ -1,0 +1,91 @@
+"""Which posture of the arm at a contact: the plainest one that keeps the forearm clear of the objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
+from clutter_env.learning.contacts.reading import Reading, planar_pose
+from clutter_env.learning.keyframes.features import contact_in_base, features
+from clutter_env.learning.keyframes.kinematics import ArmKinematics
+from clutter_env.learning.keyframes.network import KeyframeNetwork
+from clutter_env.learning.keyframes.phases import phase_index
+from planners.execution.contact import Contact
+
+__all__ = ["PostureChoice"]
+
+Array = NDArray[np.float64]
+
+_TORSOS = (0.0, -0.05, 0.05, -0.1, 0.1)
+"""[m] from home."""
+_ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
+"""[rad] of the upper arm from home."""
+_DISTANCES = (0.0, 0.06, 0.12, 0.18)
+"""[m] from the contact on the straight line, at which the arm is compared with the objects."""
+_RADIUS, _ROOM = 0.065, 0.02
+"""[m] of the forearm, and of free space around it that is enough."""
+_TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
+"""Costs of a metre of the torso from home, of a metre by which the gripper misses the contact, and of a metre of free
+space that is missing; that of a radian of the roll is 1."""
+_ELBOW, _WRIST = 4, 7
+"""Numbers of the joints between which the forearm and the wrist lie; the gripper beyond is where the contact says."""
+_SHARES = np.array((0.0, 0.5))
+"""Points on the links, as shares of their length."""
+_ROW = OBSERVATION_LAYOUT["objects"]
+
+
+class PostureChoice:
+    """Chooses among postures by what a network and the robot's kinematics predict for each of them."""
+
+    def __init__(self, network: KeyframeNetwork, robot: RobotSpec) -> None:
+        self._network, self._kinematics = network, ArmKinematics(robot)
+        self._grid = np.array([(torso, roll) for torso in _TORSOS for roll in _ROLLS])
+
+    def choose(self, contact: Contact, index: int, reading: Reading) -> Array:
+        """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home."""
+        phase = "approach" if contact.skill == "pick" else "lower"
+        number = phase_index(contact.skill, phase)
+        assert number is not None
+        pose = contact_in_base(contact.tcp, np.array(contact.base))
+        postures = np.repeat(self._grid, len(_DISTANCES), axis=0)
+        count = len(postures)
+        rows = features(
+            number,
+            np.broadcast_to(pose, (count, 4, 4)),
+            np.broadcast_to(reading.sizes(index), (count, 4)),
+            np.tile(_DISTANCES, len(self._grid)),
+            postures,
+        )
+        with torch.no_grad():
+            origins, _ = self._kinematics.frames(self._network(torch.from_numpy(rows.astype(np.float32))).q)
+        joints = origins.numpy().astype(float).reshape(len(self._grid), len(_DISTANCES), -1, 3)
+        miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
+        lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, _others(contact, index, reading)), 0.0)
+        plain = _TORSO_COST * np.abs(self._grid[:, 0]) + np.abs(self._grid[:, 1])
+        return np.asarray(self._grid[np.argmin(plain + _MISS_COST * miss + _HIT_COST * lacking)])
+
+
+def _others(contact: Contact, index: int, reading: Reading) -> Array:
+    """(n, 5) of all other objects, in the base's frame at the contact: position, radius, half height [m]."""
+    rows = reading.objects
+    is_other = rows[:, _ROW.index("present")] > 0
+    is_other[index] = False
+    T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(reading.base)
+    position = rows[is_other][:, _ROW["position"]] @ T[:3, :3].T + T[:3, 3]
+    half = rows[is_other][:, _ROW["half_extents"]]
+    return np.column_stack((position, half[:, :2].max(axis=1), half[:, 2]))
+
+
+def _distance(joints: Array, others: Array) -> Array:
+    """(k,) [m] from the forearm's axis on the way to the nearest object, for joints (k, d, 9, 3)."""
+    if not len(others):
+        return np.full(len(joints), np.inf)
+    starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
+    points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
+    away = points[:, :, :, None] - others[:, :3]
+    across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - others[:, 3], 0.0)
+    above = np.maximum(np.abs(away[..., 2]) - others[:, 4], 0.0)
+    return np.asarray(np.hypot(across, above).min(axis=(1, 2, 3)))
