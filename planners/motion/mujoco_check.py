@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.robot_model import collision_geoms, link_of_body, robot_arrays
+from irm.visibility.robot_view import link_of_body
+from planners.collision.robot_model import collision_geoms, robot_arrays
 from planners.motion.trajectory import Trajectory
 from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle
 
