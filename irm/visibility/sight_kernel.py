@@ -113,6 +113,34 @@ def _place_in_link(
 
 
 @njit(cache=True)
+def _points_in_image(
+    view: RobotView, R_links: Floats, p_links: Floats, points: Floats, eye: Floats, inside: NDArray[np.bool_]
+) -> int:
+    """How many points (m, 3) are in the image; fills `inside` (m,) and the camera's position `eye` (3,)."""
+    R_eye, image = np.empty((3, 3)), np.empty(3)
+    _place_in_link(view.camera_link, R_links, p_links, view.camera_rotation, view.camera, R_eye, eye)
+    total = 0
+    for m in range(points.shape[0]):
+        _to_frame(R_eye, eye, points[m], image)
+        edge = -image[2] * view.slope
+        inside[m] = edge > 0.0 and abs(image[0]) <= edge and abs(image[1]) <= edge
+        total += inside[m]
+    return total
+
+
+@njit(cache=True)
+def _is_possible(arm: ChainArrays, view: RobotView, torso: float, points: Floats, seen: NDArray[np.bool_]) -> bool:
+    """False if no arm configuration can bring a point into the image: the camera is fixed to base or torso."""
+    if view.camera_link > 0:
+        return True
+    n, q, eye = arm.axes.shape[0], np.zeros(arm.axes.shape[0]), np.empty(3)
+    R_links, p_links = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    q[0] = torso
+    fk_frames(arm.offsets, arm.axes, arm.tip, q, R_links, p_links)
+    return _points_in_image(view, R_links, p_links, points, eye, seen) > 0
+
+
+@njit(cache=True)
 def seen_points(arm: ChainArrays, view: RobotView, q: Floats, points: Floats, seen: NDArray[np.bool_]) -> int:
     """How many of the points the camera sees past a robot in one configuration.
 
@@ -126,14 +154,8 @@ def seen_points(arm: ChainArrays, view: RobotView, q: Floats, points: Floats, se
     n, count = arm.axes.shape[0], view.kind.shape[0]
     R_links, p_links = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     fk_frames(arm.offsets, arm.axes, arm.tip, q, R_links, p_links)
-    R_eye, eye, image = np.empty((3, 3)), np.empty(3), np.empty(3)
-    _place_in_link(view.camera_link, R_links, p_links, view.camera_rotation, view.camera, R_eye, eye)
-    total = 0
-    for m in range(points.shape[0]):
-        _to_frame(R_eye, eye, points[m], image)
-        edge = -image[2] * view.slope
-        seen[m] = edge > 0.0 and abs(image[0]) <= edge and abs(image[1]) <= edge
-        total += seen[m]
+    eye = np.empty(3)
+    total = _points_in_image(view, R_links, p_links, points, eye, seen)
     if total == 0:
         return 0
     R, p = np.empty((count, 3, 3)), np.empty((count, 3))
@@ -174,6 +196,9 @@ def fill_shares(
     for i in range(positions.shape[0]):
         points[:] = target + positions[i]
         total = configurations = 0
+        if not _is_possible(arm, view, torso[i], points, seen):
+            shares[i] = 0
+            continue
         for roll in rolls:
             count = ik_arm(arm.links, R[orientation[i]], positions[i], torso[i], roll, arm.lower, arm.upper, found)
             for k in range(count):

@@ -14,7 +14,7 @@ from irm.arm.kinematics import ArmChain
 from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 
-__all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "robot_arrays"]
+__all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
 
 _CORES = {
     int(mujoco.mjtGeom.mjGEOM_BOX): BOX,

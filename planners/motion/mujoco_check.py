@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.visibility.robot_view import link_of_body
-from planners.collision.robot_model import collision_geoms, robot_arrays
+from planners.collision.robot_model import collision_geoms, link_of_body, robot_arrays
 from planners.motion.trajectory import Trajectory
 from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle
 

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.base_quality import KINDS, Targets, measure_targets
+from clutter_env.experiments.maps.bases.base_quality import KINDS, Targets, measure_targets
+from clutter_env.experiments.maps.bases.strips import Strips, measure_strips
+from clutter_env.experiments.maps.bases.visibility import Visibility, measure_visibility
 from clutter_env.experiments.maps.build_times import BUILDS, BuildCost, measure_build
 from clutter_env.experiments.maps.decisions import Decisions, measure_decisions
 from clutter_env.experiments.maps.settings import BenchmarkSettings, Part
 from clutter_env.experiments.maps.speed import Timing, measure_speed, plot_speed, speed_table
-from clutter_env.experiments.maps.strips import Strips, measure_strips
-from clutter_env.experiments.maps.visibility import Visibility, measure_visibility
 from clutter_env.reporting.tables import markdown_table
 
 __all__ = ["Measurement", "measure_parts"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from clutter_env.experiments.maps.visibility import CameraRays
+from clutter_env.experiments.maps.bases.visibility import CameraRays
 from irm.arm.kinematics import ArmChain, inverse
 from irm.checks.verification import tcp_poses
 from irm.errors import MapFileError, MapMismatchError, QueryError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from clutter_env.experiments.maps.visibility import CameraRays
+from clutter_env.experiments.maps.bases.visibility import CameraRays
 from irm.arm.chain_arrays import chain_arrays
 from irm.arm.kinematics import ArmChain, forward
 from irm.errors import QueryError

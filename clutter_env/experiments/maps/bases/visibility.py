@@ -29,8 +29,8 @@ Bools = NDArray[np.bool_]
 
 _TABLE = (0.8, 1.6, 0.75)
 """[m] size and height of the table in the paper's experiment."""
-_HALF_RANGE = np.pi / 4
-"""[rad] The approach yaw of a target may differ by so much from a random one."""
+_HALF_RANGE = 1e-6
+"""[rad] The approach yaw of a target is a random one: the planner asks so."""
 _ROLLS = 36
 """Upper-arm rolls for which configurations are computed: the map has other ones."""
 
@@ -120,14 +120,22 @@ def measure_visibility(robot: RobotSpec, targets: int, seed: int) -> Visibility:
             ratios.append(answers[1].manipulability[0] / answers[0].manipulability[0])
     table = np.array(shares)
     mean, mostly = table.mean(axis=0), np.sum(table > 0.5, axis=0)
-    counts = len(table), witness.rays, witness.disagreements
-    return Visibility(*counts, *map(float, mean), *map(int, mostly), float(np.mean(ratios)))
+    return Visibility(
+        targets=len(table),
+        rays=witness.rays,
+        disagreements=witness.disagreements,
+        seen=float(mean[0]),
+        seen_preferred=float(mean[1]),
+        mostly=int(mostly[0]),
+        mostly_preferred=int(mostly[1]),
+        mu_ratio=float(np.mean(ratios)),
+    )
 
 
 def _placed(
     inverse_map: InverseReachabilityMap, cup: Floats, yaw: float, floor: FreeSpace, prefer: VisibilityMap | None
 ) -> BasePlacement:
-    """The exact best base for a target, approached within a range around a yaw."""
+    """The exact best base for a target, approached at a yaw."""
     around = (yaw - _HALF_RANGE, yaw + _HALF_RANGE)
     return inverse_map.query(cup, yaw_range=around, free_space=floor, exact=True, prefer=prefer)
 
