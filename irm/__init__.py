@@ -25,6 +25,7 @@ from irm.queries.classical import ClassicalInverseReachabilityMap
 from irm.queries.inverse import InverseReachabilityMap
 from irm.queries.placement import BasePlacement, PlacementBatch
 from irm.queries.status import Status
+from irm.visibility.map import VisibilityMap, cached_visibility
 
 __all__ = [
     "ArmChain",
@@ -39,8 +40,10 @@ __all__ = [
     "ReachabilityMap",
     "Status",
     "Verified",
+    "VisibilityMap",
     "cached_map",
     "cached_table",
+    "cached_visibility",
     "classify",
     "decide",
     "predict",

@@ -12,6 +12,7 @@ from assets.robots import FETCH, RobotSpec
 from irm.arm.kinematics import ArmChain
 from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
+from irm.visibility.map import VisibilityMap, cached_visibility
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
@@ -134,6 +135,8 @@ class Planner:
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.canonical` and `planners.placing.canonical`.
+        prefer_visible: among base poses of about the same manipulability, take those first from which the head camera
+            sees more of what is grasped, past the robot itself. The minimum number of clearances does not use it.
 
     Raises:
         UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
@@ -147,6 +150,7 @@ class Planner:
     grasps: str = "all"
     supports: Supports = None
     canonical: bool = False
+    prefer_visible: bool = False
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -216,6 +220,8 @@ class Planner:
         """
         supports = self.supports_in(scene)
         any_placer = MapPlacer.of_scene(_inverse_map(scene.robot), scene)
+        if self.prefer_visible:
+            any_placer = replace(any_placer, prefer=_visibility_map(scene.robot))
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
             placer = replace(any_placer, per_gripper_pose=_BASES_NEAR_HOME if near_home else _BASES)
@@ -261,3 +267,8 @@ class _Blockers:
 @cache
 def _inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
     return InverseReachabilityMap(cached_map(robot, **MAP_PARAMETERS))
+
+
+@cache
+def _visibility_map(robot: RobotSpec) -> VisibilityMap:
+    return cached_visibility(_inverse_map(robot).reachability_map, robot)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import platformdirs
 
@@ -18,24 +19,31 @@ from irm.maps.grid import MapParameters
 from irm.maps.map_file import map_key
 from irm.maps.reachability import ReachabilityMap
 
-__all__ = ["cache_file", "cached_map", "cached_table", "table_file"]
+__all__ = ["cache_file", "cache_folder", "cached", "cached_map", "cached_table", "table_file"]
 
 _LOG = logging.getLogger(__name__)
 
-Kept = TypeVar("Kept", ReachabilityMap, CertificateTable)
+
+class _Saved(Protocol):
+    """What can be kept in a file."""
+
+    def save(self, path: str | Path) -> None: ...
+
+
+Kept = TypeVar("Kept", bound=_Saved)
 
 
 def cache_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
     """The file of a robot's map: in the directory `CLUTTER_ENV_CACHE` if set, else in the user's cache directory."""
     chain = ArmChain.of(robot)
     key = map_key(chain, MapParameters(**parameters))
-    return _folder() / f"{chain.robot}-{key}.npz"
+    return cache_folder() / f"{chain.robot}-{key}.npz"
 
 
 def table_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
     """The file of a robot's certificate table, in the same directory."""
     chain = ArmChain.of(robot)
-    return _folder() / f"{chain.robot}-table-{table_key(chain, TableParameters(**parameters))}.npz"
+    return cache_folder() / f"{chain.robot}-table-{table_key(chain, TableParameters(**parameters))}.npz"
 
 
 def cached_map(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
@@ -46,7 +54,11 @@ def cached_map(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **p
         progress: show a progress bar while building.
         **parameters: the fields of `MapParameters`.
     """
-    return _cached(ReachabilityMap, cache_file(robot, **parameters), robot, progress, parameters)
+    return cached(
+        cache_file(robot, **parameters),
+        lambda path: ReachabilityMap.load(path, robot),
+        lambda: ReachabilityMap.build(robot, progress=progress, **parameters),
+    )
 
 
 def cached_table(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> CertificateTable:
@@ -55,23 +67,32 @@ def cached_table(robot: RobotSpec | ArmChain | str, *, progress: bool = False, *
     Raises:
         ReachabilityError: the arm has not the structure of Fetch's arm, or the parameters make no sense.
     """
-    return _cached(CertificateTable, table_file(robot, **parameters), robot, progress, parameters)
+    return cached(
+        table_file(robot, **parameters),
+        lambda path: CertificateTable.load(path, robot),
+        lambda: CertificateTable.build(robot, progress=progress, **parameters),
+    )
 
 
-def _folder() -> Path:
+def cache_folder() -> Path:
+    """The directory `CLUTTER_ENV_CACHE` if set, else the user's cache directory."""
     return Path(os.environ.get("CLUTTER_ENV_CACHE") or platformdirs.user_cache_dir("clutter-env"))
 
 
-def _cached(
-    kind: type[Kept], path: Path, robot: RobotSpec | ArmChain | str, progress: bool, parameters: dict[str, Any]
-) -> Kept:
-    """The map or the table in a file, built if it is not there or no good."""
+def cached(path: Path, load: Callable[[Path], Kept], build: Callable[[], Kept]) -> Kept:
+    """What is in a file; if it is not there, or no good, it is built and kept there.
+
+    Args:
+        path: of the file.
+        load: reads it, or raises MapFileError or MapMismatchError.
+        build: makes it.
+    """
     if path.exists():
         try:
-            return kind.load(path, robot)
+            return load(path)
         except (MapFileError, MapMismatchError) as error:
             _LOG.warning("%s; building the map again", error)
-    built = kind.build(robot, progress=progress, **parameters)
+    built = build()
     try:
         built.save(path)
     except OSError as error:

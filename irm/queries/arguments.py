@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.errors import QueryError
 from irm.floor.free_space import EVERYWHERE, FreeSpace
+from irm.visibility.map import VisibilityMap
+from irm.visibility.tie_break import COMPARED_BASES
 
 __all__ = [
     "FULL_TURN",
@@ -60,6 +62,7 @@ class QueryKeywords(TypedDict, total=False):
     separation: float
     yaw_step: float
     exact: bool | None
+    prefer: VisibilityMap | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,8 @@ class QueryOptions:
         yaw_step: largest distance between two approach yaws that are tried, at least 0.001 [rad].
         exact: whether the bases are decided by exact inverse kinematics. Those that certainly do not reach are dropped,
             and `certain` is exact. None: for paths of arms with a closed form only, where it takes little time.
+        prefer: of bases with about the same μ, those come first from which this map's camera sees more of the target;
+            None to order them by μ alone. Only `query` and `query_batch` take it.
 
     Raises:
         QueryError: a value is not of its kind, not finite or out of its range.
@@ -87,6 +92,7 @@ class QueryOptions:
     separation: float = SEPARATION
     yaw_step: float = YAW_STEP
     exact: bool | None = None
+    prefer: VisibilityMap | None = None
 
     def __post_init__(self) -> None:
         for name, unit in (("pitch", "[rad]"), ("roll", "[rad]"), ("separation", "[m]"), ("yaw_step", "[rad]")):
@@ -99,6 +105,8 @@ class QueryOptions:
             raise QueryError(f"free_space is a FreeSpace or None, not {type(self.free_space).__name__}")
         if not (self.exact is None or isinstance(self.exact, bool | np.bool_)):
             raise QueryError(f"exact is True, False or None, not {self.exact!r}")
+        if not (self.prefer is None or isinstance(self.prefer, VisibilityMap)):
+            raise QueryError(f"prefer is a VisibilityMap or None, not {type(self.prefer).__name__}")
         object.__setattr__(self, "k", _as_count(self.k))
 
     @staticmethod
@@ -125,6 +133,21 @@ class QueryOptions:
     def floor(self) -> FreeSpace:
         """`free_space`, or all of the floor if that is None."""
         return self.free_space or EVERYWHERE
+
+    @property
+    def compared(self) -> int:
+        """Number of bases to compare: `k`, and some more if the most visible ones are preferred."""
+        return self.k if self.prefer is None else self.k + COMPARED_BASES
+
+    def without_preference(self, query: str) -> QueryOptions:
+        """The options themselves.
+
+        Raises:
+            QueryError: `prefer` is given to a query that does not take it.
+        """
+        if self.prefer is not None:
+            raise QueryError(f"{query} takes no prefer; query and query_batch of InverseReachabilityMap do")
+        return self
 
 
 _NAMES = tuple(field.name for field in fields(QueryOptions))

@@ -72,9 +72,9 @@ class ClassicalInverseReachabilityMap:
                 `InverseReachabilityMap.query`.
 
         Raises:
-            QueryError: as in `InverseReachabilityMap.query`, or `exact` is asked for.
+            QueryError: as in `InverseReachabilityMap.query`, or `exact` or `prefer` is asked for.
         """
-        options = QueryOptions.of(keywords, "yaw_range")
+        options = QueryOptions.of(keywords, "yaw_range").without_preference("this query")
         if options.exact:
             raise QueryError("exact=True is for the queries of InverseReachabilityMap")
         grid, space = self.reachability_map.grid, options.floor

@@ -29,6 +29,7 @@ from irm.queries.placement_kernel import SAME_PLACE, best_bases_batch, best_base
 from irm.queries.search_kernel import TcpPlace
 from irm.queries.status import Status
 from irm.queries.tiles import Tiles
+from irm.visibility.tie_break import OrderedRows, most_visible_first
 
 __all__ = ["InverseReachabilityMap"]
 
@@ -89,6 +90,7 @@ class InverseReachabilityMap:
                 separation: smallest distance between two of them, 0.1 by default [m].
                 yaw_step: largest distance between two approach yaws that are tried, 15 degrees by default [rad].
                 exact: True to decide the bases by exact inverse kinematics: see `QueryOptions`.
+                prefer: a `VisibilityMap`, to order bases of about the same μ by what the camera sees of the target.
 
         Returns:
             At most k bases, best first. The status is NO if certainly no base exists for any yaw in the range.
@@ -108,8 +110,10 @@ class InverseReachabilityMap:
         if bases.exact.is_wanted(options, by_default=False):
             rows = self._decided_bases(place, window, space, point, options)
         else:
-            rows = self._best_bases(place, window, space, options.k, options.separation)
+            rows = self._best_bases(place, window, space, options.compared, options.separation)
         if len(rows):
+            if options.prefer is not None:
+                rows = _preferred(rows[None], np.array([len(rows)]), np.array([point]), options).rows[0]
             return BasePlacement.of_rows(rows)
         possible = bases.may_exist(point, options.pitch, key, bounds, space)
         return BasePlacement.nothing(Status.UNKNOWN if possible else Status.NO)
@@ -144,15 +148,17 @@ class InverseReachabilityMap:
         key, keys, height_offsets = find_keys(self._bases.grid, points[:, 2], options.pitch, options.roll)
         window = yaw_window(self._bases.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
         turned = self._turned_ranges(window, ranges, n)
-        rows, counts = np.empty((n, options.k, 7)), np.empty(n, dtype=np.int64)
+        rows, counts = np.empty((n, options.compared, 7)), np.empty(n, dtype=np.int64)
         apart = max(options.separation, SAME_PLACE)
-        block = max(1, _ROWS_AT_A_TIME // options.k)
+        block = max(1, _ROWS_AT_A_TIME // options.compared)
         for some in (slice(first, first + block) for first in range(0, n, block)):
             where = keys[some], points[some], height_offsets[some], turned[some]
             kernel = self.tiles, *where, window, key.exact, options.floor.raster, apart
             best_bases_batch(*kernel, rows[some], counts[some])
         if self._bases.exact.is_wanted(options, by_default=False):
             self._decide_batch(rows, counts, points, options)
+        if options.prefer is not None:
+            rows, counts = _preferred(rows, counts, points, options)
         return PlacementBatch.of_rows(rows, counts)
 
     def query_path(
@@ -182,7 +188,7 @@ class InverseReachabilityMap:
         Raises:
             QueryError: as in `query`, or a vertical approach comes with offsets that are not vertical.
         """
-        options = QueryOptions.of(keywords, "target", "yaw_range")
+        options = QueryOptions.of(keywords, "target", "yaw_range").without_preference("query_path")
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
         if target is None:
             return place_for_path(self._bases, points, bounds, options)
@@ -208,7 +214,7 @@ class InverseReachabilityMap:
         Raises:
             QueryError: as in `query`, or the numbers of targets and of yaw ranges do not match.
         """
-        options = QueryOptions.of(keywords, "yaw_ranges")
+        options = QueryOptions.of(keywords, "yaw_ranges").without_preference("query_multi")
         return place_for_targets(self._bases, as_positions(targets), yaw_ranges, options)
 
     def _best_bases(
@@ -231,10 +237,10 @@ class InverseReachabilityMap:
         options: QueryOptions,
     ) -> Floats:
         """As `_best_bases`, decided exactly. If none of the bases reaches, more of them are tried, closer together."""
-        tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
+        tries = ((options.compared + SPARE_BASES, options.separation), (options.compared + _CLOSE_BASES, 0.0))
         for count, separation in tries:
             rows = self._best_bases(place, window, space, count, separation)
-            rows = rows[self._decide(rows, np.tile(point, (len(rows), 1)), options)][: options.k]
+            rows = rows[self._decide(rows, np.tile(point, (len(rows), 1)), options)][: options.compared]
             if rows[:, 6].any():
                 break
         return rows
@@ -248,7 +254,7 @@ class InverseReachabilityMap:
 
     def _decide_batch(self, rows: Floats, counts: NDArray[np.int64], points: Floats, options: QueryOptions) -> None:
         """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
-        rank = np.arange(options.k)
+        rank = np.arange(options.compared)
         kept = rank < counts[:, None]
         found, some = rows[kept], points[np.nonzero(kept)[0]]
         kept[kept] = self._decide(found, some, options)
@@ -263,3 +269,13 @@ class InverseReachabilityMap:
         if len(ranges) == 1 or window.low != ranges[0, 0] - window.shift:
             return np.tile((window.low, window.high), (n, 1))
         return np.array(np.broadcast_to(ranges - window.shift, (n, 2)), order="C")
+
+
+def _preferred(rows: Floats, counts: NDArray[np.int64], points: Floats, options: QueryOptions) -> OrderedRows:
+    """The first k of the bases (n, m, 7) of each of n points (n, 3), those preferred from which more is visible."""
+    assert options.prefer is not None
+    shares = np.zeros(rows.shape[:2])
+    is_there = np.arange(rows.shape[1]) < counts[:, None]
+    found, where = rows[is_there], points[np.nonzero(is_there)[0]]
+    shares[is_there] = options.prefer.visible(found[:, :3], where, found[:, 3], options.pitch, options.roll)
+    return most_visible_first(rows, counts, shares, options.k)

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
+from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 
 __all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
-
-BASE = -1
-"""Link number of solids fixed to the base; 0 is the torso, 1 … n - 1 are the links of the arm."""
 
 _CORES = {
     int(mujoco.mjtGeom.mjGEOM_BOX): BOX,
@@ -133,16 +131,6 @@ def _joint_bodies(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
     return [int(model.jnt_bodyid[model.joint(link.joint).id]) for link in robot.chain]
 
 
-def link_of_body(model: mujoco.MjModel, robot: RobotSpec) -> dict[int, int]:
-    """The link that each body belongs to; the head belongs to the torso, the fingers to the last link."""
-    joint_bodies = _joint_bodies(model, robot)
-    links: dict[int, int] = {}
-    for body in range(model.nbody):
-        parent = links.get(int(model.body_parentid[body]), BASE)
-        links[body] = joint_bodies.index(body) if body in joint_bodies else parent
-    return links
-
-
 def _link_frame(
     model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, link: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -182,7 +170,7 @@ def _shapes(
 
 
 def _finger_directions(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: list[int], links: dict[int, int]
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: list[int], links: list[int]
 ) -> NDArray[np.float64]:
     """Motion of each geom in its link per metre of the finger joint, (p, 3); 0 for geoms that are not on a finger."""
     bodies = {int(model.jnt_bodyid[model.joint(name).id]): model.joint(name).id for name in robot.finger_joints}

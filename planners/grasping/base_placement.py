@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 from assets.robots import RobotSpec
 from irm.floor.free_space import FreeSpace
 from irm.queries.inverse import InverseReachabilityMap
+from irm.visibility.map import VisibilityMap
 from planners.collision.robot_model import BASE, robot_arrays
 from planners.scene import Scene, StaticObstacle
 
@@ -101,6 +102,7 @@ class MapPlacer:
         open_floor: where it may stand for a tilted gripper: not behind walls.
         per_gripper_pose: base poses returned for each gripper pose at most.
         yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
+        prefer: a visibility map by which base poses of about the same μ are ordered; None for μ alone.
     """
 
     map: InverseReachabilityMap
@@ -108,6 +110,7 @@ class MapPlacer:
     open_floor: FreeSpace
     per_gripper_pose: int = 3
     yaw_tolerance: float = 1e-6
+    prefer: VisibilityMap | None = None
 
     @classmethod
     def of_scene(cls, inverse_map: InverseReachabilityMap, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
@@ -138,6 +141,7 @@ class MapPlacer:
             pitch=min(max(pitch, -math.pi / 2), math.pi / 2),
             free_space=self.open_floor if pitch else self.floor,
             k=max(self.per_gripper_pose, most),
+            prefer=self.prefer,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)

@@ -16,12 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.base_quality import KINDS, Targets, measure_targets
+from clutter_env.experiments.maps.bases.base_quality import KINDS, Targets, measure_targets
+from clutter_env.experiments.maps.bases.strips import Strips, measure_strips
+from clutter_env.experiments.maps.bases.visibility import Visibility, measure_visibility
 from clutter_env.experiments.maps.build_times import BUILDS, BuildCost, measure_build
 from clutter_env.experiments.maps.decisions import Decisions, measure_decisions
 from clutter_env.experiments.maps.settings import BenchmarkSettings, Part
 from clutter_env.experiments.maps.speed import Timing, measure_speed, plot_speed, speed_table
-from clutter_env.experiments.maps.strips import Strips, measure_strips
 from clutter_env.reporting.tables import markdown_table
 
 __all__ = ["Measurement", "measure_parts"]
@@ -45,6 +46,7 @@ def measure_parts(robot: RobotSpec, settings: BenchmarkSettings) -> Iterator[Mea
         "decide": _decide,
         "strips": _strips,
         "targets": _targets,
+        "visibility": _visibility,
     }
     for part in settings.parts:
         yield measure[part](robot, settings)
@@ -156,3 +158,15 @@ def _targets(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
         for r in rows
     ]
     return Measurement(markdown_table(head, body), {"targets": [asdict(row) for row in rows]})
+
+
+def _visibility(robot: RobotSpec, settings: BenchmarkSettings) -> Measurement:
+    row: Visibility = _in_own_process(measure_visibility, robot, settings.targets, settings.seed)
+    head = ("bases", "targets", "points seen", "targets seen by more than half", "μ")
+    body = [
+        ("by μ", f"{row.targets}", f"{100 * row.seen:.0f}%", f"{row.mostly}", "1"),
+        ("visible first", f"{row.targets}", f"{100 * row.seen_preferred:.0f}%", f"{row.mostly_preferred}")
+        + (f"{row.mu_ratio:.3f}",),
+    ]
+    rays = f"\n{row.disagreements} of {row.rays:,} lines of sight differ from MuJoCo's rays\n"
+    return Measurement(markdown_table(head, body) + rays, {"visibility": asdict(row)})

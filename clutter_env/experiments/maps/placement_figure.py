@@ -12,7 +12,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.base_quality import CollisionModel
+from clutter_env.experiments.maps.bases.base_quality import CollisionModel
 from clutter_env.experiments.maps.map_renderer import Cup, MapRenderer, View
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain

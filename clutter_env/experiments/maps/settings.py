@@ -8,16 +8,16 @@ from typing import Literal
 
 __all__ = ["BenchmarkSettings", "Part"]
 
-Part = Literal["speed", "build", "decide", "strips", "targets"]
+Part = Literal["speed", "build", "decide", "strips", "targets", "visibility"]
 
 
 @dataclass(frozen=True)
 class BenchmarkSettings:
     """What is measured, and how often."""
 
-    parts: tuple[Part, ...] = ("build", "speed", "decide", "strips", "targets")
+    parts: tuple[Part, ...] = ("build", "speed", "decide", "strips", "targets", "visibility")
     """What to measure: times of building; times of queries; right and wrong answers; narrow strips of free floor; bases
-    for targets on a table."""
+    for targets on a table; what the head camera sees of them."""
     queries: int = 500
     """Random cup positions for each map and each range of approach yaws."""
     sizes: tuple[int, ...] = (7_899, 26_000, 1_000_000)
@@ -30,7 +30,7 @@ class BenchmarkSettings:
     strips: int = 500
     """Random strips of free floor."""
     targets: int = 200
-    """Random targets on the table, for each layout."""
+    """Random targets on the table, for each layout, and for the head camera."""
     layouts: tuple[str, ...] = ("paper", "island")
     """Layouts of the table for the targets."""
     seed: int = 0

@@ -1,0 +1,1 @@
+"""Measurements of the base poses that queries answer with."""
