@@ -48,16 +48,21 @@ _OPEN, _STILL = 0.002, 0.0005
 _SETTLE = 4
 """Control steps for which the fingers must be at rest."""
 _LONGEST = 120
-"""Control steps after which a phase is over, wherever the robot is; the longest drives take about 80. A drive
-that takes longer is blocked, and the contact is missed."""
+"""Control steps after which a phase is over, wherever the robot is; the longest straight drives take about 80. A drive
+whose next corner, or whose end, takes longer is blocked, and the contact is missed."""
 
 
 class _Keyframe(NamedTuple):
-    """Where the robot goes now: whole-body configuration (11,) and finger position [m]; and where the TCP should be."""
+    """Where the robot goes now: whole-body configuration (11,) and finger position [m]; and where the TCP should be.
+
+    A drive goes round the ground that demonstrations keep out of: `stops` is how many base poses are left on its way,
+    with the present one where the arm is tucked in first.
+    """
 
     goal: Array
     finger: float
     expected: Array
+    stops: int = 1
 
 
 class KeyframeMover:
@@ -75,7 +80,8 @@ class KeyframeMover:
 
     def __init__(self, network: KeyframeNetwork) -> None:
         self._network = network.eval()
-        self._steps, self._still, self._width = 0, 0, 0.0
+        self._ground = network.ground
+        self._steps, self._still, self._width, self._stops = 0, 0, 0.0, 1
         self.is_done, self.has_missed = True, False
 
     @classmethod
@@ -134,6 +140,9 @@ class KeyframeMover:
     def _advance(self, reading: Reading) -> _Keyframe:
         """Go on to the phase that the robot is in; its keyframe."""
         keyframe = self._keyframe(reading)
+        if keyframe.stops < self._stops:
+            self._steps = 0
+        self._stops = keyframe.stops
         while not self.is_done and self._is_over(reading, keyframe):
             phase = self._phases.pop(0)
             if phase == "drive" and self._steps >= _LONGEST:
@@ -171,7 +180,7 @@ class KeyframeMover:
         if phase in TOWARDS:
             return is_slow and float(line_distance(reading, self._contact)) < _ARRIVED
         if phase == "drive":
-            return bool((error[:3] < _AT_BASE).all())
+            return keyframe.stops == 1 and bool((error[:3] < _AT_BASE).all())
         if phase == "transit":
             is_right = GripperError.between(reading.tcp, keyframe.expected).is_small
             return is_right and bool((error[3:] < _AT_ARM).all())
@@ -195,9 +204,12 @@ class KeyframeMover:
         predicted = self._predict(own, stands, reading, ahead)
         base, q = _in_world(contact.base, predicted[:3]), predicted[3:11]
         q = shortest_way(self._robot, reading.q, q)
-        if phase == "drive" and np.abs(q - reading.q).max() > _TUCKED:
-            base = reading.base
-        return _Keyframe(np.concatenate((base, q)), float(predicted[14]), expected)
+        stops = 1
+        if phase == "drive":
+            way = self._ground.way(reading.base, base)
+            is_tucked = np.abs(q - reading.q).max() <= _TUCKED
+            base, stops = (way[0], len(way)) if is_tucked else (reading.base, 1 + len(way))
+        return _Keyframe(np.concatenate((base, q)), float(predicted[14]), expected, stops)
 
     def _predict(self, contact: Array, base: Array, reading: Reading, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact (4, 4), a base (3,) and a distance [m] on a line."""

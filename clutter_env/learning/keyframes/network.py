@@ -13,6 +13,7 @@ from torch import nn
 
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.keyframes.features import NUM_FEATURES
+from clutter_env.learning.keyframes.ground import Ground
 from clutter_env.learning.keyframes.phases import NUM_PHASES, phase_index
 from clutter_env.reporting.json_file import write_atomically
 
@@ -51,18 +52,21 @@ class KeyframeNetwork(nn.Module):
         home: (8,) configuration that the output is added to.
         lower, upper: (8,) limits of the joints, which the output keeps.
         seen: (p,) flags of the phases that the demonstrations show.
+        closed: (2, 2) lowest and highest x and y [m] of the ground that no demonstrated drive enters, see `Ground`.
     """
 
     home: torch.Tensor
     lower: torch.Tensor
     upper: torch.Tensor
     seen: torch.Tensor
+    closed: torch.Tensor
 
     def __init__(self, home: Sequence[float], lower: Sequence[float], upper: Sequence[float], width: int = 128) -> None:
         super().__init__()
         for name, values in (("home", home), ("lower", lower), ("upper", upper)):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
         self.register_buffer("seen", torch.zeros(NUM_PHASES, dtype=torch.bool))
+        self.register_buffer("closed", torch.zeros((2, 2), dtype=torch.float64))
         self.layers = nn.Sequential(
             nn.Linear(NUM_FEATURES, width),
             nn.SiLU(),
@@ -85,6 +89,15 @@ class KeyframeNetwork(nn.Module):
         """Whether the demonstrations show a phase of a skill."""
         number = phase_index(skill, phase)
         return number is not None and bool(self.seen[number])
+
+    @property
+    def ground(self) -> Ground:
+        """Which ground the base keeps out of."""
+        return Ground(*self.closed.numpy())
+
+    def keep_out_of(self, ground: Ground) -> None:
+        """Set which ground the base keeps out of."""
+        self.closed = torch.tensor(np.stack((ground.low, ground.high)))
 
     def save(self, path: Path) -> None:
         """Write the weights; the file is complete, or the old one stays.

@@ -17,6 +17,7 @@ from clutter_env.learning.chunking.mover import ChunkMover
 from clutter_env.learning.contacts.protocols import Mover
 from clutter_env.learning.keyframes.examples import examples_of
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes
+from clutter_env.learning.keyframes.ground import closed_ground
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.mover import KeyframeMover
 from clutter_env.learning.keyframes.network import KeyframeNetwork, load_arrays
@@ -45,6 +46,7 @@ class _Settings(NamedTuple):
 def _keyframes(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings) -> FittedMover:
     config = FitConfig(steps=settings.steps, seed=settings.seed)
     network = fit_keyframes(robot, examples_of(robot, motions), config, settings.report)
+    network.keep_out_of(closed_ground(motions))
     return FittedMover(KeyframeMover(network), network)
 
 
