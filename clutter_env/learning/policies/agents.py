@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from clutter_env.learning.policies.chosen import put_chosen
 from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, load_model, training_env
@@ -24,6 +25,8 @@ POLICY_FILE = "policy.pt"
 def load_agent(directory: Path, env: gym.Env) -> Agent:
     """The policy of a training run, for an environment of the task that it was trained on.
 
+    Of a learner that corrects an imitation the weights that did best on the validation scenes, else the last ones.
+
     Raises:
         LearningError: the directory holds no trained policy.
     """
@@ -32,6 +35,8 @@ def load_agent(directory: Path, env: gym.Env) -> Agent:
         return Policy.load(directory / POLICY_FILE).act
     imitation = Policy.load(directory / POLICY_FILE) if (directory / POLICY_FILE).exists() else None
     model = load_model(algorithm, directory, training_env(algorithm, env, imitation))
+    if imitation is not None:
+        put_chosen(model.policy.actor, directory)
     return model_agent(algorithm, model, env, imitation)
 
 

@@ -19,6 +19,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.experts import make_expert
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.agents import POLICY_FILE, model_agent
+from clutter_env.learning.policies.chosen import consider, forget_chosen
 from clutter_env.learning.policies.corrections import CorrectedActions
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import (
@@ -30,6 +31,7 @@ from clutter_env.learning.policies.rl import (
     training_env,
 )
 from clutter_env.learning.policies.runs import CLONERS, DECISION_LEARNERS, GOAL_ALGORITHMS, MOVER_LEARNERS
+from clutter_env.learning.task import HELD_OUT
 from clutter_env.learning.training.averaging import AveragedActor
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of
 from clutter_env.learning.training.critics_first import CriticsFirst
@@ -45,6 +47,8 @@ CRITICS_ALONE = 2000
 """Steps of the environment during which a learner that corrects an imitation keeps to the imitation."""
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""
+VALIDATION_SEEDS = 3_000_000
+"""First seed of the scenes on which the weights of a run are chosen: held-out scenes are for measurements alone."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     is_resumed = resume and (run.directory / "model.zip").exists()
     evaluation_env = run.task.make()
     episodes = [] if run.demonstrations is None else _episodes(run)
-    imitation = _imitation(run, episodes, evaluation_env, is_resumed) if episodes else None
+    imitation = _imitation(run, episodes, is_resumed) if episodes else None
     env = training_env(run.algorithm, run.task.make(), imitation)
     if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
@@ -108,9 +112,17 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
             model.replay_buffer.keep(env, episodes)
 
     def evaluate(model: Any) -> dict[str, float]:
-        """Success at a checkpoint."""
-        return {"success": _success(run, evaluation_env, model_agent(run.algorithm, model, evaluation_env, imitation))}
+        """Success at a checkpoint; weights that correct an imitation are kept if no earlier ones did as well."""
+        act = model_agent(run.algorithm, model, evaluation_env, imitation)
+        found = {"success": _success(run, evaluation_env, act)}
+        if imitation is not None:
+            found["validation"] = _success(run, evaluation_env, act, VALIDATION_SEEDS)
+            consider(model.policy.actor, found["validation"], run.directory)
+        return found
 
+    if imitation is not None and not is_resumed:
+        forget_chosen(run.directory)
+        write_json(run.directory / HISTORY_FILE, [{"steps": 0, **evaluate(model)}])
     averaged = AveragedActor() if run.algorithm in GOAL_ALGORITHMS else None
     in_place = nullcontext if averaged is None else averaged.in_place
     checkpoints = Checkpoints(run.directory, run.checkpoint_every, evaluate, in_place)
@@ -126,13 +138,12 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     return checkpoints.history
 
 
-def _imitation(run: Run, episodes: Sequence[Episode], env: gym.Env, is_resumed: bool) -> Policy:
-    """The clone of the demonstrations that is corrected; its success begins the history."""
+def _imitation(run: Run, episodes: Sequence[Episode], is_resumed: bool) -> Policy:
+    """The clone of the demonstrations that is corrected."""
     if is_resumed:
         return Policy.load(run.directory / POLICY_FILE)
     imitation = clone(examples_of(episodes), CloneConfig(steps=run.imitation_steps, seed=run.seed))
     imitation.save(run.directory / POLICY_FILE)
-    write_json(run.directory / HISTORY_FILE, [{"steps": 0, "success": _success(run, env, imitation.act)}])
     return imitation
 
 
@@ -169,9 +180,9 @@ def _clone(run: Run) -> list[dict[str, float]]:
     return history
 
 
-def _success(run: Run, env: gym.Env, act: Callable[[Any], Any]) -> float:
-    """Success on the held-out scenes."""
-    return success_rate(env, act, held_out_seeds(run.evaluation_episodes), run.evaluation_steps)
+def _success(run: Run, env: gym.Env, act: Callable[[Any], Any], first: int = HELD_OUT) -> float:
+    """Success on the held-out scenes, or on those from another seed on."""
+    return success_rate(env, act, held_out_seeds(run.evaluation_episodes, first), run.evaluation_steps)
 
 
 def _episodes(run: Run) -> list[Episode]:

@@ -12,12 +12,14 @@ pytest.importorskip("sb3_contrib")
 
 from clutter_env.learning.demonstrations.episode import record  # noqa: E402
 from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
+from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, GAIN  # noqa: E402
 from clutter_env.learning.errors import LearningError  # noqa: E402
-from clutter_env.learning.policies.agents import model_agent  # noqa: E402
+from clutter_env.learning.policies.agents import POLICY_FILE, load_agent, model_agent  # noqa: E402
+from clutter_env.learning.policies.chosen import consider, forget_chosen  # noqa: E402
 from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations  # noqa: E402
 from clutter_env.learning.policies.features import feature_vector  # noqa: E402
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
-from clutter_env.learning.policies.rl import make_model, training_env  # noqa: E402
+from clutter_env.learning.policies.rl import make_model, save_model, training_env  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.averaging import AveragedActor  # noqa: E402
 from clutter_env.learning.training.critics_first import CriticsFirst  # noqa: E402
@@ -84,6 +86,36 @@ def test_half_of_every_batch_are_demonstrations(corrected: CorrectedActions) -> 
     assert batch.observations.shape == (10, seen.size)
     shown = buffer.demonstrations
     assert not shown.dones.sum() - shown.timeouts.sum(), "an episode of Pick ends by its time limit"
+
+
+def test_the_largest_correction_leaves_the_object_between_the_fingers(corrected: CorrectedActions) -> None:
+    velocity = corrected.scale[3:6] * PICK.make().unwrapped.robot.max_tcp_velocity[0]
+    assert (velocity / GAIN < FINGER_ROOM).all()
+
+
+def test_what_acts_are_the_weights_that_did_best_on_validation_scenes(
+    corrected: CorrectedActions, tmp_path: Path
+) -> None:
+    Run(PICK, "sac", 10, tmp_path).write_record()
+    corrected.imitation.save(tmp_path / POLICY_FILE)
+    model = make_model("sac", corrected, 0, has_demonstrations=True)
+    assert consider(model.policy.actor, 0.5, tmp_path)
+    with torch.no_grad():
+        model.policy.actor.mu.bias.fill_(3.0)
+    save_model(model, tmp_path)
+    env = PICK.make()
+    observation, _ = env.reset(seed=1)
+    imitated, last = (
+        corrected.imitation.act(observation),
+        model_agent("sac", model, env, corrected.imitation)(observation),
+    )
+    assert not np.allclose(imitated, last, atol=1e-3)
+    assert not consider(model.policy.actor, 0.5, tmp_path)
+    assert np.allclose(load_agent(tmp_path, env)(observation), imitated, atol=1e-6)
+    assert consider(model.policy.actor, 0.6, tmp_path)
+    assert np.allclose(load_agent(tmp_path, env)(observation), last, atol=1e-6)
+    forget_chosen(tmp_path)
+    assert consider(model.policy.actor, 0.1, tmp_path)
 
 
 def test_learning_retrieve_from_rewards_needs_demonstrations(tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ def test_tqc_corrects_an_imitation_and_resumes(demos: Path, tmp_path: Path) -> N
     task = run(PICK, "tqc", 150, tmp_path / "run", demonstrations=demos, imitation_steps=50)
     history = train(task).history
     assert [entry["steps"] for entry in history] == [0, 150]
+    assert all(entry.keys() == {"steps", "success", "validation"} for entry in history)
     train(replace(task, steps=160), resume=True)
     env = PICK.make()
     assert play(env, load_agent(tmp_path / "run", env), held_out_seeds(1)[0]).steps == 100
