@@ -18,8 +18,8 @@ CORRECTION_SHARE = 0.06
 """Largest correction, as a share of the largest action of a learner without an imitation.
 
 A gripper that approaches a point with the gain of the scripts, 1.6/s, stops 0.3 m/s × `CORRECTION_SHARE` / 1.6 beside
-it under the largest correction: 11 mm, less than the room of 12 mm between the object and each finger. So no
-correction, however wrong the critics are, keeps the gripper from objects that the imitation grasps in the middle.
+it under the largest correction: 11 mm, less than the room of 12 mm between the object and each finger. Larger ones let
+critics that are still wrong hold the gripper beside an object that the imitation would grasp.
 """
 
 
