@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from clutter_env.cli import check_plans
+from clutter_env.cli.checks import check_plans
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.replay import PlanReplay
 from planners import Scene, Solution, solve
