@@ -8,13 +8,14 @@ WORKERS ?= 2
 OBJECTS ?= 15
 SOURCES := assets irm planners clutter_env scripts tests
 
-.PHONY: help setup demo test test-slow check format bench soak clean
+.PHONY: help setup demo test test-slow check docs format bench soak clean
 
 help:
 	@echo "make setup      virtual environment with the package, its visuals and the development tools"
 	@echo "make demo       one 15-object episode solved in physics by the expert, plan printed, pictures in outputs/"
 	@echo "make test       the fast tests;  make test-slow: all of them"
 	@echo "make check      format, lint, types, import contracts, fast tests"
+	@echo "make docs       the documentation as pages to read offline, in outputs/site"
 	@echo "make bench      speed, memory and rendering of the environments"
 	@echo "make soak       two million random steps through all environments, about half an hour"
 
@@ -60,6 +61,14 @@ check: $(VENV)/.dev
 format: $(VENV)/.dev
 	$(BIN)/ruff format $(SOURCES)
 	$(BIN)/ruff check --fix $(SOURCES)
+
+$(VENV)/.docs: $(VENV)/.core
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[docs]"
+	@touch $@
+
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "documentation: outputs/site/index.html"
 
 bench: $(VENV)/.core
 	$(BIN)/python scripts/benchmark.py

@@ -35,7 +35,8 @@ def robot_radius(robot: RobotSpec, low: float = 0.0, high: float = inf) -> float
 
     Args:
         robot: of a RobotSpec with a model.
-        low, high: lowest and highest point of an obstacle above the floor [m].
+        low: lowest point of an obstacle above the floor [m].
+        high: its highest point [m].
 
     Returns:
         The radius [m]; 0 if no part of the robot is between these heights.

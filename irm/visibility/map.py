@@ -100,7 +100,8 @@ class VisibilityMap:
             bases: (m, 3) x, y [m] and yaw [rad].
             points: (m, 3), or (3,) for all, TCP positions in the world [m].
             approach_yaws: (m,) of the TCP in the world [rad].
-            pitch, roll: of the TCP [rad].
+            pitch: of the TCP [rad].
+            roll: of the TCP [rad].
         """
         rm, grid = self.reachability_map, self.reachability_map.grid
         turn = approach_yaws - bases[:, 2]

@@ -61,7 +61,8 @@ def execute(
 
     Args:
         solution: the plan.
-        model, data: the simulation, in the state in which the scene was read.
+        model: the simulation.
+        data: its state, in which the scene was read.
         on_step: called after every control step of 0.05 s, for example to draw.
         config: tolerances of the monitor.
 
