@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +30,13 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+Pair: TypeAlias = tuple[bytes, float, float]
 
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a board, no
 grasp with nothing in its way."""
+_REFILLS = 8
+"""Times that grasps are looked for again once all of one kind are refuted, before an object counts as without more."""
 OFF_TABLE = 0.02
 """[m] An object whose lowest point is this far below the table top does not stand on it."""
 
@@ -105,6 +108,11 @@ class GraspCandidate:
         """Identifies the candidate across scenes."""
         return self.object, self.base.tobytes(), self.q.tobytes()
 
+    @property
+    def pair(self) -> Pair:
+        """Identifies the base pose and the gripper pose among the grasps of the object."""
+        return self.base.tobytes(), self.yaw, self.pitch
+
 
 def gripper_poses(grasps: Sequence[GraspPose]) -> Array:
     """The gripper poses (k, 5) of grasps: x, y, z [m] of the TCP, yaw and pitch [rad]."""
@@ -126,10 +134,19 @@ class Stage(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """The grasps of one object found so far, and the stages that were not looked at yet."""
+    """What is known of one object's grasps.
+
+    Attributes:
+        candidates: found so far.
+        unseen: the stages that were not looked at yet.
+        tried: base poses and gripper poses at which motion planning found a grasp worse than expected.
+        refills: how often grasps were looked for again without these.
+    """
 
     candidates: tuple[GraspCandidate, ...]
     unseen: tuple[Stage, ...]
+    tried: frozenset[Pair] = frozenset()
+    refills: int = 0
 
 
 @dataclass
@@ -140,7 +157,8 @@ class GraspCandidates:
     the minimum number of clearances then. If that grasp is removed later, the remaining families are looked at.
 
     Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers. Both are
-    undone once the objects of the scene have moved.
+    undone once the objects of the scene have moved. A scan keeps few of the grasps that hit the same objects, and none
+    that hit more, so once all that hit the same are refuted, the object's other grasps are looked for.
 
     Attributes:
         placer: base poses for gripper poses.
@@ -163,11 +181,12 @@ class GraspCandidates:
         self._forget_other_scenes(scene)
         body = scene.body(name)
         is_off_support = body.bottom < scene.support.top - OFF_TABLE
-        known, unseen = self._known.get(name, _Known((), () if is_off_support else self._stages()))
-        while unseen and not any(grasp.blockers == 0 for grasp in known):
-            known, unseen = _sorted((*known, *self._of_stage(scene, body, unseen[0]))), unseen[1:]
-        self._known[name] = _Known(known, unseen)
-        return known
+        known = self._known.setdefault(name, _Known((), () if is_off_support else self._stages()))
+        while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
+            found = self._of_stage(scene, body, known.unseen[0])
+            known = known._replace(candidates=_sorted((*known.candidates, *found)), unseen=known.unseen[1:])
+            self._known[name] = known
+        return known.candidates
 
     def blank_copy(self) -> GraspCandidates:
         """The same placer, arm and grasp set, with nothing known of any scene."""
@@ -175,16 +194,26 @@ class GraspCandidates:
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
-        self._keep(grasp, [other for other in self.for_object(scene, grasp.object) if other.key != grasp.key])
+        self._keep(scene, grasp, [other for other in self.for_object(scene, grasp.object) if other.key != grasp.key])
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
         worse = replace(grasp, blockers=grasp.blockers | blockers)
         known = self.for_object(scene, grasp.object)
-        self._keep(grasp, [worse if other.key == grasp.key else other for other in known])
+        self._keep(scene, grasp, [worse if other.key == grasp.key else other for other in known])
 
-    def _keep(self, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
-        self._known[grasp.object] = self._known[grasp.object]._replace(candidates=_sorted(candidates))
+    def _keep(self, scene: Scene, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
+        """Remember the grasps that are left without one as it was; others, where it was the last that hits the same."""
+        known = self._known[grasp.object]
+        known = known._replace(candidates=_sorted(candidates), tried=known.tried | {grasp.pair})
+        self._known[grasp.object] = known
+        if known.refills < _REFILLS and not any(other.blockers == grasp.blockers for other in candidates):
+            kept = {other.key for other in candidates}
+            stages = self._stages()[: len(self._stages()) - len(known.unseen)]
+            found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
+            new = [other for other in found if other.key not in kept]
+            refilled = known._replace(candidates=_sorted((*candidates, *new)), refills=known.refills + 1)
+            self._known[grasp.object] = refilled
 
     def _forget_other_scenes(self, scene: Scene) -> None:
         if self._scene is None or not _same_objects(self._scene, scene):
@@ -203,12 +232,22 @@ class GraspCandidates:
         for most in _BASES if grasps else ():
             wanted = gripper_poses(grasps)
             bases, index = self.placer.bases(wanted, most)
-            poses, opening = GripperPoses(bases, wanted[index]), max(grasp.opening for grasp in grasps)
+            poses = self._untried(body, GripperPoses(bases, wanted[index]))
+            opening = max(grasp.opening for grasp in grasps)
             candidates = self._scan(scene, body, poses, self.config.grid(self.chain), opening)
             is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
             if is_enough:
                 break
         return candidates
+
+    def _untried(self, body: Body, poses: GripperPoses) -> GripperPoses:
+        """The pairs of base pose and gripper pose at which no grasp of the object was refuted."""
+        tried = self._known[body.name].tried
+        if not tried:
+            return poses
+        pairs = zip(poses.bases, *poses.gripper_poses.T[3:].tolist(), strict=True)
+        rows = [(base.tobytes(), yaw, pitch) not in tried for base, yaw, pitch in pairs]
+        return GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
 
     def _scan(
         self, scene: Scene, body: Body, poses: GripperPoses, grid: ConfigurationGrid, opening: float

@@ -80,7 +80,7 @@ class CanonicalGrasps(GraspCandidates):
         if not grasps:
             return ()
         turns, opening = STRAIGHT if stage.bases == _STRAIGHT else TURNED, max(grasp.opening for grasp in grasps)
-        poses = self._facing_poses(scene, gripper_poses(grasps), turns)
+        poses = self._untried(body, self._facing_poses(scene, gripper_poses(grasps), turns))
         return self._scan(scene, body, poses, self._about_home(scene), opening)
 
     def _facing_poses(self, scene: Scene, wanted: Array, turns: tuple[float, ...]) -> GripperPoses:

@@ -79,13 +79,14 @@ def is_straight(scene: Scene, grasp: GraspCandidate) -> bool:
     return Contact("pick", grasp.object, grasp.base, tcp).is_straight
 
 
-def test_a_banned_grasp_gives_way_to_the_next() -> None:
+def test_a_banned_grasp_gives_way_to_the_next_straight_one_then_to_others() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
-    source = CanonicalGrasps(map_placer(scene), CHAIN)
-    straight = {grasp.key for grasp in source.for_object(scene, "object_00")}
-    while (first := source.for_object(scene, "object_00")[0]).key in straight:
+    source, offered = CanonicalGrasps(map_placer(scene), CHAIN), set()
+    straight = {grasp.pair for grasp in source.free_straight(scene, "object_00", SIDE)}
+    while is_straight(scene, first := source.for_object(scene, "object_00")[0]):
+        offered.add(first.pair)
         source.ban(scene, first)
-    assert not is_straight(scene, first)
+    assert offered == straight
     assert first.blockers == 0
 
 

@@ -113,13 +113,52 @@ def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
 def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
     every = {name: all_of(scene, name) for name in scene.names[:6]}
-    source = GraspCandidates(map_placer(scene), CHAIN, families=GRASP_SETS["all"])
     for name, masks in every.items():
+        source = GraspCandidates(map_placer(scene), CHAIN, families=GRASP_SETS["all"])
         least = min((mask.bit_count() for mask in masks), default=None)
         assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
-        while free := [grasp for grasp in source.for_object(scene, name) if grasp.blockers == 0]:
-            source.ban(scene, free[0])
-        assert sorted(grasp.blockers for grasp in source.for_object(scene, name)) == sorted(filter(None, masks))
+        ban_all_free(source, scene, name)
+        assert {mask for mask in masks if mask} <= {grasp.blockers for grasp in source.for_object(scene, name)}
+
+
+def ban_all_free(source: GraspCandidates, scene: Scene, name: str) -> list[GraspCandidate]:
+    """Remove grasps with nothing in their way until there is none; those removed."""
+    banned = []
+    while free := [grasp for grasp in source.for_object(scene, name) if grasp.blockers == 0]:
+        source.ban(scene, free[0])
+        banned.append(free[0])
+    return banned
+
+
+def test_grasps_that_a_scan_left_out_are_offered_once_the_others_are_banned() -> None:
+    """A scan keeps six grasps with nothing in their way; the object alone can be taken in many more."""
+    scene = table_scene(cylinder("alone", -0.2, 0.1))
+    banned = ban_all_free(candidates(scene), scene, "alone")
+    assert len(banned) > 30
+    assert len({grasp.pair for grasp in banned}) == len(banned)
+    world, own = CollisionWorld.from_scene(scene), scene.mask(["alone"])
+    assert not any(world.hits(grasp.base, grasp.q, grasp.opening, ignore=own) for grasp in banned)
+
+
+def test_grasps_that_hit_more_are_offered_once_the_free_ones_are_banned() -> None:
+    """A scan leaves out a grasp that hits more than another one does."""
+    scene = table_scene(cylinder("wanted", -0.2, 0.0), cylinder("beside", -0.2, 0.12))
+    source = candidates(scene)
+    assert all(not grasp.blockers for grasp in source.for_object(scene, "wanted"))
+    ban_all_free(source, scene, "wanted")
+    assert {grasp.blockers for grasp in source.for_object(scene, "wanted")} == {scene.mask(["beside"])}
+
+
+def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Scene) -> None:
+    name = next(
+        name for name in scene.names if not min(grasp.blockers for grasp in candidates(scene).for_object(scene, name))
+    )
+    source, other = candidates(scene), scene.mask([next(other for other in scene.names if other != name)])
+    first = source.for_object(scene, name)[0]
+    source.obstruct(scene, first, other)
+    banned = ban_all_free(source, scene, name)
+    assert first.key not in {grasp.key for grasp in banned}
+    assert [grasp.blockers for grasp in source.for_object(scene, name) if grasp.key == first.key] == [other]
 
 
 def all_of(scene: Scene, name: str) -> list[int]:
