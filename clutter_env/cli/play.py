@@ -44,11 +44,10 @@ def run(arguments: Arguments) -> None:
         film = Path("outputs/play") / f"{arguments.policy.replace(':', '.')}-{arguments.objects}-{arguments.seed}"
     task = played_task(arguments.objects, arguments.layout, arguments.obstructed)
     played = play_policy(task, arguments.policy, arguments.seed, film)
-    lifted = "the target was lifted" if played.lifted else f"the target was not lifted {played.failure}".rstrip()
-    around = f"{played.disturbed} objects disturbed, {played.fallen} fallen"
-    print(
-        f"{lifted} after {played.steps / 20:.1f} s; {around}: {'clean success' if played.clean else 'no clean success'}"
-    )
+    score = played.score
+    lifted = "the target was lifted" if score.lifted else f"the target was not lifted ({score.failure})"
+    around = f"{score.disturbed} objects disturbed, {score.fallen} fallen"
+    print(f"{lifted} after {score.sim_s:.1f} s; {around}: {'clean success' if score.clean else 'no clean success'}")
     if played.film is not None:
         print(f"film: {played.film}")
 

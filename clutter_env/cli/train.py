@@ -58,9 +58,10 @@ class Arguments:
     demos: Path | None = None
     """Dataset of `clutter-env collect`: cloned by those that clone; sac and tqc correct the clone."""
     demo_episodes: int | None = None
-    """How many of its episodes to use; all by default. Scenes from which decisions collects examples."""
+    """How many of its episodes to use; all by default. Scenes from which decisions collects examples. For ppo and
+    maskable_ppo: scenes whose good skills are cloned first; none by default."""
     imitation_steps: int = 10_000
-    """Gradient steps of the imitation of the demonstrations that sac and tqc correct."""
+    """Gradient steps of the clone that sac and tqc correct, and that ppo and maskable_ppo improve."""
     control_mode: Literal["joint", "ee", ""] = ""
     """Control mode; empty for the environment's own."""
     reward_mode: Literal["sparse", "dense", ""] = ""

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.learning.task import HELD_OUT
 
-__all__ = ["MOVED", "PlayedScene", "Score", "SuitePolicy", "held_out_seeds", "play", "play_scene", "success_rate"]
+__all__ = [
+    "MOVED",
+    "DrawnScene",
+    "PlayedScene",
+    "Score",
+    "SuitePolicy",
+    "held_out_seeds",
+    "play",
+    "play_scene",
+    "success_rate",
+]
 
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""
@@ -137,7 +147,7 @@ def play_scene(scene: PlayedScene, env: gym.Env[Any, Any], policy: SuitePolicy, 
 
 def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | None = None) -> Score:
     """One episode of a function from observations to actions, on the scene of a seed; see `play_scene`."""
-    return play_scene(_Seed(seed), env, _Function(act), max_steps)
+    return play_scene(DrawnScene(seed), env, _Function(act), max_steps)
 
 
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
@@ -151,12 +161,13 @@ def success_rate(env: gym.Env, act: Callable[[Any], Any], seeds: Sequence[int], 
 
 
 @dataclass(frozen=True)
-class _Seed:
+class DrawnScene:
     """The scene that an environment draws for a seed."""
 
     seed: int
 
     def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
+        """Start the episode; observation and info."""
         return env.reset(seed=self.seed)
 
 

@@ -9,6 +9,7 @@ import assets
 from clutter_env.learning.comparison.decision_policies import learned_decider
 from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy
 from clutter_env.learning.contacts.planned_decider import PlannedDecider
+from clutter_env.learning.contacts.protocols import Mover
 from clutter_env.learning.keyframes.mover import KeyframeMover
 
 __all__ = ["keyframes", "learned_mover", "planned_decisions"]
@@ -28,6 +29,7 @@ def keyframes() -> HierarchicalPolicy:
     return HierarchicalPolicy(learned_decider("side"), learned_mover("side"), "side")
 
 
-def planned_decisions() -> HierarchicalPolicy:
-    """Decisions of the canonical expert and learned motions, with level grasps."""
-    return HierarchicalPolicy(PlannedDecider("side"), learned_mover("side"), "side")
+def planned_decisions(mover: Mover | None = None) -> HierarchicalPolicy:
+    """Decisions of the canonical expert with level grasps, brought about by learned motions, the shipped ones if none
+    are given."""
+    return HierarchicalPolicy(PlannedDecider("side"), mover or learned_mover("side"), "side")

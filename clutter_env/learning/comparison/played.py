@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
+
 from clutter_env import OBJECT_COUNTS
+from clutter_env.learning.comparison.evaluation import DrawnScene, Score, SuitePolicy, play_scene
 from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import Task
@@ -17,23 +21,9 @@ __all__ = ["Played", "play_policy", "played_task"]
 
 @dataclass(frozen=True)
 class Played:
-    """How an episode ended.
+    """How an episode ended: its score, and the file of its film, None if there is none."""
 
-    Attributes:
-        clean: the target was lifted, and nothing had fallen or been disturbed.
-        lifted: the target was lifted.
-        disturbed, fallen: numbers of objects.
-        steps: control steps of 0.05 s.
-        failure: why the policy gave up, "" if it did not.
-        film: the film, None if there is none.
-    """
-
-    clean: bool
-    lifted: bool
-    disturbed: int
-    fallen: int
-    steps: int
-    failure: str
+    score: Score
     film: Path | None
 
 
@@ -67,34 +57,42 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
     mode = "human" if film is None else "rgb_array"
     size = {} if film is None else {"image_size": FRAME_SIZE}
     env = task.make(render_mode=mode, **size, **env_keywords(policy))
-    observation, info = env.reset(seed=seed)
-    camera = None if film is None else Film(env.unwrapped)
-    policy.reset(env, info)
-    steps, is_over = 0, False
-    while not is_over and not getattr(policy, "done", False):
-        observation, _, terminated, truncated, info = env.step(policy.act(observation))
-        steps += 1
-        is_over = terminated or truncated or bool(info["lifted"])
-        if camera is not None:
-            camera.watch(str(getattr(policy, "phase", "")))
-    failure = str(getattr(policy, "failure", "")) if not info["lifted"] else ""
-    return Played(
-        clean=bool(info["lifted"]) and not info["num_disturbed"] and not info["num_fallen"],
-        lifted=bool(info["lifted"]),
-        disturbed=int(info["num_disturbed"]),
-        fallen=int(info["num_fallen"]),
-        steps=steps,
-        failure=failure,
-        film=_saved(camera, film, info),
-    )
+    if film is None:
+        return Played(play_scene(DrawnScene(seed), env, policy), None)
+    filmed = _Filmed(policy)
+    score = play_scene(DrawnScene(seed), env, filmed)
+    return Played(score, filmed.save(film, "lifted" if score.lifted else "not lifted"))
 
 
-def _saved(camera: Film | None, stem: Path | None, info: dict[str, Any]) -> Path | None:
-    """The film's file."""
-    if camera is None or stem is None:
-        return None
-    camera.finish("lifted" if info["lifted"] else "not lifted")
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    path = camera.save_film(stem)
-    camera.close()
-    return path
+class _Filmed:
+    """A policy whose episode is filmed."""
+
+    def __init__(self, policy: SuitePolicy) -> None:
+        self._policy = policy
+        self._film: Film | None = None
+        self._has_acted = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._policy, name)
+
+    def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:
+        """Start an episode, and its film."""
+        self._film, self._has_acted = Film(env.unwrapped), False
+        self._policy.reset(env, info)
+
+    def act(self, observation: Any) -> Any:
+        """The next action; the state after the last one is filmed."""
+        assert self._film is not None
+        if self._has_acted:
+            self._film.watch(str(getattr(self._policy, "phase", "")))
+        self._has_acted = True
+        return self._policy.act(observation)
+
+    def save(self, stem: Path, caption: str) -> Path:
+        """End the film with the last state, and write it to a file, to whose name the ending is added."""
+        assert self._film is not None
+        self._film.finish(caption)
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        path = self._film.save_film(stem)
+        self._film.close()
+        return path

@@ -7,8 +7,9 @@ from typing import Any
 
 from clutter_env.learning.comparison.evaluation import Score
 from clutter_env.learning.comparison.jobs import EvaluationJob, Result
+from clutter_env.learning.comparison.run_names import run_directories
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.runs import RUN_FILE, differences, load_run
+from clutter_env.learning.policies.runs import differences, load_run
 from clutter_env.learning.task import versions
 from clutter_env.reporting.json_lines import JsonLines
 from clutter_env.suites import Floor, suite
@@ -50,8 +51,7 @@ def _key(job: EvaluationJob) -> str:
     """Identifies a job; a run that was trained further, or a suite that was changed, is played again."""
     scenes = job.scenes
     where = f"{scenes.suite} {suite(scenes.suite).digest} {scenes.split}" if scenes.suite else scenes.env_id
-    is_run = (Path(job.policy) / RUN_FILE).exists()
-    steps = f" after {load_run(Path(job.policy))['steps']}" if is_run else ""
+    steps = "".join(f" after {load_run(run)['steps']}" for run in run_directories(job.policy))
     return f"{where} {scenes.obstructed} {job.index}: {job.policy}{steps}, seed {job.seed}, {job.feasibility}"
 
 

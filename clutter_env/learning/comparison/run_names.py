@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from clutter_env.learning.policies.runs import load_run
+from clutter_env.learning.policies.runs import DECISION_LEARNERS, MOVER_LEARNERS, RUN_FILE, load_run
 from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import json_text
 
-__all__ = ["run_names", "run_task"]
+__all__ = ["run_directories", "run_names", "run_task"]
+
+
+def run_directories(name: str) -> tuple[Path, ...]:
+    """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
+    found = [Path(part) for part in name.split("+")]
+    return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
 
 
 def run_task(directory: Path) -> Task:
@@ -40,8 +46,12 @@ def run_names(directories: Sequence[Path]) -> dict[str, str]:
 
 
 def _name(directory: Path) -> str:
-    level = "skills" if run_task(directory).family == "skill" else "actions"
-    return f"{load_run(directory)['algorithm']} ({level})"
+    algorithm = load_run(directory)["algorithm"]
+    if algorithm in DECISION_LEARNERS:
+        return f"{algorithm} (planner's motions)"
+    if algorithm in MOVER_LEARNERS:
+        return f"{algorithm} (planner's decisions)"
+    return f"{algorithm} ({'skills' if run_task(directory).family == 'skill' else 'actions'})"
 
 
 def _folder(directory: Path) -> str:

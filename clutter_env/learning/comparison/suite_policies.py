@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +13,7 @@ from typing import Any
 import gymnasium as gym
 
 from clutter_env.learning.comparison.evaluation import SuitePolicy
+from clutter_env.learning.comparison.run_names import run_directories
 from clutter_env.learning.demonstrations.experts import (
     PLANNERS,
     Expert,
@@ -24,7 +25,7 @@ from clutter_env.learning.demonstrations.experts import (
 from clutter_env.learning.demonstrations.scripted import SCRIPTS
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer, greedy_agent, random_agent
-from clutter_env.learning.policies.runs import RUN_FILE, load_run
+from clutter_env.learning.policies.runs import DECISION_LEARNERS, MOVER_LEARNERS, load_run
 from clutter_env.learning.task import family
 from clutter_env.suites import GRASPS
 
@@ -119,8 +120,13 @@ def _script_policy(name: str) -> SuitePolicy:
     return ExpertPolicy(partial(ScriptedExpert, name=name), "all", expert_keywords(name))
 
 
-def _run_policy(directory: Path) -> SuitePolicy:
-    """The policy of a training run; loaded once, for the first episode's environment."""
+def _run_policy(directories: Sequence[Path]) -> SuitePolicy:
+    """The policy of a training run, loaded once, for the first episode's environment; or of two runs."""
+    directory, *others = directories
+    if others or load_run(directory)["algorithm"] in (*DECISION_LEARNERS, *MOVER_LEARNERS):
+        from clutter_env.learning.comparison.run_policies import two_level_policy  # needs torch, as below
+
+        return two_level_policy(directories)
     task = load_run(directory)["task"]
     loaded: dict[int, Callable[[Any], Any]] = {}
 
@@ -162,8 +168,9 @@ def load_policy(name: str, seed: int) -> SuitePolicy:
     """A policy by its name.
 
     Args:
-        name: one of `BUILT_IN`; the directory of a training run; or "module:Class" of a class without arguments;
-            modules are also looked for in the current directory.
+        name: one of `BUILT_IN`; the directory of a training run, or those of learned decisions and learned motions with
+            a "+" between; or "module:Class" of a class without arguments; modules are also looked for in the current
+            directory.
         seed: of the built-in random policies.
 
     Raises:
@@ -173,8 +180,8 @@ def load_policy(name: str, seed: int) -> SuitePolicy:
         return _FIXED[name]()
     if name in _RANDOM:
         return _random_policy(_RANDOM[name], seed)
-    if (Path(name) / RUN_FILE).exists():
-        return _run_policy(Path(name))
+    if runs := run_directories(name):
+        return _run_policy(runs)
     module, _, attribute = _LEARNED.get(name, name).partition(":")
     if not attribute:
         raise LearningError(
@@ -228,7 +235,7 @@ def policy_families(name: str) -> tuple[str, ...]:
     every = ("retrieve", *_GOAL_FAMILIES)
     if name in _GOAL_FAMILIES:
         return (name,)
-    if (Path(name) / RUN_FILE).exists():
-        own = family(load_run(Path(name))["task"]["env_id"])
+    if runs := run_directories(name):
+        own = family(load_run(runs[0])["task"]["env_id"])
         return ("retrieve" if own == "skill" else own,)
     return ("retrieve",) if name in BUILT_IN and name != "random" else every

@@ -12,7 +12,7 @@ import numpy as np
 from clutter_env.learning.policies.chosen import put_chosen
 from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations
 from clutter_env.learning.policies.policy import Policy
-from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, load_model, training_env
+from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, acting_part, load_model, training_env
 from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 
 __all__ = ["POLICY_FILE", "Agent", "load_agent", "model_agent"]
@@ -25,7 +25,7 @@ POLICY_FILE = "policy.pt"
 def load_agent(directory: Path, env: gym.Env) -> Agent:
     """The policy of a training run, for an environment of the task that it was trained on.
 
-    Of a learner that corrects an imitation the weights that did best on the validation scenes, else the last ones.
+    Of a learner that improves a clone the weights that did best on the validation scenes, else the last ones.
 
     Raises:
         LearningError: the directory holds no trained policy.
@@ -35,8 +35,7 @@ def load_agent(directory: Path, env: gym.Env) -> Agent:
         return Policy.load(directory / POLICY_FILE).act
     imitation = Policy.load(directory / POLICY_FILE) if (directory / POLICY_FILE).exists() else None
     model = load_model(algorithm, directory, training_env(algorithm, env, imitation))
-    if imitation is not None:
-        put_chosen(model.policy.actor, directory)
+    put_chosen(acting_part(model), directory)
     return model_agent(algorithm, model, env, imitation)
 
 

@@ -43,6 +43,7 @@ __all__ = [
     "Checkpoints",
     "GoalFeatures",
     "ScaledActions",
+    "acting_part",
     "load_model",
     "make_model",
     "save_model",
@@ -115,9 +116,7 @@ def _near_and_far(offset: torch.Tensor) -> list[torch.Tensor]:
     return [2 * offset, *(torch.tanh(scale * offset) for scale in NEAR_SCALES)]
 
 
-def make_model(
-    name: str, env: gym.Env, seed: int, log: Path | None = None, has_demonstrations: bool = False
-) -> BaseAlgorithm:
+def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None, has_clone: bool = False) -> BaseAlgorithm:
     """A new model for an environment from `training_env`.
 
     Args:
@@ -125,8 +124,9 @@ def make_model(
         env: where it will learn.
         seed: random seed.
         log: directory for TensorBoard.
-        has_demonstrations: whether SAC or TQC corrects an imitation, in an environment with `CorrectedActions`. Then
-            its actor starts as the imitation and explores little, and half of its data will be demonstrations.
+        has_clone: whether it improves a clone. SAC and TQC then correct one in an environment with `CorrectedActions`:
+            the actor starts as the clone and explores little, and half of the data will be demonstrations. PPO and
+            MaskablePPO then learn in smaller steps, for a network that will be fitted to labels first.
 
     Raises:
         LearningError: no such algorithm; the message lists the known ones.
@@ -140,11 +140,12 @@ def make_model(
         "tensorboard_log": None if log is None else str(log),
     }
     if name not in GOAL_ALGORITHMS:
-        return ALGORITHMS[name](**_on_policy(name), **common)
-    if not has_demonstrations:
+        policy = MaskableSkillPolicy if name == "maskable_ppo" else SkillPolicy
+        return ALGORITHMS[name](policy, **(_IMPROVING if has_clone else _FROM_NOTHING), **common)
+    if not has_clone:
         return ALGORITHMS[name](**_OFF_POLICY, **common)
-    policy = NormalisedSACPolicy if name == "sac" else NormalisedTQCPolicy
-    model = ALGORITHMS[name](policy, replay_buffer_class=SymmetricReplayBuffer, **_CORRECTING, **common)
+    correcting = NormalisedSACPolicy if name == "sac" else NormalisedTQCPolicy
+    model = ALGORITHMS[name](correcting, replay_buffer_class=SymmetricReplayBuffer, **_CORRECTING, **common)
     _begin_with_small_corrections(model.policy.actor)
     return model
 
@@ -259,13 +260,16 @@ def _begin_with_small_corrections(actor: Any) -> None:
         torch.nn.init.constant_(layer.bias, bias)
 
 
-def _on_policy(name: str) -> dict[str, Any]:
-    return {
-        "policy": MaskableSkillPolicy if name == "maskable_ppo" else SkillPolicy,
-        "learning_rate": 1e-3,
-        "n_steps": 512,
-        "batch_size": 128,
-        "n_epochs": 6,
-        "gamma": 0.97,
-        "ent_coef": 0.01,
-    }
+_SKILLS: Mapping[str, Any] = MappingProxyType({"n_steps": 512, "batch_size": 128, "gamma": 0.97})
+_FROM_NOTHING: Mapping[str, Any] = MappingProxyType({**_SKILLS, "learning_rate": 1e-3, "n_epochs": 6, "ent_coef": 0.01})
+"""PPO and MaskablePPO from rewards alone."""
+_IMPROVING: Mapping[str, Any] = MappingProxyType(
+    {**_SKILLS, "n_steps": 1024, "learning_rate": 1e-4, "n_epochs": 4, "target_kl": 0.02}
+)
+"""PPO and MaskablePPO that improve a clone."""
+
+
+def acting_part(model: BaseAlgorithm) -> torch.nn.Module:
+    """The weights of a model that choose its actions: the actor of SAC and TQC, the whole policy of PPO."""
+    part: torch.nn.Module = getattr(model.policy, "actor", model.policy)
+    return part

@@ -11,6 +11,7 @@ from clutter_env.learning.errors import LearningError
 
 __all__ = [
     "CLONERS",
+    "DECISIONS_FILE",
     "DECISION_LEARNERS",
     "GOAL_ALGORITHMS",
     "MOVER_FILE",
@@ -34,6 +35,8 @@ MOVER_FILE = "mover.npz"
 """Their weights, in the directory of a run."""
 DECISION_LEARNERS = ("decisions", "decisions_dagger")
 """Learn from the planner's geometry what to take next and from where, and where to put it."""
+DECISIONS_FILE = "decisions.npz"
+"""Their weights, in the directory of a run."""
 
 
 def load_run(directory: Path) -> dict[str, Any]:

@@ -19,12 +19,12 @@ from clutter_env.learning.decisions.fitting import FitConfig, accuracy, fit
 from clutter_env.learning.decisions.model_file import DecisionModel
 from clutter_env.learning.decisions.network import ContactNetwork
 from clutter_env.learning.policies.rl import HISTORY_FILE
+from clutter_env.learning.policies.runs import DECISIONS_FILE
 from clutter_env.learning.training.run import Run
 from clutter_env.reporting.json_file import write_json
 
-__all__ = ["DECISIONS_FILE", "SCENES", "train_decisions"]
+__all__ = ["SCENES", "train_decisions"]
 
-DECISIONS_FILE = "decisions.npz"
 EXAMPLES_FILE = "examples.npz"
 SCENES = 700
 """Scenes from which examples are collected, if the run does not say."""

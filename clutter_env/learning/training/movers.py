@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 from torch.utils.tensorboard import SummaryWriter
 
-from clutter_env.learning.comparison.evaluation import held_out_seeds
+from clutter_env.learning.comparison.evaluation import DrawnScene, held_out_seeds, play_scene
 from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy
 from clutter_env.learning.contacts.planned_decider import PlannedDecider
 from clutter_env.learning.contacts.protocols import Mover
@@ -80,14 +80,4 @@ def decider_of(dataset: Dataset) -> PlannedDecider:
 def clean_successes(env: gym.Env[Any, Any], decider: PlannedDecider, mover: Mover, seeds: Iterable[int]) -> list[bool]:
     """Whether each scene ends in clean success."""
     policy = HierarchicalPolicy(decider, mover)
-    return [_is_clean_success(env, policy, seed) for seed in seeds]
-
-
-def _is_clean_success(env: gym.Env[Any, Any], policy: HierarchicalPolicy, seed: int) -> bool:
-    observation, info = env.reset(seed=seed)
-    policy.reset(env, info)
-    is_over = False
-    while not (is_over or policy.done or info["lifted"]):
-        observation, _, terminated, truncated, info = env.step(policy.act(observation))
-        is_over = terminated or truncated
-    return bool(info["is_success"])
+    return [play_scene(DrawnScene(seed), env, policy).clean for seed in seeds]

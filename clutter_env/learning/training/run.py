@@ -50,8 +50,9 @@ class Run:
         seed: random seed.
         demonstrations: dataset, needed by all that clone; "sac" and "tqc" imitate it and correct the imitation; they
             need it on Retrieve.
-        episodes: of the dataset to use; None for all. Scenes from which "decisions" collects its examples.
-        imitation_steps: gradient steps of the imitation that "sac" and "tqc" correct.
+        episodes: of the dataset to use; None for all. Scenes from which "decisions" collects its examples. Of "ppo" and
+            "maskable_ppo": scenes whose good skills are cloned before reinforcement learning; None for no cloning.
+        imitation_steps: gradient steps of the clone that "sac", "tqc", "ppo" and "maskable_ppo" improve.
         rounds: of "dagger" and "decisions_dagger".
         round_episodes: episodes of the learner in each of these rounds.
         expert: that corrects the learner in "dagger"; "" for the one of the demonstrations.

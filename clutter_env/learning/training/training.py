@@ -25,12 +25,19 @@ from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import (
     HISTORY_FILE,
     Checkpoints,
+    acting_part,
     load_model,
     make_model,
     save_model,
     training_env,
 )
-from clutter_env.learning.policies.runs import CLONERS, DECISION_LEARNERS, GOAL_ALGORITHMS, MOVER_LEARNERS
+from clutter_env.learning.policies.runs import (
+    CLONERS,
+    DECISION_LEARNERS,
+    GOAL_ALGORITHMS,
+    MOVER_LEARNERS,
+    SKILL_ALGORITHMS,
+)
 from clutter_env.learning.task import HELD_OUT
 from clutter_env.learning.training.averaging import AveragedActor
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of
@@ -39,6 +46,7 @@ from clutter_env.learning.training.dagger import DaggerConfig, dagger
 from clutter_env.learning.training.decisions import train_decisions
 from clutter_env.learning.training.movers import train_mover
 from clutter_env.learning.training.run import Run
+from clutter_env.learning.training.skills import clone_skills
 from clutter_env.reporting.json_file import write_json
 
 __all__ = ["Trained", "train"]
@@ -102,25 +110,28 @@ def _reinforce(run: Run, resume: bool) -> list[dict[str, float]]:
     evaluation_env = run.task.make()
     episodes = [] if run.demonstrations is None else _episodes(run)
     imitation = _imitation(run, episodes, is_resumed) if episodes else None
+    has_clone = imitation is not None or (run.algorithm in SKILL_ALGORITHMS and run.episodes is not None)
     env = training_env(run.algorithm, run.task.make(), imitation)
     if is_resumed:
         model = load_model(run.algorithm, run.directory, env, with_buffer=True)
         model.tensorboard_log = str(run.directory)
     else:
-        model = make_model(run.algorithm, env, run.seed, run.directory, imitation is not None)
+        model = make_model(run.algorithm, env, run.seed, run.directory, has_clone)
         if isinstance(env, CorrectedActions):
             model.replay_buffer.keep(env, episodes)
+        elif has_clone:
+            clone_skills(run, model)
 
     def evaluate(model: Any) -> dict[str, float]:
-        """Success at a checkpoint; weights that correct an imitation are kept if no earlier ones did as well."""
+        """Success at a checkpoint; weights that improve a clone are kept if no earlier ones did as well."""
         act = model_agent(run.algorithm, model, evaluation_env, imitation)
         found = {"success": _success(run, evaluation_env, act)}
-        if imitation is not None:
+        if has_clone:
             found["validation"] = _success(run, evaluation_env, act, VALIDATION_SEEDS)
-            consider(model.policy.actor, found["validation"], run.directory)
+            consider(acting_part(model), found["validation"], run.directory)
         return found
 
-    if imitation is not None and not is_resumed:
+    if has_clone and not is_resumed:
         forget_chosen(run.directory)
         write_json(run.directory / HISTORY_FILE, [{"steps": 0, **evaluate(model)}])
     averaged = AveragedActor() if run.algorithm in GOAL_ALGORITHMS else None

@@ -62,7 +62,7 @@ def test_corrections_are_undone_as_far_as_they_reach(corrected: CorrectedActions
 def test_a_new_learner_acts_as_its_imitation_with_normalised_critics(
     corrected: CorrectedActions, algorithm: str
 ) -> None:
-    model = make_model(algorithm, corrected, 0, has_demonstrations=True)
+    model = make_model(algorithm, corrected, 0, has_clone=True)
     observation, _ = PICK.make().reset(seed=1)
     act = model_agent(algorithm, model, PICK.make(), corrected.imitation)
     assert np.allclose(act(observation), corrected.imitation.act(observation), atol=1e-6)
@@ -76,7 +76,7 @@ def test_a_new_learner_acts_as_its_imitation_with_normalised_critics(
 def test_half_of_every_batch_are_demonstrations(corrected: CorrectedActions) -> None:
     env = PICK.make()
     episode = record(PICK, env, make_expert(env), seed=3)
-    buffer = make_model("sac", corrected, 0, has_demonstrations=True).replay_buffer
+    buffer = make_model("sac", corrected, 0, has_clone=True).replay_buffer
     seen, _ = corrected.reset(seed=0)
     buffer.add(seen, seen, np.zeros(10), np.array([7.0]), np.array([False]), [{}])
     assert (buffer.sample(10).rewards == 7.0).all()
@@ -98,7 +98,7 @@ def test_what_acts_are_the_weights_that_did_best_on_validation_scenes(
 ) -> None:
     Run(PICK, "sac", 10, tmp_path).write_record()
     corrected.imitation.save(tmp_path / POLICY_FILE)
-    model = make_model("sac", corrected, 0, has_demonstrations=True)
+    model = make_model("sac", corrected, 0, has_clone=True)
     assert consider(model.policy.actor, 0.5, tmp_path)
     with torch.no_grad():
         model.policy.actor.mu.bias.fill_(3.0)

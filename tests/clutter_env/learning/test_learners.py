@@ -24,7 +24,7 @@ from clutter_env.learning.policies.features import feature_vector  # noqa: E402
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
 from clutter_env.learning.policies.rl import GoalFeatures, ScaledActions  # noqa: E402
 from clutter_env.learning.policies.runs import load_run  # noqa: E402
-from clutter_env.learning.policies.skill_policy import SkillNetwork  # noqa: E402
+from clutter_env.learning.skills.network import SkillNetwork  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402

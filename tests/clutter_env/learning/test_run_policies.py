@@ -1,0 +1,76 @@
+"""Training runs of decisions and of motions as policies."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+
+import assets  # noqa: E402
+from clutter_env.learning.comparison.compare import Comparison, make_jobs  # noqa: E402
+from clutter_env.learning.comparison.evaluation import DrawnScene, play_scene  # noqa: E402
+from clutter_env.learning.comparison.played import play_policy, played_task  # noqa: E402
+from clutter_env.learning.comparison.run_names import run_directories, run_names  # noqa: E402
+from clutter_env.learning.comparison.scene_sets import SceneSet  # noqa: E402
+from clutter_env.learning.comparison.suite_policies import load_policy, policy_families, policy_grasps  # noqa: E402
+from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy  # noqa: E402
+from clutter_env.learning.errors import LearningError  # noqa: E402
+from clutter_env.learning.policies.runs import DECISIONS_FILE, MOVER_FILE  # noqa: E402
+from clutter_env.learning.task import Task  # noqa: E402
+from clutter_env.learning.training.run import Run  # noqa: E402
+
+O15 = Task("clutter_env/Retrieve-o15-v0", {"obstructed": True})
+
+
+def written(directory: Path, algorithm: str, weights: str, name: str) -> Path:
+    """A run with the weights that come with the package."""
+    Run(O15, algorithm, 10, directory).write_record()
+    shutil.copy(assets.path(f"policies/{weights}"), directory / name)
+    return directory
+
+
+@pytest.fixture
+def decisions(tmp_path: Path) -> Path:
+    return written(tmp_path / "decisions", "decisions_dagger", "decisions-side.npz", DECISIONS_FILE)
+
+
+@pytest.fixture
+def motions(tmp_path: Path) -> Path:
+    return written(tmp_path / "motions", "keyframes", "keyframes-side.npz", MOVER_FILE)
+
+
+def test_two_runs_joined_are_one_policy_that_retrieves(decisions: Path, motions: Path) -> None:
+    name = f"{decisions}+{motions}"
+    assert run_directories(name) == (decisions, motions)
+    assert policy_families(name) == ("retrieve",)
+    policy = load_policy(name, 0)
+    assert isinstance(policy, HierarchicalPolicy)
+    assert policy_grasps(policy) == "side"
+    assert play_scene(DrawnScene(1_000_000), Task("clutter_env/Retrieve-o1-v0").make(), policy).clean
+
+
+def test_runs_of_decisions_and_of_motions_play_alone(decisions: Path, motions: Path) -> None:
+    names = run_names([decisions, motions])
+    assert names[str(decisions)] == "decisions_dagger (planner's motions)"
+    assert names[str(motions)] == "keyframes (planner's decisions)"
+    scenes = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=1)
+    playing = {job.policy for job in make_jobs(Comparison((scenes,), runs=(decisions, motions)))}
+    assert {str(decisions), str(motions)} <= playing
+    assert all(isinstance(load_policy(str(run), 0), HierarchicalPolicy) for run in (decisions, motions))
+
+
+def test_runs_that_do_not_fit_together_are_refused(decisions: Path, tmp_path: Path) -> None:
+    with pytest.raises(LearningError, match="join one of decisions"):
+        load_policy(f"{decisions}+{decisions}", 0)
+    with pytest.raises(LearningError, match="no policy"):
+        load_policy(f"{decisions}+{tmp_path}", 0)
+
+
+def test_a_film_ends_with_the_score_of_the_episode(tmp_path: Path) -> None:
+    played = play_policy(played_task(1, "", False), "keyframes", 1_000_000, tmp_path / "film")
+    assert played.score.clean
+    assert played.film is not None
+    assert played.film.stat().st_size > 10_000
