@@ -10,8 +10,6 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec
 from irm.arm.kinematics import ArmChain
-from irm.maps.cache import cached_map
-from irm.queries.inverse import InverseReachabilityMap
 from irm.visibility.map import VisibilityMap, cached_visibility
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
@@ -19,7 +17,7 @@ from planners.clearing.minimum_clearances import clearance_floor as floor_of_opt
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
-from planners.grasping.base_placement import MAP_PARAMETERS, MapPlacer
+from planners.grasping.base_placement import MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import find_grasp_set
@@ -118,7 +116,7 @@ def warmup(robot: RobotSpec = FETCH) -> None:
 
 def map_placer(scene: Scene, per_gripper_pose: int = _BASES) -> MapPlacer:
     """Base poses for gripper poses in this scene, from the robot's cached reachability map."""
-    return MapPlacer.of_scene(_inverse_map(scene.robot), scene, per_gripper_pose)
+    return MapPlacer.of_scene(inverse_map(scene.robot), scene, per_gripper_pose)
 
 
 @dataclass(frozen=True)
@@ -219,7 +217,7 @@ class Planner:
         For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
         """
         supports = self.supports_in(scene)
-        any_placer = MapPlacer.of_scene(_inverse_map(scene.robot), scene)
+        any_placer = MapPlacer.of_scene(inverse_map(scene.robot), scene)
         if self.prefer_visible:
             any_placer = replace(any_placer, prefer=_visibility_map(scene.robot))
         for attempt in range(attempts + (self.follower is not None)):
@@ -265,10 +263,5 @@ class _Blockers:
 
 
 @cache
-def _inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
-    return InverseReachabilityMap(cached_map(robot, **MAP_PARAMETERS))
-
-
-@cache
 def _visibility_map(robot: RobotSpec) -> VisibilityMap:
-    return cached_visibility(_inverse_map(robot).reachability_map, robot)
+    return cached_visibility(inverse_map(robot).reachability_map, robot)

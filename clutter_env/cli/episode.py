@@ -4,8 +4,8 @@
     clutter-env episode --objects 40 --episodes 50 --control-mode joint --grasps all
 
 One episode: the plan (Fig. 13 of Lee & Kim 2019), the replanning (Fig. 11), the report, a picture of every choice of
-a clearance location (Figs. 8-10), the plan as a file, and where the machine can render, a film. Many: the success rate
-and the causes of failure.
+a clearance location (Figs. 8-10), the plan as a file, the episode in 3-D as one page for a browser, and where the
+machine can render, a film. Many: the success rate and the causes of failure.
 """
 
 from __future__ import annotations
@@ -60,6 +60,10 @@ class Arguments:
     """Number of processes for many episodes."""
     viewer: bool = False
     """Open MuJoCo's viewer, in real time."""
+    live: bool = False
+    """Show the running episode in a browser of this machine, in real time; its address is printed."""
+    html: Path | None = None
+    """The episode as one page for a browser; episode.html in --output if not given."""
     film: bool = True
     """Film the episode if the machine can render."""
     output: Path = Path("outputs/episode")
@@ -102,11 +106,11 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         arguments.layout,
         arguments.control_mode,
         arguments.obstructed,
-        "viewer" if arguments.viewer else "film" if arguments.film else "none",
+        "viewer" if arguments.viewer else "live" if arguments.live else "film" if arguments.film else "none",
         arguments.grasps,
     )
     result = play_episode(settings, say=lambda text: print(text, flush=True))
-    files = [str(path) for path in draw_episode(result, arguments.output)]
+    files = [str(path) for path in draw_episode(result, arguments.output, arguments.html)]
     print(f"\n{episode_text(result)}")
     print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
     return {**episode_figures(result), "files": files}

@@ -2,78 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
+from planners.drawing.drawn_plan import DrawnPlan
 from planners.drawing.region import COLOURS, outline
-from planners.motion.trajectory import Trajectory
 from planners.scene import Body, Scene
-from planners.strategies import Strategy
 
-__all__ = ["DrawnAction", "DrawnPlan", "draw_overview"]
+__all__ = ["draw_overview"]
 
 _MARGIN = 0.15
 """[m] around the support and the base's footprints."""
 _WAY = "#4c78a8"
-
-
-class DrawnAction(Protocol):
-    """What is drawn of an action: `planners.BoundAction`."""
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that it was planned in."""
-        ...
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """Its motion."""
-        ...
-
-    @property
-    def target(self) -> str:
-        """The object that is moved or approached, "" for a base motion."""
-        ...
-
-    @property
-    def is_clearance(self) -> bool:
-        """Whether it puts an obstacle aside."""
-        ...
-
-    @property
-    def released(self) -> Body | None:
-        """The object where it is put down, None if nothing is."""
-        ...
-
-
-class DrawnPlan(Protocol):
-    """What is drawn of a plan: `planners.Solution`, whose method `plot` calls this module."""
-
-    @property
-    def target(self) -> str:
-        """The object wanted."""
-        ...
-
-    @property
-    def strategy(self) -> Strategy:
-        """The strategy that made the plan."""
-        ...
-
-    @property
-    def clearances(self) -> Sequence[str]:
-        """The objects put aside, in order."""
-        ...
-
-    @property
-    def actions(self) -> Sequence[DrawnAction]:
-        """The actions in order."""
-        ...
 
 
 def draw_overview(solution: DrawnPlan, ax: Axes | None = None) -> Axes:

@@ -16,11 +16,13 @@ from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
 from planners.execution.holding import height_below, held_object
 from planners.execution.monitor import Sensor
+from planners.execution.recorder import Recorder
 from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene, warm_up
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.scene import RobotState, Scene, SceneError
 from planners.strategies import Strategy
+from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["Episode"]
@@ -68,6 +70,7 @@ class Episode:
         self._started = self._now = float(env.data.time)
         self._sensor = Sensor(env.model, env.data, env.robot, env.object_names)
         self._report = EpisodeReport()
+        self._recorder = Recorder(env, target)
         self._executor: Executor | None = None
         self._wait = 0
         scene = self._read_scene()
@@ -102,6 +105,11 @@ class Episode:
         disturbances = num_disturbances(self._env)
         return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
 
+    @property
+    def recording(self) -> Recording:
+        """All states, plans and deviations until now."""
+        return self._recorder.recording()
+
     def _standing(self) -> EpisodeReport:
         """The report without the environment's judgement; while the episode goes on, as if it ended now."""
         if self.done:
@@ -121,11 +129,14 @@ class Episode:
             ExpertError: the environment has been reset since the episode began.
         """
         self._check_time()
-        if self._executor is not None:
-            step = self._executor.advance(self._sensor.read())
+        executor = self._executor
+        if executor is not None:
+            step = executor.advance(self._sensor.read())
+            self._recorder.step(executor.action, executor.phase)
             if step.outcome is not Outcome.RUNNING:
                 self._conclude(step)
             return self._action(step.command)
+        self._recorder.step()
         if not self.done:
             self._wait -= 1
             if self._wait <= 0:
@@ -177,6 +188,7 @@ class Episode:
             self._end(f"the scene is not valid for planning: {error}")
             return
         self.solution = solution = checked_outcome(outcome)
+        self._recorder.solved(solution)
         spent = self._report.planning_s + time.process_time() - before
         self._report = replace(self._report, planned=isinstance(solution, Solution), planning_s=spent)
         self._report = self._report.with_contacts([contact.is_straight for contact in contacts(solution)])
@@ -224,6 +236,7 @@ class Episode:
 
     def _note(self, deviation: str) -> None:
         self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
+        self._recorder.note(deviation)
 
     def _may_replan(self, failure: str) -> bool:
         """Count one more replan, or end the episode with a failure if there were too many."""

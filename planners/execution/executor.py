@@ -122,6 +122,11 @@ class Executor:
         return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
 
     @property
+    def action(self) -> int:
+        """Number of the action that is carried out; that of all actions after the last one."""
+        return self._action
+
+    @property
     def label(self) -> StepLabel | None:
         """What the last command is part of; None after the last action, and once a deviation stops the plan."""
         if self._action >= len(self._actions) or self.deviation is not None:

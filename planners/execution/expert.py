@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, planner_for
 from planners.placing.surfaces import Supports
 from planners.strategies import Strategy, find_strategy
+from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["EpisodeReport", "ExpertConfig", "ExpertError", "TampExpert"]
@@ -142,6 +145,27 @@ class TampExpert:
     def solution(self) -> Solution | Infeasible | None:
         """The result of the last solve; None before `reset`, or if the scene was not valid for planning."""
         return None if self._episode is None else self._episode.solution
+
+    @property
+    def recording(self) -> Recording:
+        """States, plans and deviations of the episode until now; raises `ExpertError` before `reset`."""
+        return self._running("recording").recording
+
+    def to_html(self, path: str | Path) -> None:
+        """Write the episode until now as one page for a browser, which needs no network: its motions on a time line.
+
+        Beside the motions: the actions, negative goal regions and candidates of each clearance, base poses of the
+        reachability map, planned paths of the gripper, plans after deviations, the report.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+            OSError: the file cannot be written.
+        """
+        # The drawing room stands beside this one and imports what planning does not need.
+        drawing = importlib.import_module("planners.drawing.page.page")
+        report = self.report
+        result = "success" if report.result == "success" else "failure"
+        drawing.write_page(Path(path), self.recording, {"result": report.result, **report.rows()}, result)
 
     def _running(self, call: str) -> Episode:
         if self._episode is None:

@@ -45,6 +45,26 @@ class EpisodeReport:
     not_straight: int = 0
     deviations: tuple[str, ...] = ()
 
+    @property
+    def result(self) -> str:
+        """What came of the episode: "success", why not, or what was wrong with it."""
+        if not self.scored:
+            return self.failure or "the target was not held up"
+        return "success" if self.clean is not False else "an object has fallen or been disturbed"
+
+    def rows(self) -> dict[str, str]:
+        """The results in words, by name."""
+        flags = (self.planned, self.executed, self.scored)
+        return {
+            "planned, executed, scored": ", ".join("yes" if done else "no" for done in flags),
+            "objects cleared": f"{len(self.clearances)} ({', '.join(self.clearances) or 'none'})",
+            "cleared twice or more": str(len(self.duplicated)),
+            "minimum number of clearances": "not proved" if self.floor is None else str(self.floor),
+            "replans after deviations": f"{self.replans} ({'; '.join(self.deviations)})" if self.replans else "0",
+            "planning": f"{self.planning_s:.2f} s of CPU time",
+            "simulated time": f"{self.sim_s:.1f} s",
+        }
+
     def with_clearances(self, names: list[str]) -> EpisodeReport:
         """The report after more clearances."""
         clearances = (*self.clearances, *names)

@@ -13,12 +13,13 @@ from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
 from irm.floor.free_space import FreeSpace
+from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
 from irm.visibility.map import VisibilityMap
 from planners.collision.robot_model import BASE, robot_arrays
 from planners.scene import Scene, StaticObstacle
 
-__all__ = ["MAP_PARAMETERS", "MapPlacer", "farthest_reach", "free_floor"]
+__all__ = ["MAP_PARAMETERS", "MapPlacer", "farthest_reach", "free_floor", "inverse_map"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,12 @@ FLOOR_SIZE = 2.5
 """[m] from the centre of the support to the edges of the floor that is used."""
 WALL_HEIGHT = 0.5
 """[m] above the support: across an obstacle as tall as that no arm reaches it."""
+
+
+@cache
+def inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
+    """The robot's inverse reachability map with the planner's parameters, from the cache on disk."""
+    return InverseReachabilityMap(cached_map(robot, **MAP_PARAMETERS))
 
 
 def free_floor(scene: Scene, with_shadows: bool = False) -> FreeSpace:

@@ -13,7 +13,7 @@ from planners.collision.robot_model import collision_geoms, link_of_body, robot_
 from planners.motion.trajectory import Trajectory
 from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle
 
-__all__ = ["TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport"]
+__all__ = ["OBJECT", "TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport", "scene_model"]
 
 TOLERANCE = 0.0005
 """[m] Penetration that an accepted path may have where it is checked; between the steps it may be as much again."""
@@ -23,7 +23,7 @@ STEP = 0.01
 _ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only the held object with others."""
 _OTHER_BITS = {"contype": _OTHER, "conaffinity": 0}
-_OBJECT, _OBSTACLE = "object/", "obstacle/"
+OBJECT, _OBSTACLE = "object/", "obstacle/"
 """Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -96,7 +96,7 @@ class MujocoCollisionChecker:
         """Build the model; for the same objects elsewhere `move_to` is faster."""
         robot = scene.robot
         self.scene = scene
-        self._model = model = _build(scene)
+        self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._columns = np.array(
             [model.joint(name).qposadr[0] for name in (*robot.drive_joints, robot.finger_joints[0])]
@@ -106,8 +106,8 @@ class MujocoCollisionChecker:
             self._data.joint(joint).qpos = angle
         self._tcp = model.site(robot.tcp_site).id
         self._gripper = _gripper_geoms(model, scene)
-        self._geoms = {body.name: int(model.geom(_OBJECT + body.name).id) for body in scene.objects}
-        self._start = {body.name: int(model.joint(_OBJECT + body.name).qposadr[0]) for body in scene.objects}
+        self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
+        self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
         self.move_to(scene)
 
     def move_to(self, scene: Scene) -> None:
@@ -242,7 +242,7 @@ def _gripper_geoms(model: mujoco.MjModel, scene: Scene) -> set[int]:
     return {geom for geom in collision_geoms(model, scene.robot) if links[int(model.geom_bodyid[geom])] == last}
 
 
-def _build(scene: Scene) -> mujoco.MjModel:
+def scene_model(scene: Scene) -> mujoco.MjModel:
     """Robot, floor, static obstacles and free bodies for the objects, with the collision bits of this module."""
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
     for geom in spec.geoms:
@@ -277,7 +277,7 @@ def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
 
 
 def _add_object(spec: mujoco.MjSpec, body: Body) -> None:
-    name, half = _OBJECT + body.name, body.half_extents
+    name, half = OBJECT + body.name, body.half_extents
     size = half if body.shape == "box" else [half[0], half[2], 0.0]
     added = spec.worldbody.add_body(name=name)
     added.add_freejoint(name=name)
@@ -286,7 +286,7 @@ def _add_object(spec: mujoco.MjSpec, body: Body) -> None:
 
 def _reported(name: str) -> str:
     """Name of an object, a static obstacle or a geom of the robot, from that of a geom of the model."""
-    return name.removeprefix(_OBJECT).removeprefix(_OBSTACLE)
+    return name.removeprefix(OBJECT).removeprefix(_OBSTACLE)
 
 
 def _let_neighbours_touch(spec: mujoco.MjSpec, scene: Scene) -> None:

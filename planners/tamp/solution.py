@@ -10,105 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from planners.cause import Cause
-from planners.motion.arm import tcp_pose
-from planners.motion.trajectory import Trajectory
-from planners.placing.surfaces import Surface
-from planners.scene import Body, RobotState, Scene
 from planners.strategies import Strategy
-from planners.tamp.plan_file import PlanFileError, is_same, read_plan, write_plan
+from planners.tamp.bound_action import BoundAction
+from planners.tamp.plan_file import PlanFileError, read_plan, write_plan
+from planners.tamp.solve_stats import ReplanRecord, SolveStats
 
 __all__ = ["BoundAction", "Infeasible", "PlanFileError", "ReplanRecord", "Solution", "SolveStats"]
 
 _EVIDENCE = 70
 """Characters of the evidence that the repr of an `Infeasible` shows."""
-
-
-@dataclass(frozen=True, eq=False)
-class BoundAction:
-    """A ground action of the task plan whose references are bound to a motion.
-
-    Attributes:
-        name: action of the PDDL domain, as in Fig. 4 of Lee & Kim 2019.
-        args: the symbols of the action, references included.
-        trajectory: the verified motion behind the references.
-        scene: the world in which the motion was planned, as the actions before it leave it.
-        target: the object that is moved or approached, "" for a base motion.
-        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
-    """
-
-    name: str
-    args: tuple[str, ...]
-    trajectory: Trajectory = field(repr=False)
-    scene: Scene = field(repr=False)
-    target: str = ""
-    surfaces: tuple[Surface, ...] = field(default=(), repr=False)
-
-    def __str__(self) -> str:
-        return f"{self.name.upper()} ({' '.join(self.args).upper()})"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, BoundAction) and is_same(self, other)
-
-    def __hash__(self) -> int:
-        return hash((self.name, self.args, self.target))
-
-    @property
-    def is_clearance(self) -> bool:
-        """Whether the action puts an object down."""
-        return self.name.startswith("PutDown")
-
-    @property
-    def obstructed(self) -> str:
-        """Name of the object that the cleared object obstructs, "" if the action clears nothing for another object."""
-        return self.args[1] if self.name == "PutDownForClearance" else ""
-
-    @property
-    def released(self) -> Body | None:
-        """The object at the pose where the gripper lets go of it, None if the action releases nothing."""
-        opening = next((phase for phase in self.trajectory.phases if phase.name == "open"), None)
-        if opening is None or opening.touched is None:
-            return None
-        sample = self.trajectory.sample(opening.start)
-        T_world_tcp = tcp_pose(self.scene.robot, RobotState(sample.base, sample.q, sample.finger_position))
-        return self.scene.body(opening.touched.name).at_pose(T_world_tcp @ opening.touched.T_tcp_object)
-
-
-@dataclass(frozen=True)
-class ReplanRecord:
-    """One turn of Algorithm 1's loop, for printing as in Fig. 11.
-
-    Attributes:
-        plan: the task plan that was tried, as text, one action each.
-        verified: how many of its actions were bound.
-        refuted: the action that motion planning refuted, "" for none.
-        new_facts: facts learnt from the refutation, as text.
-        reason: why motion planning refuted the action, "" for none.
-    """
-
-    plan: tuple[str, ...]
-    verified: int
-    refuted: str
-    new_facts: tuple[str, ...]
-    reason: str = ""
-
-
-@dataclass(frozen=True)
-class SolveStats:
-    """Counts and CPU times [s] of one solve."""
-
-    replans: int = 0
-    task_plans: int = 0
-    task_planning_s: float = 0.0
-    motion_planning_s: float = 0.0
-    total_s: float = 0.0
-    history: tuple[ReplanRecord, ...] = field(default=(), repr=False)
-
-    def rows(self) -> dict[str, str]:
-        """Times and counts in words, for the summary of a plan."""
-        return {
-            "Planning time": f"{self.total_s:.2f} s of CPU time",
-            "Replans": f"{self.replans} (task plans: {self.task_plans})",
-        }
 
 
 @dataclass(frozen=True, repr=False)
@@ -201,6 +111,19 @@ class Solution:
         drawing = importlib.import_module("planners.drawing.overview")
         return drawing.draw_overview(self, ax)
 
+    def to_html(self, path: str | Path) -> None:
+        """Write the plan as one page for a browser, which needs no network: its motions in 3-D on a time line.
+
+        Beside the motions, as planned and without physics: the actions, negative goal regions and candidates of each
+        clearance, base poses of the reachability map, paths of the gripper, replanning.
+
+        Raises:
+            ValueError: the plan has no actions.
+            OSError: the file cannot be written.
+        """
+        drawing = importlib.import_module("planners.drawing.page.planned")
+        drawing.write_plan_page(self, Path(path))
+
 
 @dataclass(frozen=True, repr=False)
 class Infeasible:
@@ -220,7 +143,7 @@ class Infeasible:
     detail: str
     objects: tuple[str, ...] = ()
     clearances: tuple[str, ...] = ()
-    stats: SolveStats = SolveStats()
+    stats: SolveStats = field(default_factory=SolveStats)
     target: str = ""
     strategy: Strategy | None = None
 

@@ -15,12 +15,15 @@ from tqdm import tqdm
 
 import clutter_env
 from clutter_env.errors import RenderingUnavailable
-from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
+from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_rows, report_text
 from clutter_env.rendering.film import FRAME_SIZE, Film
+from planners.drawing.page.live import LivePage
+from planners.drawing.page.page import write_page
 from planners.drawing.plan import draw_plan
 from planners.execution.expert import EpisodeReport, TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
+from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["EpisodeResult", "EpisodeSettings", "draw_episode", "episode_figures", "episode_text", "play_episode"]
@@ -46,7 +49,8 @@ class EpisodeSettings:
         layout: name of the layout.
         control_mode: "joint" or "ee".
         is_obstructed: take the first seed whose target no level grasp reaches before something is cleared.
-        display: "viewer" (a window, real time), "film" (if the machine can render) or "none".
+        display: "viewer" (a window, real time), "live" (a page on this machine, real time), "film" (if the machine can
+            render) or "none".
         grasps: name of the planner's grasp set.
     """
 
@@ -56,7 +60,7 @@ class EpisodeSettings:
     layout: str = "paper"
     control_mode: Literal["joint", "ee"] = "joint"
     is_obstructed: bool = True
-    display: Literal["viewer", "film", "none"] = "film"
+    display: Literal["viewer", "live", "film", "none"] = "film"
     grasps: str = "side"
 
 
@@ -73,6 +77,7 @@ class EpisodeResult:
         is_success: clean success, as the environment says.
         lifted: whether the target was lifted, whatever else moved.
         film: the pictures taken, None if there are none.
+        recording: states and plans, for a page in a browser.
     """
 
     settings: EpisodeSettings
@@ -83,6 +88,7 @@ class EpisodeResult:
     is_success: bool
     lifted: bool
     film: Film | None
+    recording: Recording
 
 
 def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
@@ -104,22 +110,35 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
     plan = expert.solution
     if plan is None:
         raise ValueError(expert.report.failure)
-    is_success, lifted = _execute(settings, env, expert, film)
-    report = expert.report
+    page = _serve(settings, expert, say)
+    is_success, lifted = _execute(settings, env, expert, film, page)
+    report, recording = expert.report, expert.recording
     env.close()
-    return EpisodeResult(settings, seed, scene, plan, report, is_success, lifted, film)
+    result = EpisodeResult(settings, seed, scene, plan, report, is_success, lifted, film, recording)
+    if page is not None:
+        page.finish(recording, _report_rows(result), _result(result))
+        page.close()
+    return result
 
 
-def draw_episode(result: EpisodeResult, directory: Path) -> list[Path]:
-    """Write the plan and its pictures, and the film if there is one; the files written."""
-    files = []
+def draw_episode(result: EpisodeResult, directory: Path, html: Path | None = None) -> list[Path]:
+    """Write the page, the plan and its pictures, and the film if there is one; the files written.
+
+    Args:
+        result: of the episode.
+        directory: of the files.
+        html: the page; episode.html in the directory if not given.
+    """
+    files = [directory / "episode.html" if html is None else html]
+    write_page(files[0], result.recording, _report_rows(result), _result(result))
     if isinstance(result.plan, Solution) and result.plan.actions:
-        files += [directory / "plan.png", directory / "overview.png", directory / "plan.npz"]
-        draw_plan(result.plan, files[0])
+        pictures = [directory / "plan.png", directory / "overview.png", directory / "plan.npz"]
+        files += pictures
+        draw_plan(result.plan, pictures[0])
         figure = Figure(figsize=(6.4, 7.2), layout="constrained")
         result.plan.plot(figure.subplots())
-        figure.savefig(files[1], dpi=130)
-        result.plan.save(files[2])
+        figure.savefig(pictures[1], dpi=130)
+        result.plan.save(pictures[2])
     if result.film is not None:
         files.append(directory / "strip.png")
         result.film.save_strip(files[-1])
@@ -173,7 +192,7 @@ def _make_environment(settings: EpisodeSettings) -> gym.Env:
         settings.environment,
         layout=settings.layout,
         control_mode=settings.control_mode,
-        render_mode={"viewer": "human", "film": "rgb_array", "none": None}[settings.display],
+        render_mode={"viewer": "human", "film": "rgb_array"}.get(settings.display),
         width=FRAME_SIZE,
         height=FRAME_SIZE,
         disable_env_checker=True,
@@ -203,7 +222,34 @@ def _make_film(settings: EpisodeSettings, env: gym.Env, say: Say) -> Film | None
         return None
 
 
-def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
+def _serve(settings: EpisodeSettings, expert: TampExpert, say: Say) -> LivePage | None:
+    """A page on this machine that shows the episode, if wanted."""
+    if settings.display != "live":
+        return None
+    page = LivePage(expert.recording)
+    say(f"the episode in a browser of this machine: {page.address}")
+    return page
+
+
+def _result(result: EpisodeResult) -> str:
+    return "success" if result.is_success else "failure"
+
+
+def _report_rows(result: EpisodeResult) -> dict[str, str]:
+    """What the page says of the episode."""
+    settings = result.settings
+    return {
+        "environment": settings.environment,
+        "seed": str(result.seed),
+        "layout": settings.layout,
+        "grasp set": settings.grasps,
+        **report_rows(result.report, result.is_success, result.lifted),
+    }
+
+
+def _execute(
+    settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: Film | None, page: LivePage | None
+) -> tuple[bool, bool]:
     """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
     is_success = lifted = False
     is_over = expert.done
@@ -217,7 +263,9 @@ def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: 
             lifted |= info["lifted"]
             if film is not None:
                 film.watch(phase)
-            if settings.display == "viewer":
+            if page is not None:
+                page.update(expert.recording)
+            if settings.display in ("viewer", "live"):
                 time.sleep(step_s)
             bar.update(step_s)
             bar.set_postfix_str(phase, refresh=False)

@@ -8,7 +8,7 @@ from planners.execution.expert import EpisodeReport
 from planners.symbolic.problem import GroundAction, format_plan
 from planners.tamp.solution import ReplanRecord, Solution
 
-__all__ = ["plan_text", "replanning_text", "report_text"]
+__all__ = ["plan_text", "replanning_text", "report_rows", "report_text"]
 
 _FACTS = 8
 """Maximum number of new facts printed for one replanning step."""
@@ -38,22 +38,18 @@ def _step(number: int, entry: ReplanRecord) -> str:
     return "\n".join(lines)
 
 
-def report_text(report: EpisodeReport, is_success: bool, lifted: bool) -> str:
-    """The results of the episode, one figure a line; `is_success` and `lifted` are what the environment says."""
-    names = ", ".join(report.clearances) or "none"
-    rows = {
+def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[str, str]:
+    """The results of the episode by name; `is_success` and `lifted` are what the environment says."""
+    return {
         "success": "yes, by the environment" if is_success else f"no: {report.failure or _reason(lifted)}",
         "target lifted": "yes" if lifted else "no",
-        "planned, executed, scored": ", ".join(
-            "yes" if done else "no" for done in (report.planned, report.executed, report.scored)
-        ),
-        "objects cleared": f"{len(report.clearances)} ({names})",
-        "cleared twice or more": str(len(report.duplicated)),
-        "minimum number of clearances": "not proved" if report.floor is None else str(report.floor),
-        "replans after deviations": f"{report.replans} ({'; '.join(report.deviations)})" if report.replans else "0",
-        "planning": f"{report.planning_s:.2f} s of CPU time",
-        "simulated time": f"{report.sim_s:.1f} s",
+        **report.rows(),
     }
+
+
+def report_text(report: EpisodeReport, is_success: bool, lifted: bool) -> str:
+    """The rows of the report, one a line."""
+    rows = report_rows(report, is_success, lifted)
     width = max(map(len, rows))
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
 

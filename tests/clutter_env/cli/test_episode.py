@@ -24,6 +24,7 @@ from clutter_env.experiments.episodes.many import Episode, counts_text
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
 from clutter_env.rendering.film import Film
 from planners.cause import Cause
+from planners.drawing.page.planned import plan_recording
 from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance
 from planners.execution.expert import EpisodeReport
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
@@ -49,7 +50,9 @@ def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
     plan = Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02", target="object_01")
     settings = EpisodeSettings("clutter_env/Retrieve-o5-v0", strategy="ngr")
     report = EpisodeReport(failure="no clearance location: nowhere for object_02")
-    text = episode_text(EpisodeResult(settings, 0, table_scene(), plan, report, False, False, None))
+    text = episode_text(
+        EpisodeResult(settings, 0, table_scene(), plan, report, False, False, None, plan_recording(solved()))
+    )
     assert "No plan takes object_01" in text
     assert "Cause: no clearance location" in text
     assert "Evidence: nowhere for object_02" in text
@@ -60,9 +63,11 @@ def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
 def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
     plan = solved()
     settings = EpisodeSettings("clutter_env/Retrieve-o25-v0")
-    result = EpisodeResult(settings, 3, plan.actions[0].scene, plan, EpisodeReport(), True, True, None)
+    result = EpisodeResult(
+        settings, 3, plan.actions[0].scene, plan, EpisodeReport(), True, True, None, plan_recording(plan)
+    )
     files = draw_episode(result, tmp_path)
-    assert [path.name for path in files] == ["plan.png", "overview.png", "plan.npz"]
+    assert [path.name for path in files] == ["episode.html", "plan.png", "overview.png", "plan.npz"]
     assert Solution.load(tmp_path / "plan.npz") == plan
     assert all(path.stat().st_size > 10_000 for path in files)
     figures = json.loads(json.dumps(episode_figures(result)))

@@ -1,0 +1,171 @@
+"""A running episode in a browser: a server on this machine alone that sends states and plans as they come."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from planners.drawing.page.arrays import ArrayBlock
+from planners.drawing.page.content import frame_values, note_values, page_text, solve_values
+from planners.drawing.page.geometry import moving_bodies
+from planners.drawing.page.page import episode_title, page_html
+from planners.tamp.recording import Recording
+
+__all__ = ["LivePage"]
+
+_HOST = "127.0.0.1"
+"""Other machines cannot connect."""
+_EVENTS = "/events"
+_FRAMES = 3
+"""New frames that are sent together: 0.15 s of the episode."""
+_PATIENCE_S = 5.0
+"""[s] that a browser may take to accept data; after it the connection is given up."""
+
+
+class LivePage:
+    """Serves one episode; a browser that comes late, or comes back, gets everything from where it was.
+
+    Example:
+        page = LivePage(expert.recording)
+        print(page.address)
+        while not expert.done:
+            env.step(expert.act())
+            page.update(expert.recording)
+        page.finish(expert.recording, expert.report.rows(), "success")
+        page.close()
+
+    Attributes:
+        address: of the page, on 127.0.0.1.
+    """
+
+    def __init__(self, recording: Recording, port: int = 0) -> None:
+        """Start to serve.
+
+        Args:
+            recording: the beginning of the episode.
+            port: of the server; 0 for a free one.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        title = episode_title(recording)
+        self._bodies = moving_bodies(recording.model)
+        self._html = page_html(title, page_text(recording, title, {}, "running"), _EVENTS)
+        self._frames, self._solves, self._notes = (
+            len(part) for part in (recording.frames, recording.solves, recording.notes)
+        )
+        self._messages = _Messages()
+        self._server = _Server((_HOST, port), self._html, self._messages)
+        self.address = f"http://{_HOST}:{self._server.server_port}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, name="live page", daemon=True)
+        self._thread.start()
+
+    def update(self, recording: Recording) -> None:
+        """Send what is new, as soon as there is a plan, a deviation or some frames."""
+        is_news = len(recording.solves) > self._solves or len(recording.notes) > self._notes
+        if is_news or len(recording.frames) >= self._frames + _FRAMES:
+            self._send(recording)
+
+    def finish(self, recording: Recording, rows: Mapping[str, str], result: str) -> None:
+        """Send the rest and the report; browsers show the episode on, without this server."""
+        self._send(recording, rows=list(rows.items()), result=result)
+
+    def close(self) -> None:
+        """Stop to serve, after browsers have got everything."""
+        self._messages.close()
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def _send(self, recording: Recording, **content: Any) -> None:
+        arrays = ArrayBlock()
+        content["frames"] = frame_values(recording, recording.frames[self._frames :], self._bodies, arrays)
+        content["solves"] = [solve_values(solve, arrays) for solve in recording.solves[self._solves :]]
+        content["notes"] = note_values(recording.notes[self._notes :])
+        self._frames, self._solves, self._notes = (
+            len(part) for part in (recording.frames, recording.solves, recording.notes)
+        )
+        self._messages.add(arrays.text(content))
+
+
+class _Messages:
+    """All messages of an episode, in order; threads wait for the next one."""
+
+    def __init__(self) -> None:
+        self._texts: list[str] = []
+        self._is_closed = False
+        self._changed = threading.Condition()
+
+    def add(self, text: str) -> None:
+        """Append a message."""
+        with self._changed:
+            self._texts.append(text)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """No more messages come."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+
+    def get(self, number: int) -> str | None:
+        """The message of that number, as soon as it is there; None if it will not come."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._is_closed or number < len(self._texts))
+            return self._texts[number] if number < len(self._texts) else None
+
+
+class _Server(ThreadingHTTPServer):
+    """Gives the page and the messages to every browser; closing it waits until they are sent."""
+
+    daemon_threads = False
+
+    def __init__(self, address: tuple[str, int], page: str, messages: _Messages) -> None:
+        super().__init__(address, _Handler)
+        self.page, self.messages = page.encode(), messages
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """One request; only this machine's own names for itself are accepted, so that no foreign page can read along."""
+
+    server: _Server
+    timeout = _PATIENCE_S
+
+    def do_GET(self) -> None:
+        """Answer with the page or with the messages."""
+        if self.headers.get("Host") not in (
+            f"{_HOST}:{self.server.server_port}",
+            f"localhost:{self.server.server_port}",
+        ):
+            self.send_error(HTTPStatus.FORBIDDEN)
+        elif self.path == "/":
+            self._start("text/html; charset=utf-8")
+            self.wfile.write(self.server.page)
+        elif self.path == _EVENTS:
+            self._start("text/event-stream")
+            self._send_messages()
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are not logged."""
+
+    def _start(self, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+
+    def _send_messages(self) -> None:
+        """The messages after the last one that this browser has; until the episode ends or the browser leaves."""
+        last = self.headers.get("Last-Event-ID", "")
+        number = int(last) + 1 if last.isdigit() else 0
+        try:
+            while (text := self.server.messages.get(number)) is not None:
+                self.wfile.write(f"id: {number}\ndata: {text}\n\n".encode())
+                number += 1
+        except OSError:  # the browser has closed the page
+            return
