@@ -159,7 +159,7 @@ def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, repor
 
 
 def _warnings(data: mujoco.MjData) -> list[str]:
-    """Names of MuJoCo's warnings since the reset, such as "BADQACC"; a reset, also MuJoCo's own, clears its counters."""
+    """Names of MuJoCo's warnings since the reset, such as "BADQACC"; every reset clears its counters."""
     kinds = np.flatnonzero(data.warning.number).tolist()
     return [mujoco.mjtWarning(kind).name.removeprefix("mjWARN_") for kind in kinds]
 

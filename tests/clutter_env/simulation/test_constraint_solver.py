@@ -1,4 +1,4 @@
-"""Contact forces: the solver finds them in every physics step, also where the robot wedges objects against each other."""
+"""Contact forces: the solver finds them in every physics step, also where the robot wedges objects in."""
 
 from __future__ import annotations
 
