@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
 from clutter_env.scene.table_scene import object_name
 from clutter_env.simulation.meshes import add_meshes, has_visuals
+from clutter_env.simulation.physics_options import set_physics
 
 __all__ = ["ModelIndex", "build_spec", "compile_model"]
 
@@ -29,8 +29,6 @@ _OBJECT_ROLLING_DAMPING = 2e-4
 _OBJECT_ROLLING_FRICTION = 3e-3
 """[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second and stays
 on slopes of up to 3°. Tipping is about the other axes and not affected."""
-_SLEEP_TOLERANCE = 5e-3
-"""[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
@@ -155,7 +153,7 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     _check_geom_names(spec, robot, layout, len(shapes))
     spec.modelname = f"{robot.name}_{layout.name}"
-    _set_physics(spec)
+    set_physics(spec.option)
     _park_robot(spec, robot)
     _add_surroundings(spec, layout)
     for index, shape in enumerate(shapes):
@@ -172,18 +170,6 @@ def _check_geom_names(spec: mujoco.MjSpec, robot: RobotSpec, layout: Layout, num
                 f"layout {layout.name!r}: box {box.name!r} has the name of a geom of robot {robot.name!r}, "
                 "of the floor or of an object; give it another one"
             )
-
-
-def _set_physics(spec: mujoco.MjSpec) -> None:
-    """The settings under which side grasps hold: elliptic cone, impratio 10, stiff pads; bodies at rest sleep."""
-    option = spec.option
-    option.timestep = TIMESTEP
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10
-    option.sleep_tolerance = _SLEEP_TOLERANCE
-    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 
 def _park_robot(spec: mujoco.MjSpec, robot: RobotSpec) -> None:

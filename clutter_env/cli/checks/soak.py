@@ -1,4 +1,4 @@
-"""Random steps through every environment: no NaN, no exception, no number out of range, no growing memory."""
+"""Random steps through every environment: no warning, no exception, no number out of range, no growing memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random steps through every environment: no NaN, no exception, no number out of range, no growing memory."""
+"""Random steps through every environment: no warning, no exception, no number out of range, no growing memory."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,20 +54,28 @@ class EnduranceError(ValueError):
 
 @dataclass
 class EnduranceResult:
-    """What the run counted; `memory_mb` is the resident memory [MB] after each environment."""
+    """What the run counted.
+
+    Attributes:
+        steps: control steps.
+        episodes: episodes begun.
+        warnings: of MuJoCo, one line each: which one, environment, seed of the episode, step in it.
+        memory_mb: resident memory [MB] after each environment.
+    """
 
     steps: int = 0
     episodes: int = 0
-    warnings: int = 0
+    warnings: list[str] = field(default_factory=list)
     memory_mb: list[float] = field(default_factory=list)
 
     def summary(self) -> str:
         """The counts in words."""
         half = len(self.memory_mb) // 2
         first, second = self.memory_mb[: half + 1], self.memory_mb[half:]
+        lines = "".join(f"  {line}\n" for line in self.warnings)
         return (
             f"{self.steps} steps, {self.episodes} episodes\n"
-            f"warnings from MuJoCo: {self.warnings}\n"
+            f"warnings from MuJoCo: {len(self.warnings)}\n{lines}"
             f"resident memory: at most {max(first):.0f} MB in the first half, {max(second):.0f} MB in the second"
         )
 
@@ -126,17 +135,20 @@ def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, repor
     base = env.unwrapped
     assert isinstance(base, BaseEnv)
     rng = np.random.default_rng(seed)
-    has_ended = True
+    has_ended, episode_seed, first_step = True, seed, 0
     action: NDArray[np.float64] = np.zeros(base.action_size)
     for step in range(steps):
         if has_ended:
-            env.reset(seed=int(rng.integers(2**31)))
+            episode_seed, first_step = int(rng.integers(2**31)), step
+            env.reset(seed=episode_seed)
             result.episodes += 1
         if step % ACTION_STEPS == 0 or has_ended:
             action = rng.uniform(-1, 1, base.action_size)
             action[0] = rng.uniform(*FORWARD_RANGE)
         observation, reward, terminated, truncated, _ = env.step(action)
-        has_ended = terminated or truncated
+        warned = _warnings(base.data)
+        result.warnings += [f"{name}: {env.spec}, seed {episode_seed}, step {step - first_step}" for name in warned]
+        has_ended = terminated or truncated or bool(warned)
         if observation not in env.observation_space:
             raise EnduranceError(f"{env.spec}: observation outside its space at step {step}, seed {seed}")
         if not np.isfinite(float(reward)):
@@ -144,7 +156,12 @@ def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, repor
         if step % REPORT_STEPS == 0:
             report(min(REPORT_STEPS, steps - step))
     result.steps += steps
-    result.warnings += int(sum(warning.number for warning in base.data.warning))
+
+
+def _warnings(data: mujoco.MjData) -> list[str]:
+    """Names of MuJoCo's warnings since the reset, such as "BADQACC"; every reset clears its counters."""
+    kinds = np.flatnonzero(data.warning.number).tolist()
+    return [mujoco.mjtWarning(kind).name.removeprefix("mjWARN_") for kind in kinds]
 
 
 def _resident_mb() -> float:

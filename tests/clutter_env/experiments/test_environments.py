@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from clutter_env.cli import benchmark
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
+from clutter_env.experiments.environments import endurance
 from clutter_env.experiments.environments.batch_scaling import BatchScaling, measure_batch
 from clutter_env.experiments.environments.endurance import IDS, EnduranceError, run_endurance
 from clutter_env.experiments.environments.layout_images import layout_column, save_columns
@@ -32,6 +35,25 @@ def test_endurance_stops_at_a_reward_that_is_not_finite(monkeypatch: pytest.Monk
     monkeypatch.setattr(RetrieveEnv, "_advance", lambda _: (float("nan"), False))
     with pytest.raises(EnduranceError, match=r"Retrieve-o1.*reward nan at step 0"):
         run_endurance(52, seed=0)
+
+
+def test_endurance_names_the_episode_of_every_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of an episode that others follow: a reset clears MuJoCo's counters."""
+    step, seeds = RetrieveEnv.step, []
+
+    def reset_then_explode(env: RetrieveEnv, action: ArrayLike) -> Any:
+        if env.data.time == 0.0 and env.config.num_objects == 1:
+            seeds.append(env.np_random_seed)
+            env.data.qvel[0] = 1e12
+        return step(env, action)
+
+    monkeypatch.setattr(RetrieveEnv, "step", reset_then_explode)
+    monkeypatch.setattr(endurance, "EPISODE_STEPS", 1)
+    result = run_endurance(520, seed=0)
+    expected = [f"seed {seed}, step 0" for seed in seeds]
+    assert [line.split("), ")[-1] for line in result.warnings] == expected
+    assert all(line.startswith("BADQVEL: EnvSpec(id='clutter_env/Retrieve-o1-v0'") for line in result.warnings)
+    assert f"warnings from MuJoCo: {len(seeds)}\n  BADQVEL" in result.summary()
 
 
 def test_wrong_settings_are_refused() -> None:
