@@ -1,4 +1,4 @@
-"""A short film of every environment, for docs/gallery.md.
+"""A short film of every environment, for docs/environments/gallery.md.
 
 python -m clutter_env.cli.data.gallery
 """
@@ -89,14 +89,16 @@ def run(arguments: Arguments) -> None:
 
 def frames(entry: Entry, size: int) -> Iterator[Frame]:
     """The frames of one episode; with images in the observation those of the robot's cameras, side by side."""
-    shown = {} if "obs_mode" in entry.keywords else {"render_mode": "rgb_array", "width": size, "height": size}
+    keywords = dict(entry.keywords)
+    if "obs_mode" not in keywords:
+        keywords |= {"render_mode": "rgb_array", "width": size, "height": size}
     if entry.expert == "greedy":
-        env = gym.make(entry.env_id, max_episode_steps=100, **entry.keywords, **shown)
+        env = gym.make(entry.env_id, max_episode_steps=100, **keywords)
         yield from _skill_frames(env, entry)
     else:
         from clutter_env.learning.demonstrations.experts import expert_keywords
 
-        env = gym.make(entry.env_id, **expert_keywords(entry.expert), **entry.keywords, **shown)
+        env = gym.make(entry.env_id, **expert_keywords(entry.expert), **keywords)
         yield from _expert_frames(env, entry)
     env.close()
 
@@ -125,21 +127,21 @@ def _skill_frames(env: gym.Env, entry: Entry) -> Iterator[Frame]:
     is_over = False
     while not is_over:
         for _ in range(FRAMES_PER_SECOND):
-            yield env.render()
+            yield np.asarray(env.render())
         observation, _, terminated, truncated, _ = env.step(act(observation))
         is_over = terminated or truncated
-    yield env.render()
+    yield np.asarray(env.render())
 
 
 def _image(env: gym.Env, observation: Any) -> Frame:
     if env.unwrapped.render_mode is not None:
-        return env.render()
+        return np.asarray(env.render())
     return np.hstack([observation[name] for name in sorted(observation) if name.endswith("rgb")])
 
 
 def save_gif(images: Sequence[Frame], path: Path) -> None:
     """Write a film with one palette for all frames; the last one stays."""
-    chosen = [Image.fromarray(image) for image in (*images, *images[-1:] * round(_LAST_S * FRAMES_PER_SECOND))]
+    chosen = [Image.fromarray(image) for image in [*images, *[images[-1]] * round(_LAST_S * FRAMES_PER_SECOND)]]
     palette = chosen[len(chosen) // 2].quantize(_COLOURS)
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chosen]
     first.save(path, save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0, optimize=True)
