@@ -11,9 +11,9 @@ __all__ = ["set_physics"]
 _SLEEP_TOLERANCE = 5e-3
 """[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
 _WRONG_SPARSE_FACTOR = "4.0.0"
-"""The MuJoCo version whose sparse Cholesky factor merges rows that have different descendants (mended in 4.0.1, issue
-3767). Where the robot wedges objects in, its Newton solver can then stop at its limit of iterations with forces far from
-the solution, and an object gets hundreds of rad/s."""
+"""The MuJoCo version whose sparse Cholesky factor merges rows that have different descendants (mended in 4.0.1; issue
+3767). Where the robot wedges objects in, its Newton solver can then stop at its limit of iterations, with forces far
+from the solution, and an object gets hundreds of rad/s."""
 _ARENA = 2**24
 """[bytes] for contacts and solver of a scene without objects, as MuJoCo itself reserves."""
 _ARENA_PER_OBJECT = 2**19

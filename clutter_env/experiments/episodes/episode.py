@@ -16,7 +16,7 @@ from tqdm import tqdm
 import clutter_env
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
-from clutter_env.rendering.film import FRAME_SIZE, Film
+from clutter_env.rendering.film import Film
 from planners.drawing.plan import draw_plan
 from planners.execution.expert import EpisodeReport, TampExpert
 from planners.planner import Planner
@@ -46,7 +46,7 @@ class EpisodeSettings:
         layout: name of the layout.
         control_mode: "joint" or "ee".
         is_obstructed: take the first seed whose target no level grasp reaches before something is cleared.
-        display: "viewer" (a window, real time), "film" (if the machine can render) or "none".
+        display: "viewer" (a window in real time, which the user closes), "film" (if the machine can render) or "none".
         grasps: name of the planner's grasp set.
     """
 
@@ -92,6 +92,7 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
         ValueError: no seed has an obstructed target.
     """
     env = _make_environment(settings)
+    inner: Any = env.unwrapped
     say("loading the planner; its first run on a machine compiles kernels, which takes a minute or two")
     started = time.perf_counter()
     seed, scene, target = _find_scene(settings, env)
@@ -104,8 +105,11 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
     plan = expert.solution
     if plan is None:
         raise ValueError(expert.report.failure)
-    is_success, lifted = _execute(settings, env, expert, film)
+    is_success, lifted = _execute(env, expert, film)
     report = expert.report
+    if settings.display == "viewer":
+        say("the episode is over; close the window to go on")
+        inner.wait_for_window()
     env.close()
     return EpisodeResult(settings, seed, scene, plan, report, is_success, lifted, film)
 
@@ -174,8 +178,6 @@ def _make_environment(settings: EpisodeSettings) -> gym.Env:
         layout=settings.layout,
         control_mode=settings.control_mode,
         render_mode={"viewer": "human", "film": "rgb_array", "none": None}[settings.display],
-        width=FRAME_SIZE,
-        height=FRAME_SIZE,
         disable_env_checker=True,
     )
 
@@ -203,7 +205,7 @@ def _make_film(settings: EpisodeSettings, env: gym.Env, say: Say) -> Film | None
         return None
 
 
-def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
+def _execute(env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
     """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
     is_success = lifted = False
     is_over = expert.done
@@ -217,8 +219,6 @@ def _execute(settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: 
             lifted |= info["lifted"]
             if film is not None:
                 film.watch(phase)
-            if settings.display == "viewer":
-                time.sleep(step_s)
             bar.update(step_s)
             bar.set_postfix_str(phase, refresh=False)
             is_over = terminated or truncated or expert.done

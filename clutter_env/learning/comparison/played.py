@@ -10,7 +10,7 @@ from clutter_env import OBJECT_COUNTS
 from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import Task
-from clutter_env.rendering.film import FRAME_SIZE, Film
+from clutter_env.rendering.film import Film
 
 __all__ = ["Played", "play_policy", "played_task"]
 
@@ -56,7 +56,7 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
         task: environment, see `played_task`.
         name: of the policy, see `load_policy`.
         seed: of the scene.
-        film: file of a film, without its ending; None shows a window.
+        film: file of a film, without its ending; None shows a window, which its user closes in the end.
 
     Raises:
         LearningError: no such policy; the message lists the known ones.
@@ -65,10 +65,10 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
     """
     policy = load_policy(name, seed)
     mode = "human" if film is None else "rgb_array"
-    size = {} if film is None else {"image_size": FRAME_SIZE}
-    env = task.make(render_mode=mode, **size, **env_keywords(policy))
+    env = task.make(render_mode=mode, **env_keywords(policy))
+    inner: Any = env.unwrapped
     observation, info = env.reset(seed=seed)
-    camera = None if film is None else Film(env.unwrapped)
+    camera = None if film is None else Film(inner)
     policy.reset(env, info)
     steps, is_over = 0, False
     while not is_over and not getattr(policy, "done", False):
@@ -78,6 +78,9 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
         if camera is not None:
             camera.watch(str(getattr(policy, "phase", "")))
     failure = str(getattr(policy, "failure", "")) if not info["lifted"] else ""
+    saved = _saved(camera, film, info)
+    inner.wait_for_window()
+    env.close()
     return Played(
         clean=bool(info["lifted"]) and not info["num_disturbed"] and not info["num_fallen"],
         lifted=bool(info["lifted"]),
@@ -85,7 +88,7 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
         fallen=int(info["num_fallen"]),
         steps=steps,
         failure=failure,
-        film=_saved(camera, film, info),
+        film=saved,
     )
 
 
