@@ -126,6 +126,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         """Free the OpenGL resources."""
         self._rendering.close()
 
+    def wait_for_window(self) -> None:
+        """With render_mode="human": keep the window open until its user closes it."""
+        self._rendering.wait_for_window()
+
     # Beyond Gymnasium.
 
     @property

@@ -9,7 +9,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
-from clutter_env.rendering.renderer import Renderer, open_window
+from clutter_env.rendering.renderer import Renderer
+from clutter_env.rendering.window import Window
 from clutter_env.simulation.world import World
 
 __all__ = ["MAX_DEPTH", "EnvRenderer"]
@@ -23,9 +24,9 @@ class EnvRenderer:
 
     def __init__(self, config: EnvConfig) -> None:
         self._config = config
-        self._cameras = config.find_robot().cameras
+        self._cameras, self._layout = config.find_robot().cameras, config.find_layout()
         self._renderers: dict[tuple[int, int], Renderer] = {}
-        self._window: Any = None
+        self._window: Window | None = None
         self._world: World | None = None
 
     @property
@@ -65,6 +66,11 @@ class EnvRenderer:
             parts[f"{camera}_depth"] = spaces.Box(0.0, MAX_DEPTH, (size, size), np.float32)
         return parts
 
+    def wait_for_window(self) -> None:
+        """Keep the window, if there is one, open until its user closes it."""
+        if self._window is not None:
+            self._window.wait()
+
     def close(self) -> None:
         """Free renderers and window."""
         for renderer in self._renderers.values():
@@ -83,8 +89,8 @@ class EnvRenderer:
     def _show(self, world: World) -> None:
         self._use(world)
         if self._window is None:
-            self._window = open_window(world.model, world.data)
-        self._window.sync()
+            self._window = Window(world.model, world.data, self._layout, self._config.camera)
+        self._window.show()
 
     def _use(self, world: World) -> None:
         """Close what was opened for another world."""

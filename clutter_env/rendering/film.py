@@ -7,32 +7,31 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from clutter_env.config import CONTROL_HZ
+from clutter_env.rendering.framing import ABOVE, ACROSS, whole_scene
 from clutter_env.rendering.renderer import Renderer
 
-__all__ = ["FRAME_SIZE", "Film"]
+__all__ = ["Film"]
 
 Frame = NDArray[np.uint8]
 
-FRAME_SIZE = 480
-"""Pixels along each side of one camera's image."""
-_VIEW = {"azimuth": 72.0, "elevation": -36.0, "distance": 2.5}
-_VIEW_CENTRE = (-0.22, 0.0, 0.85)
-"""[deg], [m]: across the table from the robot's right; neither the arm nor the head hides the gripper for long."""
+_WIDTH, _WIDTH_ABOVE, _HEIGHT = 640, 384, 480
+"""Pixels of a frame's two views, across the table and from above."""
 STEPS_PER_FRAME = 4
 """Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
 FRAMES_PER_SECOND = 20
+_SPEED = STEPS_PER_FRAME * FRAMES_PER_SECOND / CONTROL_HZ
 _GIF_SHARE = 2
 """A GIF, made on machines without ffmpeg, has every second frame at half the size."""
 _KEY_PHASES = (": close", ": lift", ": open")
 """The last state of these phases goes on the page: the grasp, the object in the air, the object put down."""
 _STRIP_COLUMNS = 4
 _MOST_MOMENTS = 24
-_STRIP_SIZE = 360
+_STRIP_SIZE = 360, 270
 _BAR = 34
 """Pixels of the caption's bar."""
 _INK, _PAPER = (48, 52, 59), (255, 255, 255)
@@ -40,7 +39,7 @@ _INK, _PAPER = (48, 52, 59), (255, 255, 255)
 
 @dataclass
 class Film:
-    """Collects frames of an environment; close it after use.
+    """Collects frames of an environment that has been reset; close it after use.
 
     Raises:
         RenderingUnavailable: when made on a machine without OpenGL.
@@ -53,12 +52,10 @@ class Film:
     _caption: str = ""
 
     def __post_init__(self) -> None:
-        self._renderer = Renderer(self.env.model, FRAME_SIZE, FRAME_SIZE)
-        self._view = mujoco.MjvCamera()
-        self._view.type = mujoco.mjtCamera.mjCAMERA_FREE
-        self._view.lookat[:] = _VIEW_CENTRE
-        for name, value in _VIEW.items():
-            setattr(self._view, name, value)
+        self._renderer = Renderer(self.env.model, _WIDTH, _HEIGHT)
+        self._across = whole_scene(self.env.model, self.env.layout, ACROSS, _WIDTH / _HEIGHT)
+        self._above = whole_scene(self.env.model, self.env.layout, ABOVE, _WIDTH_ABOVE / _HEIGHT)
+        self._about = f"target {self.env.target}, red" if self.env.target else ""
 
     def watch(self, caption: str) -> None:
         """Record the state after a control step; the ends of the phases in `_KEY_PHASES` go on the page."""
@@ -97,11 +94,14 @@ class Film:
         self._renderer.close()
 
     def _keep_moment(self) -> None:
-        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._view)))
+        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._across)))
 
     def _keep_frame(self) -> None:
-        views = [self._renderer.colour(self.env.data, camera) for camera in (self._view, "top")]
-        self.frames.append(_captioned(np.hstack(views), self._caption))
+        across, above = (self._renderer.colour(self.env.data, view) for view in (self._across, self._above))
+        edge = (_WIDTH - _WIDTH_ABOVE) // 2
+        picture = np.hstack([across, above[:, edge : edge + _WIDTH_ABOVE]])
+        said = f"{self._about}   {_SPEED:.0f}x speed".strip()
+        self.frames.append(_captioned(picture, self._caption, said))
 
     def _save_mp4(self, path: Path) -> Path:
         import imageio.v2 as imageio  # optional: not among the project's own dependencies
@@ -118,21 +118,23 @@ class Film:
         return path
 
 
-def _captioned(picture: Frame, caption: str) -> Frame:
-    """The picture with a bar under it that says what happens."""
+def _captioned(picture: Frame, caption: str, said: str) -> Frame:
+    """The picture with a bar under it: what happens on the left, what holds for the whole film on the right."""
     height, width = picture.shape[:2]
     page = Image.new("RGB", (width, height + _BAR), _PAPER)
     page.paste(Image.fromarray(picture), (0, 0))
-    ImageDraw.Draw(page).text((12, height + 8), caption, fill=_INK, font=_font(16))
+    draw = ImageDraw.Draw(page)
+    draw.text((12, height + 8), caption, fill=_INK, font=_font(16))
+    draw.text((width - 12, height + 8), said, fill=_INK, font=_font(16), anchor="ra")
     return np.asarray(page)
 
 
 def _tile(caption: str, picture: Frame) -> Frame:
     """A moment for the strip: smaller, with its caption and a white frame."""
-    size = _STRIP_SIZE
-    page = Image.new("RGB", (size + 8, size + 8 + _BAR), _PAPER)
-    page.paste(Image.fromarray(picture).resize((size, size), Image.Resampling.LANCZOS), (4, 4))
-    ImageDraw.Draw(page).text((8, size + 10), caption, fill=_INK, font=_font(14))
+    width, height = _STRIP_SIZE
+    page = Image.new("RGB", (width + 8, height + 8 + _BAR), _PAPER)
+    page.paste(Image.fromarray(picture).resize(_STRIP_SIZE, Image.Resampling.LANCZOS), (4, 4))
+    ImageDraw.Draw(page).text((8, height + 10), caption, fill=_INK, font=_font(14))
     return np.asarray(page)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.rendering.ownership import ContextOwner, check_no_fork, note_opened
 
-__all__ = ["Renderer", "has_display", "make_context", "open_window"]
+__all__ = ["Renderer", "has_display", "make_context"]
 
 _DEBIAN_PACKAGES = (
     "on Debian or Ubuntu install libegl1 libegl-mesa0 libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa, software only)"
@@ -86,6 +86,8 @@ class Renderer:
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         self._model = model
         self._size = width, height
+        buffer = model.vis.global_
+        buffer.offwidth, buffer.offheight = max(buffer.offwidth, width), max(buffer.offheight, height)
         self._owner = ContextOwner()
         self._context: GLContext | None = make_context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
@@ -157,15 +159,3 @@ class Renderer:
             self._device.free()
             self._context.free()
         self._context = None
-
-
-def open_window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
-    """MuJoCo's own viewer in a window that this process updates with `sync()`.
-
-    Raises:
-        RenderingUnavailable: there is no display.
-    """
-    if not has_display():
-        raise RenderingUnavailable("render_mode='human' needs a display; set DISPLAY, or use 'rgb_array'")
-    viewer = importlib.import_module("mujoco.viewer")
-    return viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)

@@ -153,7 +153,7 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     _check_geom_names(spec, robot, layout, len(shapes))
     spec.modelname = f"{robot.name}_{layout.name}"
-    set_physics(spec.option)
+    set_physics(spec, len(shapes))
     _park_robot(spec, robot)
     _add_surroundings(spec, layout)
     for index, shape in enumerate(shapes):

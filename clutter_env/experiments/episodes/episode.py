@@ -16,7 +16,7 @@ from tqdm import tqdm
 import clutter_env
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_rows, report_text
-from clutter_env.rendering.film import FRAME_SIZE, Film
+from clutter_env.rendering.film import Film
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import write_page
 from planners.drawing.plan import draw_plan
@@ -49,8 +49,8 @@ class EpisodeSettings:
         layout: name of the layout.
         control_mode: "joint" or "ee".
         is_obstructed: take the first seed whose target no level grasp reaches before something is cleared.
-        display: "viewer" (a window, real time), "live" (a page on this machine, real time), "film" (if the machine can
-            render) or "none".
+        display: "viewer" (a window in real time, which the user closes), "live" (a page on this machine, real time),
+            "film" (if the machine can render) or "none".
         grasps: name of the planner's grasp set.
     """
 
@@ -98,6 +98,7 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
         ValueError: no seed has an obstructed target.
     """
     env = _make_environment(settings)
+    inner: Any = env.unwrapped
     say("loading the planner; its first run on a machine compiles kernels, which takes a minute or two")
     started = time.perf_counter()
     seed, scene, target = _find_scene(settings, env)
@@ -111,8 +112,11 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
     if plan is None:
         raise ValueError(expert.report.failure)
     page = _serve(settings, expert, say)
-    is_success, lifted = _execute(settings, env, expert, film, page)
+    is_success, lifted = _execute(env, expert, film, page)
     report, recording = expert.report, expert.recording
+    if settings.display == "viewer":
+        say("the episode is over; close the window to go on")
+        inner.wait_for_window()
     env.close()
     result = EpisodeResult(settings, seed, scene, plan, report, is_success, lifted, film, recording)
     if page is not None:
@@ -193,8 +197,6 @@ def _make_environment(settings: EpisodeSettings) -> gym.Env:
         layout=settings.layout,
         control_mode=settings.control_mode,
         render_mode={"viewer": "human", "film": "rgb_array"}.get(settings.display),
-        width=FRAME_SIZE,
-        height=FRAME_SIZE,
         disable_env_checker=True,
     )
 
@@ -247,9 +249,7 @@ def _report_rows(result: EpisodeResult) -> dict[str, str]:
     }
 
 
-def _execute(
-    settings: EpisodeSettings, env: gym.Env, expert: TampExpert, film: Film | None, page: LivePage | None
-) -> tuple[bool, bool]:
+def _execute(env: gym.Env, expert: TampExpert, film: Film | None, page: LivePage | None) -> tuple[bool, bool]:
     """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
     is_success = lifted = False
     is_over = expert.done
@@ -265,7 +265,6 @@ def _execute(
                 film.watch(phase)
             if page is not None:
                 page.update(expert.recording)
-            if settings.display in ("viewer", "live"):
                 time.sleep(step_s)
             bar.update(step_s)
             bar.set_postfix_str(phase, refresh=False)

@@ -14,7 +14,7 @@ from clutter_env.learning.comparison.evaluation import DrawnScene, Score, SuiteP
 from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import Task
-from clutter_env.rendering.film import FRAME_SIZE, Film
+from clutter_env.rendering.film import Film
 
 __all__ = ["Played", "play_policy", "played_task"]
 
@@ -46,7 +46,7 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
         task: environment, see `played_task`.
         name: of the policy, see `load_policy`.
         seed: of the scene.
-        film: file of a film, without its ending; None shows a window.
+        film: file of a film, without its ending; None shows a window, which its user closes in the end.
 
     Raises:
         LearningError: no such policy; the message lists the known ones.
@@ -55,10 +55,13 @@ def play_policy(task: Task, name: str, seed: int, film: Path | None) -> Played:
     """
     policy = load_policy(name, seed)
     mode = "human" if film is None else "rgb_array"
-    size = {} if film is None else {"image_size": FRAME_SIZE}
-    env = task.make(render_mode=mode, **size, **env_keywords(policy))
+    env = task.make(render_mode=mode, **env_keywords(policy))
     if film is None:
-        return Played(play_scene(DrawnScene(seed), env, policy), None)
+        score = play_scene(DrawnScene(seed), env, policy)
+        inner: Any = env.unwrapped
+        inner.wait_for_window()
+        env.close()
+        return Played(score, None)
     filmed = _Filmed(policy)
     score = play_scene(DrawnScene(seed), env, filmed)
     return Played(score, filmed.save(film, "lifted" if score.lifted else "not lifted"))
