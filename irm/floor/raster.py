@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -64,9 +64,11 @@ def outline_distance(vertices: Floats, first: int, last: int, x: float, y: float
         length = ex * ex + ey * ey
         t = ((x - ax) * ex + (y - ay) * ey) / length if length > 0.0 else 0.0
         t = min(1.0, max(0.0, t))
-        nearest = min(nearest, hypot(x - ax - t * ex, y - ay - t * ey))
+        dx, dy = x - ax - t * ex, y - ay - t * ey
+        nearest = min(nearest, dx * dx + dy * dy)
         if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * ex:
             inside = not inside
+    nearest = sqrt(nearest)
     return -nearest if inside else nearest
 
 
@@ -131,7 +133,7 @@ def point_is_free(raster: Raster, x: float, y: float) -> bool:
         inverse = 1.0 / raster.resolution
         i = min(int((x - raster.x0) * inverse), raster.cells.shape[0] - 1)
         j = min(int((y - raster.y0) * inverse), raster.cells.shape[1] - 1)
-        kind = raster.cells[i, j]
+        kind = raster.cells[np.uint64(i), np.uint64(j)]
         free = kind == FREE
         if kind == MIXED:
             free = is_outside(raster.vertices, raster.starts, raster.radii, x, y)

@@ -25,7 +25,7 @@ from irm.queries.keyed_bases import KeyedBases
 from irm.queries.keys import YawWindow, find_key, find_keys, flat_key, yaw_window
 from irm.queries.multi_target import place_for_path, place_for_path_at, place_for_targets
 from irm.queries.placement import BasePlacement, PlacementBatch
-from irm.queries.placement_kernel import SAME_PLACE, best_bases_batch, best_bases_in_window
+from irm.queries.placement_kernel import SAME_PLACE, PlaceQueries, best_bases_batch, best_bases_in_window
 from irm.queries.search_kernel import TcpPlace
 from irm.queries.status import Status
 from irm.queries.tiles import Tiles
@@ -37,6 +37,9 @@ Floats = NDArray[np.float64]
 
 _ROWS_AT_A_TIME = 4096
 """Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
+
+_SQUARE = 0.1
+"""[m] Edge of the squares of `_neighbours_together`; a row of sixteen has the length of a large table."""
 
 _CLOSE_BASES = 64
 """Bases decided exactly, beyond the number wanted, before an answer is given without a certain base."""
@@ -147,14 +150,14 @@ class InverseReachabilityMap:
         points = np.array(np.broadcast_to(points, (n, 3)), order="C")
         key, keys, height_offsets = find_keys(self._bases.grid, points[:, 2], options.pitch, options.roll)
         window = yaw_window(self._bases.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
-        turned = self._turned_ranges(window, ranges, n)
+        queries = PlaceQueries(keys, points, height_offsets, self._turned_ranges(window, ranges, n), key.exact)
+        order = _neighbours_together(keys, points) if len(ranges) == 1 else np.arange(n)
         rows, counts = np.empty((n, options.compared, 7)), np.empty(n, dtype=np.int64)
         apart = max(options.separation, SAME_PLACE)
         block = max(1, _ROWS_AT_A_TIME // options.compared)
-        for some in (slice(first, first + block) for first in range(0, n, block)):
-            where = keys[some], points[some], height_offsets[some], turned[some]
-            kernel = self.tiles, *where, window, key.exact, options.floor.raster, apart
-            best_bases_batch(*kernel, rows[some], counts[some])
+        for first in range(0, n, block):
+            some = order[first : first + block]
+            best_bases_batch(self.tiles, queries, some, window, options.floor.raster, apart, rows, counts)
         if self._bases.exact.is_wanted(options, by_default=False):
             self._decide_batch(rows, counts, points, options)
         if options.prefer is not None:
@@ -269,6 +272,18 @@ class InverseReachabilityMap:
         if len(ranges) == 1 or window.low != ranges[0, 0] - window.shift:
             return np.tile((window.low, window.high), (n, 1))
         return np.array(np.broadcast_to(ranges - window.shift, (n, 2)), order="C")
+
+
+def _neighbours_together(keys: NDArray[np.int64], points: Floats) -> NDArray[np.int64]:
+    """(n,) order of queries in which those of one key and one square of floor follow each other.
+
+    Kernels then find most of what they look up in the processor's nearest memory, which saves a fifth of their time.
+    """
+    column, row = np.floor(points[:, :2].T * (1.0 / _SQUARE)).astype(np.int64) & 15
+    place = ((keys - keys.min()) << 8) | (column << 4) | row
+    if place.max() < 1 << 16:
+        place = place.astype(np.uint16)
+    return np.argsort(place, kind="stable")
 
 
 def _preferred(rows: Floats, counts: NDArray[np.int64], points: Floats, options: QueryOptions) -> OrderedRows:

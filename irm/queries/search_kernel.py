@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
-from irm.floor.raster import Raster, floor_distance, floor_gap, point_is_free
-from irm.queries.tiles import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking, Tiles
+from irm.floor.raster import Raster, floor_gap, point_is_free
+from irm.queries.tiles import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking
 
 __all__ = [
     "ROUNDING",
@@ -43,7 +43,7 @@ _SECTOR_SHIFT, _RING_SHIFT = np.uint64(PARTS.bit_length() - 1), np.uint64((SECTO
 _SECTOR_BITS, _PART_BITS = np.uint64(SECTORS - 1), np.uint64(PARTS - 1)
 """Where ring, sector and part are in `Ranking.where`."""
 
-_FIRST = 4
+_FIRST = 2
 """Bases that are tested before any mask is computed: mostly one of them is free."""
 
 SECTOR_WIDTH = 2.0 * pi / SECTORS
@@ -52,9 +52,11 @@ SECTOR_WIDTH = 2.0 * pi / SECTORS
 _COS, _SIN = (f((np.arange(SECTORS) + 0.5) * SECTOR_WIDTH) for f in (np.cos, np.sin))
 """Directions of the middles of the sectors."""
 
-
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 """Every sector."""
+
+_ONE = np.uint64(1)
+"""Indices without a sign are never counted from the end, which a kernel must otherwise test."""
 
 
 class TcpPlace(NamedTuple):
@@ -69,9 +71,9 @@ class TcpPlace(NamedTuple):
 
 
 class Turns(NamedTuple):
-    """The yaws at which a key's bases are laid out around the TCP.
+    """The yaws at which a key's bases are laid out around the TCP, the preferred ones first.
 
-    `yaws` (n,) [rad], increasing; `directions` (n, 2): their cosines and sines; `sectors` (`PARTS`, n): the
+    `yaws` (n,) [rad]; `directions` (n, 2): their cosines and sines; `sectors` (`PARTS`, n): the
     sectors, one or two, in one of which a base of each part of sector 0 is after the turn; `all_sectors` (`PARTS`,):
     these together; `all_around`: whether the turns cover all yaws in the steps of the map's own yaw samples, or of a
     divisor of these; `yaw_shift`: what to add to a turn to get the approach yaw [rad].
@@ -108,17 +110,25 @@ def forget(masks: RingMasks) -> None:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _free_sectors(raster: Raster, px: float, py: float, gap: float, ring: int) -> np.uint64:
-    """The mask of one ring around a TCP at (px, py), from which no free floor is nearer than `gap` [m]."""
+    """The mask of one ring around a TCP at (px, py), from which no free floor is nearer than `gap` [m].
+
+    A point outside the raster is at least as far from free floor as the nearest point of the raster is.
+    """
     if ring == RINGS - 1:
         return _ALL
     if (ring + 1) * RING_WIDTH < gap:
         return np.uint64(0)
     radius = (ring + 0.5) * RING_WIDTH
     reach = hypot(0.5 * RING_WIDTH, 0.5 * (radius + RING_WIDTH) * SECTOR_WIDTH) + ROUNDING
+    inverse = 1.0 / raster.resolution
+    near = np.float32(reach + 1.4143 * raster.resolution)
+    cx, cy, r = (px - raster.x0) * inverse, (py - raster.y0) * inverse, radius * inverse
+    last_i, last_j = raster.distance.shape[0] - 1, raster.distance.shape[1] - 1
     mask = np.uint64(0)
     for k in range(SECTORS):
-        if floor_distance(raster, px + radius * _COS[k], py + radius * _SIN[k]) <= reach:
-            mask |= np.uint64(1) << np.uint64(k)
+        i = int(min(max(cx + r * _COS[k], 0.0), float(last_i)))
+        j = int(min(max(cy + r * _SIN[k], 0.0), float(last_j)))
+        mask |= np.uint64(raster.distance[np.uint64(i), np.uint64(j)] <= near) << np.uint64(k)
     return mask
 
 
@@ -141,20 +151,20 @@ def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> boo
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _next_candidate(
-    where: NDArray[np.uint16], masks: RingMasks, rank: int, end: int, all_turns: NDArray[np.uint64]
-) -> int:
+    where: NDArray[np.uint16], sectors: NDArray[np.uint64], rank: int, end: int, all_turns: NDArray[np.uint64]
+) -> np.int64:
     """The first rank in `rank` … `end` whose base may be on free floor, as far as the masks are known; else `end`."""
-    sectors = masks.sectors
-    while rank < end:
-        place = np.uint64(where[rank])
+    at, last = np.uint64(rank), np.uint64(end)
+    while at < last:
+        place = np.uint64(where[at])
         sector = (place >> _SECTOR_SHIFT) & _SECTOR_BITS
         if _turned_back(sectors[place >> _RING_SHIFT], sector) & all_turns[place & _PART_BITS] != 0:
-            return rank
-        rank += 1
-    return rank
+            break
+        at += _ONE
+    return np.int64(at)
 
 
-@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+@njit(cache=True, inline="always")
 def _free_turn(
     x: float,
     y: float,
@@ -164,30 +174,24 @@ def _free_turn(
     free_sectors: np.uint64,
     raster: Raster,
     taken: Floats,
+    count: int,
     apart: float,
 ) -> int:
-    """The turn at which a base at (x, y) from the TCP is free and farther than `apart` from the rows of `taken`.
-
-    Of several such turns the one nearest to the middle is taken, or the first one if the turns cover all yaws; -1 if
-    there is none.
-    """
-    directions, sectors = turns.directions, turns.sectors[part]
-    last, best_turn = directions.shape[0] - 1, -1
-    for turn in range(last + 1):
-        if sectors[turn] & free_sectors == 0:
-            continue
-        if best_turn >= 0 and (turns.all_around or abs(2 * turn - last) >= abs(2 * best_turn - last)):
-            break
-        c, s = directions[turn, 0], directions[turn, 1]
-        at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
-        if point_is_free(raster, at_x, at_y) and is_apart(taken, taken.shape[0], at_x, at_y, apart):
-            best_turn = turn
-    return best_turn
+    """The first turn at which a base at (x, y) from the TCP is free and farther than `apart` from the first `count`
+    rows of `taken`; -1 if there is none."""
+    directions, sectors, found, turn = turns.directions, turns.sectors, -1, 0
+    while found < 0 and turn < directions.shape[0]:
+        if sectors[part, turn] & free_sectors != 0:
+            c, s = directions[turn, 0], directions[turn, 1]
+            at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
+            if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, apart):
+                found = turn
+        turn += 1
+    return found
 
 
-@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+@njit(cache=True, inline="always")
 def next_in_order(
-    tiles: Tiles,
     ranking: Ranking,
     start: int,
     place: TcpPlace,
@@ -195,9 +199,11 @@ def next_in_order(
     raster: Raster,
     masks: RingMasks,
     taken: Floats,
+    count: int,
     apart: float,
 ) -> tuple[int, int]:
-    """The first base of a ranking, from `start` on, that is free and farther than `apart` from the rows of `taken`.
+    """The first base of a ranking, from `start` on, that is free and farther than `apart` from the first `count` rows
+    of `taken`.
 
     Returns the rank of the base and its turn, or (end of the key's ranking, -1) if there is no such base.
 
@@ -208,11 +214,11 @@ def next_in_order(
     gap = floor_gap(raster, place.x, place.y) - ROUNDING if bounded else 0.0
     end, steps = ranking.first[place.key + 1], ranking.skip.shape[1] - 1
     rank = max(start, ranking.skip[place.key, min(int(gap / RADIUS_STEP), steps)])
-    tests = 0
+    tests, turn = 0, -1
     while rank < end:
         free_sectors = _ALL
         if bounded and tests >= _FIRST:
-            rank = _next_candidate(ranking.where, masks, rank, end, turns.all_sectors)
+            rank = _next_candidate(ranking.where, masks.sectors, rank, end, turns.all_sectors)
             if rank == end:
                 break
             ring = ranking.where[rank] // (SECTORS * PARTS)
@@ -222,11 +228,12 @@ def next_in_order(
             sector = np.uint64(ranking.where[rank] // PARTS % SECTORS)
             free_sectors = _turned_back(masks.sectors[ring], sector)
         if ranking.radius[rank] >= gap:
-            base = ranking.base[rank]
             part = ranking.where[rank] % PARTS
-            turn = _free_turn(tiles.x[base], tiles.y[base], place, turns, part, free_sectors, raster, taken, apart)
+            turn = _free_turn(
+                ranking.x[rank], ranking.y[rank], place, turns, part, free_sectors, raster, taken, count, apart
+            )
             if turn >= 0:
-                return rank, turn
+                break
             tests += 1
         rank += 1
-    return rank, -1
+    return rank, turn

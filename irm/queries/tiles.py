@@ -52,6 +52,8 @@ class Ranking(NamedTuple):
     """
 
     base: NDArray[np.int32]
+    x: Singles
+    y: Singles
     radius: Singles
     where: NDArray[np.uint16]
     first: Integers
@@ -157,6 +159,8 @@ def _ranking(some: Integers, key: Integers, keys: int, bases: list[NDArray[Any]]
     ring = np.minimum((radius.astype(float) / RING_WIDTH).astype(np.int64), RINGS - 1)
     return Ranking(
         base.astype(np.int32),
+        x,
+        y,
         radius,
         (ring * parts + part).astype(np.uint16),
         first,
