@@ -132,8 +132,8 @@ class SkillNetwork(nn.Module):
         ahead, aside = self._turned(rows[..., _X : _X + 2])
         headings = self.headings.expand(*ahead.shape, 2)
         failed = rows[..., len(BODY_FIELDS) :]
-        each = (x, 3 * x * x, y, 3 * y * y, 100 * (rows[..., _RADIUS] - _MIDDLE_RADIUS))
-        each = (*each, 20 * (rows[..., _HEIGHT] - _MIDDLE_HEIGHT))
+        radius, height = 100 * (rows[..., _RADIUS] - _MIDDLE_RADIUS), 20 * (rows[..., _HEIGHT] - _MIDDLE_HEIGHT)
+        each = (x, 3 * x * x, y, 3 * y * y, radius, height)
         shared = torch.stack(each, dim=2)[:, :, None].expand(-1, -1, DIRECTIONS, -1)
         return torch.cat((torch.stack((ahead, aside, failed), dim=3), headings, shared), dim=3)
 

@@ -9,18 +9,18 @@ import pytest
 
 pytest.importorskip("torch")
 
-import assets  # noqa: E402
-from clutter_env.learning.comparison.compare import Comparison, make_jobs  # noqa: E402
-from clutter_env.learning.comparison.evaluation import DrawnScene, play_scene  # noqa: E402
-from clutter_env.learning.comparison.played import play_policy, played_task  # noqa: E402
-from clutter_env.learning.comparison.run_names import run_directories, run_names  # noqa: E402
-from clutter_env.learning.comparison.scene_sets import SceneSet  # noqa: E402
-from clutter_env.learning.comparison.suite_policies import load_policy, policy_families, policy_grasps  # noqa: E402
-from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy  # noqa: E402
-from clutter_env.learning.errors import LearningError  # noqa: E402
-from clutter_env.learning.policies.runs import DECISIONS_FILE, MOVER_FILE  # noqa: E402
-from clutter_env.learning.task import Task  # noqa: E402
-from clutter_env.learning.training.run import Run  # noqa: E402
+import assets
+from clutter_env.learning.comparison.compare import Comparison, make_jobs
+from clutter_env.learning.comparison.evaluation import DrawnScene, play_scene
+from clutter_env.learning.comparison.played import play_policy, played_task
+from clutter_env.learning.comparison.run_names import run_directories, run_names
+from clutter_env.learning.comparison.scene_sets import SceneSet
+from clutter_env.learning.comparison.suite_policies import load_policy, policy_families, policy_grasps
+from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy
+from clutter_env.learning.errors import LearningError
+from clutter_env.learning.policies.runs import DECISIONS_FILE, MOVER_FILE
+from clutter_env.learning.task import Task
+from clutter_env.learning.training.run import Run
 
 O15 = Task("clutter_env/Retrieve-o15-v0", {"obstructed": True})
 
