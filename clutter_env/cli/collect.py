@@ -38,6 +38,10 @@ class Arguments:
     """Layout; empty for the environment's own."""
     obstructed: bool = False
     """Collect on scenes whose target no side grasp reaches without moving something."""
+    obs_mode: Literal["state", "rgbd"] = "state"
+    """With "rgbd", observations have images of the robot's cameras too, rendered after an episode has replayed."""
+    image_size: int = 96
+    """Pixels along each side of these images."""
     seed: int = 0
     """First seed; the others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
     workers: int = 2
@@ -62,14 +66,15 @@ def run(arguments: Arguments) -> None:
 
     from clutter_env.learning.demonstrations.collect import make_job
     from clutter_env.learning.demonstrations.dataset import Dataset
-    from clutter_env.learning.demonstrations.minari_export import export_minari
+    from clutter_env.learning.exports.minari import export_minari
     from clutter_env.learning.task import Task
     from clutter_env.parallel.jobs import run_jobs
     from clutter_env.reporting.json_file import write_json
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
-    job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed)
+    image_size = arguments.image_size if arguments.obs_mode == "rgbd" else 0
+    job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed, image_size)
     dataset = Dataset.open_for(job, arguments.out)
     started = time.perf_counter()
     with dataset.locked():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -81,7 +82,9 @@ class EnvRenderer:
             self._window = None
 
     def _renderer(self, world: World, width: int, height: int) -> Renderer:
+        """The renderer of that size; cameras are put where their bodies are: a step leaves them one substep back."""
         self._use(world)
+        mujoco.mj_camlight(world.model, world.data)
         if (width, height) not in self._renderers:
             self._renderers[width, height] = Renderer(world.model, width, height)
         return self._renderers[width, height]

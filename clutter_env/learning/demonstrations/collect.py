@@ -16,6 +16,7 @@ from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import record
 from clutter_env.learning.demonstrations.episode_file import write_episode
 from clutter_env.learning.demonstrations.experts import expert_names, make_expert
+from clutter_env.learning.demonstrations.images import with_images
 from clutter_env.learning.demonstrations.replay import replay_in_fresh_process
 from clutter_env.learning.errors import CollectionError, LearningError, UnknownExpert
 from clutter_env.learning.task import HELD_OUT, Task
@@ -59,7 +60,7 @@ class JobRunner(Protocol):
         ...
 
 
-def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0) -> Job:
+def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_size: int = 0) -> Job:
     """A job that can be collected.
 
     Args:
@@ -67,6 +68,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0) -> Job
         expert: one of `expert_names`; "" for the first.
         episodes: successful episodes wanted, at least 1.
         first_seed: from 0 to `HELD_OUT` - 1.
+        image_size: [pixels] of camera images; 0 for none.
 
     Raises:
         LearningError: a value out of its range.
@@ -77,7 +79,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0) -> Job
         raise LearningError(f"episodes={episodes} is not valid; it must be at least 1")
     if not 0 <= first_seed < HELD_OUT:
         raise LearningError(f"seed={first_seed} is not valid; it must be from 0 to {HELD_OUT - 1}")
-    task.make().close()
+    task.make(**({"obs_mode": "rgbd", "image_size": image_size} if image_size else {})).close()
     known = expert_names(task.env_id)
     if not known:
         raise UnknownExpert(
@@ -85,7 +87,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0) -> Job
         )
     if expert and expert not in known:
         raise UnknownExpert(f"no expert {expert!r} for {task.env_id}; known ones: {', '.join(known)}")
-    return Job(task, expert or known[0], episodes, first_seed)
+    return Job(task, expert or known[0], episodes, first_seed, image_size=image_size)
 
 
 def demonstrate(job: Job, seed: int) -> Outcome:
@@ -93,6 +95,7 @@ def demonstrate(job: Job, seed: int) -> Outcome:
 
     Raises:
         OSError: no space for a temporary file.
+        RenderingUnavailable: images are wanted, and this machine cannot render.
     """
     try:
         env = job.task.make()
@@ -115,6 +118,8 @@ def demonstrate(job: Job, seed: int) -> Outcome:
         replayed = replay_in_fresh_process(path)
         if not (replayed.is_identical and replayed.is_success):
             return Outcome(seed, reason=f"does not replay: {replayed}", steps=len(episode))
+        if job.image_size:
+            write_episode(path, with_images(episode, job.image_size))
         return Outcome(seed, path.read_bytes(), steps=len(episode))
 
 

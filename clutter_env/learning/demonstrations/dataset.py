@@ -32,17 +32,23 @@ _JOB, _INDEX, _EPISODES, _REJECTED = "dataset.json", "index.json", "episodes", "
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be collected: `episodes` successful episodes of `expert` on seeds from `first_seed` upwards."""
+    """What is to be collected: `episodes` successful episodes of `expert` on seeds from `first_seed` upwards.
+
+    With an `image_size` [pixels] each observation gets the images of the robot's cameras too.
+    """
 
     task: Task
     expert: str
     episodes: int
     first_seed: int = 0
     options: Mapping[str, Any] | None = None
+    image_size: int = 0
 
     def identity(self) -> dict[str, Any]:
         """Everything that determines the episode of a seed, as JSON values."""
-        content = {"task": self.task, "expert": self.expert, "first_seed": self.first_seed}
+        content: dict[str, Any] = {"task": self.task, "expert": self.expert, "first_seed": self.first_seed}
+        if self.image_size:
+            content["image_size"] = self.image_size
         return dict(json.loads(json_text({**content, "options": self.options, "versions": versions()})))
 
 
@@ -68,12 +74,12 @@ class Dataset:
             (directory / _REJECTED).mkdir(exist_ok=True)
             write_json(described, job.identity())
         there, wanted = json.loads(described.read_text()), job.identity()
-        different = [name for name in wanted if there.get(name) != wanted[name]]
+        different = [name for name in {**wanted, **there} if there.get(name) != wanted.get(name)]
         if different:
             name = different[0]
             raise DatasetError(
                 f"{directory} was collected with other {', '.join(different)} ({name}: {there.get(name)!r}, "
-                f"now {wanted[name]!r}); choose another directory"
+                f"now {wanted.get(name)!r}); choose another directory"
             )
         return dataset
 

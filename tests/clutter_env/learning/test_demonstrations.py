@@ -25,7 +25,7 @@ from clutter_env.parallel.jobs import Crash, Killed, run_jobs
 
 pytest.importorskip("h5py")
 from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
-from clutter_env.learning.demonstrations.minari_export import export_minari
+from clutter_env.learning.exports.minari import export_minari
 
 PICK = Task("clutter_env/Pick-v0")
 

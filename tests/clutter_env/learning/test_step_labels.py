@@ -19,7 +19,7 @@ pytest.importorskip("h5py")
 import h5py
 
 from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
-from clutter_env.learning.demonstrations.minari_export import export_minari
+from clutter_env.learning.exports.minari import export_minari
 
 TASK = Task("clutter_env/Retrieve-o1-v0")
 JOB = Job(TASK, "canonical", episodes=1)

@@ -18,6 +18,7 @@ from gymnasium import spaces
 
 from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.errors import DatasetError
+from clutter_env.learning.exports.hdf5 import copy_episodes
 from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import write_json
 
@@ -50,7 +51,8 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
     data = part / "data"
     data.mkdir(parents=True)
     try:
-        steps = _write_episodes(dataset, seeds, data / "main_data.hdf5")
+        with h5py.File(data / "main_data.hdf5", "w", track_order=True) as file:
+            steps = copy_episodes(dataset, file)
         write_json(data / "metadata.json", _metadata(dataset, dataset_id, about, len(seeds), steps, data))
         if final.exists():
             shutil.rmtree(final)
@@ -60,25 +62,14 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
     return final
 
 
-def _write_episodes(dataset: Dataset, seeds: list[int], path: Path) -> int:
-    """All episodes in one file, numbered from 0; the number of their steps."""
-    steps = 0
-    with h5py.File(path, "w", track_order=True) as file:
-        for index, seed in enumerate(seeds):
-            with h5py.File(dataset.episode_path(seed), "r") as source:
-                group = file.create_group(f"episode_{index}")
-                for name in source:
-                    source.copy(name, group)
-                group.attrs.update({**dict(source.attrs), "id": index})
-                steps += int(source.attrs["total_steps"])
-    return steps
-
-
 def _metadata(dataset: Dataset, dataset_id: str, about: str, episodes: int, steps: int, data: Path) -> dict[str, Any]:
     identity = dataset.identity
-    env = Task(identity["task"]["env_id"], identity["task"]["keywords"]).make()
+    task = Task(identity["task"]["env_id"], identity["task"]["keywords"])
+    env = task.make()
     try:
         assert env.spec is not None
+        assert isinstance(env.observation_space, spaces.Dict)
+        observations = {**_image_spaces(task, identity.get("image_size", 0)), **env.observation_space.spaces}
         return {
             "dataset_id": dataset_id,
             "minari_version": MINARI_VERSION,
@@ -87,7 +78,7 @@ def _metadata(dataset: Dataset, dataset_id: str, about: str, episodes: int, step
             "total_episodes": episodes,
             "total_steps": steps,
             "dataset_size": round((data / "main_data.hdf5").stat().st_size / 1e6, 1),
-            "observation_space": json.dumps(_space(env.observation_space)),
+            "observation_space": json.dumps(_space(spaces.Dict(observations))),
             "action_space": json.dumps(_space(env.action_space)),
             "env_spec": env.spec.to_json(),
             "algorithm_name": identity["expert"],
@@ -95,6 +86,18 @@ def _metadata(dataset: Dataset, dataset_id: str, about: str, episodes: int, step
             "requirements": [f"{name}=={identity['versions'][name]}" for name in ("mujoco", "gymnasium")],
             "versions": identity["versions"],
         }
+    finally:
+        env.close()
+
+
+def _image_spaces(task: Task, image_size: int) -> dict[str, gym.Space[Any]]:
+    """The spaces of the images that a dataset has; none without images."""
+    if not image_size:
+        return {}
+    env = task.make(obs_mode="rgbd", image_size=image_size)
+    try:
+        assert isinstance(env.observation_space, spaces.Dict)
+        return dict(env.observation_space.spaces)
     finally:
         env.close()
 

@@ -1,0 +1,68 @@
+"""Write demonstrations in the format of another tool.
+
+    clutter-env export --demos outputs/demos/o15 --to lerobot --out outputs/lerobot/o15 --image-size 96
+
+The demonstrations are those of `clutter-env collect`. LeRobot needs pip install "clutter-env[data]".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from clutter_env.cli.command import run_command
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Export demonstrations."""
+
+    to: Literal["lerobot", "minari", "hdf5", "robomimic"]
+    """"lerobot" (format v3.0) and "minari" are directories; "hdf5" (one group an episode) and "robomimic" are files."""
+    demos: Path = Path("outputs/demos")
+    """Directory that `clutter-env collect` made."""
+    out: Path | None = None
+    """Where to write; without it outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""
+    image_size: int = 0
+    """Pixels along each side of camera images, for LeRobot, rendered from the episodes' states; 0: those collected."""
+    json: Path | None = None
+    """Write where the export is, and its size, to this file."""
+
+
+def run(arguments: Arguments) -> None:
+    """Export, and say what was written."""
+    from clutter_env.learning.demonstrations.dataset import Dataset
+    from clutter_env.learning.errors import LearningError
+    from clutter_env.learning.exports.hdf5 import export_hdf5
+    from clutter_env.learning.exports.lerobot import export_lerobot
+    from clutter_env.learning.exports.minari import export_minari
+    from clutter_env.learning.exports.robomimic import export_robomimic
+    from clutter_env.reporting.json_file import write_json
+
+    if arguments.image_size and arguments.to != "lerobot":
+        raise LearningError(
+            f"--image-size is for --to lerobot; for {arguments.to} collect images: clutter-env collect --obs-mode rgbd"
+        )
+    dataset = Dataset(arguments.demos)
+    episodes = len(dataset)
+    suffix = ".hdf5" if arguments.to in ("hdf5", "robomimic") else ""
+    out = arguments.out or Path("outputs/exports") / f"{arguments.to}{suffix}"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if arguments.to == "lerobot":
+        path = export_lerobot(dataset, out, arguments.image_size)
+    elif arguments.to == "minari":
+        path = export_minari(dataset, out)
+    else:
+        path = (export_hdf5 if arguments.to == "hdf5" else export_robomimic)(dataset, out)
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    size = sum(file.stat().st_size for file in files)
+    print(f"{episodes} episodes in {path}: {size / 1e6:.1f} MB")
+    if arguments.json is not None:
+        write_json(arguments.json, {"path": path, "format": arguments.to, "episodes": episodes, "bytes": size})
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command; `words` are its arguments, those of the process if not given."""
+    run_command("export", Arguments, run, __doc__, words)
