@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.images import with_images
 from clutter_env.learning.errors import DatasetError
+from clutter_env.learning.exports.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.learning.exports.lerobot_tables import Tables
 from clutter_env.learning.exports.statistics import image_statistics, vector_statistics
 from clutter_env.learning.exports.video import CODEC, PIXELS, Video

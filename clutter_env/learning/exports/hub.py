@@ -1,6 +1,6 @@
 """Vectors of environments as LeRobot's evaluation wants them: `make_env`, the entry point of an environment hub.
 
-A repository on the hub needs one line in its env.py: `from clutter_env.envs.hub import make_env`.
+A repository on the hub needs one line in its env.py: `from clutter_env.learning.exports.hub import make_env`.
 """
 
 from __future__ import annotations
