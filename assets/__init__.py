@@ -2,14 +2,19 @@
 
 from pathlib import Path
 
-__all__ = ["names", "path"]
+__all__ = ["folder", "names", "path"]
 
 _ROOT = Path(__file__).resolve().parent
 
 
-def names(folder: str) -> tuple[str, ...]:
-    """Names, without their ending, of the JSON files in a folder of `assets/`, in alphabetical order."""
-    return tuple(sorted(file.stem for file in (_ROOT / folder).glob("*.json")))
+def folder(name: str) -> Path:
+    """Path of a folder of `assets/`."""
+    return _ROOT / name
+
+
+def names(kind: str) -> tuple[str, ...]:
+    """Names, without their ending, of the JSON files in the folder `kind` of `assets/`, in alphabetical order."""
+    return tuple(sorted(file.stem for file in folder(kind).glob("*.json")))
 
 
 def path(relative: str) -> Path:

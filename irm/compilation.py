@@ -7,6 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+from numba.core import config
+from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 
 __all__ = ["WITHOUT_REFERENCE_COUNTS", "njit"]
 
@@ -17,6 +20,28 @@ _NO_PLACE = "no locator available"
 WITHOUT_REFERENCE_COUNTS: dict[str, Any] = {"_nrt": False}
 """Options of `njit` for a kernel that allocates nothing: numba then does not count references to the arrays inside its
 arguments, which takes half of the time of a short kernel."""
+
+_OPTIMISATION = 1
+"""Level at which LLVM optimises kernels, of 0 to 3. Numba's own, 3, takes a third longer to compile; kernels are not
+faster for it, and compute the same bits."""
+
+
+class _Compiler(Compiler):  # type: ignore[misc]  # numba has no type hints
+    """Numba's compiler, at that level of optimisation."""
+
+    def compile_extra(self, function: Callable[..., Any]) -> Any:
+        """Compile; numba reads the level from its global configuration, which is then as it was before."""
+        with global_compiler_lock:
+            level = config.OPT
+            config.OPT = min(level, type(level)(_OPTIMISATION))
+            try:
+                return super().compile_extra(function)
+            finally:
+                config.OPT = level
+
+
+_OPTIONS: dict[str, Any] = {"pipeline_class": _Compiler, "no_cfunc_wrapper": True}
+"""Options of all kernels. None is called from C, for which numba would compile the body of each once more."""
 
 _warned: set[str] = set()
 """The reason of the warning, once it has been given."""
@@ -35,12 +60,12 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return lambda decorated: njit(decorated, **options)
     try:
-        kernel = numba.njit(**options)(function)
+        kernel = numba.njit(**_OPTIONS, **options)(function)
     except RuntimeError as problem:
         if not options.get("cache") or _NO_PLACE not in str(problem):
             raise
         _warn_once("neither the folder of this package nor the user's cache directory can be written")
-        return numba.njit(**{**options, "cache": False})(function)
+        return numba.njit(**_OPTIONS, **{**options, "cache": False})(function)
     if options.get("cache"):
         kernel._cache.save_overload = _saves_or_warns(kernel._cache.save_overload)
     return kernel
@@ -63,7 +88,7 @@ def _warn_once(reason: str) -> None:
     if not _warned:
         _warned.add(reason)
         _LOG.warning(
-            "compiled kernels cannot be kept: %s. Every process compiles them again (some minutes). Set "
+            "compiled kernels cannot be kept: %s. Every process compiles them again (about a minute). Set "
             "NUMBA_CACHE_DIR to a directory that can be written",
             reason,
         )

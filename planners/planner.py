@@ -109,7 +109,8 @@ def warmup(robot: RobotSpec = FETCH) -> None:
     """Load or compile every kernel that a solve uses, and load or build the robot's reachability map.
 
     `solve`, `clearance_floor` and the expert do this themselves. Once done in a process it takes microseconds. The
-    first run on a machine compiles for some minutes and logs a warning that says so.
+    first run on a machine compiles for about a minute and logs a warning that says so; as information, the logger
+    "planners.warming" says which kernel is compiled.
     """
     Planner(robot).warmup()
 

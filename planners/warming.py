@@ -13,7 +13,7 @@ import numpy as np
 from numba.core import event
 
 from assets.robots import RobotSpec
-from irm.maps.cache import cache_file
+from irm.maps.cache import cache_file, is_map_at_hand
 from planners.clock import NO_DEADLINE, Deadline
 from planners.grasping.base_placement import MAP_PARAMETERS
 from planners.scene import Body, RobotState, Scene, StaticObstacle
@@ -88,9 +88,9 @@ class _Loading:
         executor.shutdown(wait=False)
 
     def _load(self, robot: RobotSpec, exercise: Callable[[Scene, str], None]) -> None:
-        path = cache_file(robot, **MAP_PARAMETERS)
-        if not path.exists():
-            _LOG.warning("building the reachability map of %s, once (about a minute); kept in %s", robot.name, path)
+        if not is_map_at_hand(robot, **MAP_PARAMETERS):
+            path = cache_file(robot, **MAP_PARAMETERS)
+            _LOG.warning("building the reachability map of %s, once; kept in %s", robot.name, path)
         with event.install_listener("numba:compile", self._compilation):
             exercise(warmup_scene(robot), _TARGET)
 
@@ -118,7 +118,10 @@ class _Loading:
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type hints
-    """Says once that kernels are being compiled, and measures for how long; loading from the cache does not count."""
+    """Measures for how long kernels are compiled; loading from the cache does not count.
+
+    Says once, as a warning, that it happens, and as information which one it is.
+    """
 
     def __init__(self) -> None:
         self._begun: list[float] = []
@@ -130,12 +133,15 @@ class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type h
         """[s] of wall time spent on compilation so far."""
         return self._ended_s + sum(time.monotonic() - begun for begun in self._begun[:1])
 
-    def on_start(self, event: event.Event) -> None:  # noqa: ARG002  the listener's interface
+    def on_start(self, event: event.Event) -> None:
         """A kernel is being compiled, perhaps inside the compilation of another one."""
         self._begun.append(time.monotonic())
         if not self._said:
             self._said = True
-            _LOG.warning("compiling the planner's kernels, once per machine (some minutes)")
+            _LOG.warning("compiling the planner's kernels, once per machine (about a minute)")
+        kernel = getattr((event.data or {}).get("dispatcher"), "py_func", None)
+        if kernel is not None and not kernel.__module__.startswith("numba."):
+            _LOG.info("compiling %s.%s", kernel.__module__, kernel.__qualname__)
 
     def on_end(self, event: event.Event) -> None:  # noqa: ARG002  the listener's interface
         """A kernel has been compiled."""

@@ -1,5 +1,7 @@
 """Speed, memory and rendering of the environments over the number of objects, with random actions.
 
+    clutter-env benchmark --objects 1 15 40 --steps 2000
+
 CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported.
 """
 
@@ -11,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
-from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.environments.batch_scaling import measure_batch
@@ -19,6 +20,7 @@ from clutter_env.experiments.environments.resets import compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
 from clutter_env.experiments.environments.toppled import measure_toppled
 from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Arguments:
     """Measure only this: a reset with 20 objects beside one of FetchPickAndPlace, in so many rounds of 100."""
     batch: int = 0
     """Measure only this: so many environments of 20 objects, their physics on one and on two threads of a pool."""
-    output: Path = Path("outputs/benchmark.png")
+    out: Path = Path("outputs/benchmark.png")
     """File of the plot."""
     json: Path | None = None
     """File of machine-readable results."""
@@ -63,10 +65,10 @@ def run(arguments: Arguments) -> None:
 
     settings = SpeedSettings(arguments.steps, arguments.layout, arguments.control_mode, arguments.seed)
     measurements = measure_speed(arguments.objects, settings)
-    rows = list(tqdm(measurements, desc="measuring", unit="count", total=len(arguments.objects)))
+    rows = list(progress_bar(measurements, desc="measuring", unit="count", total=len(arguments.objects)))
     print(speed_table(rows), end="")
-    plot_speed(rows, arguments.output)
-    print(f"plot: {arguments.output}")
+    plot_speed(rows, arguments.out)
+    print(f"plot: {arguments.out}")
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
         write_json(arguments.json, {"about": about, "settings": settings, "rows": rows})

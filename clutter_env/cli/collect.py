@@ -97,13 +97,12 @@ def run(arguments: Arguments) -> None:
 
 def collect_with_bar(job: Job, dataset: Dataset, run: JobRunner) -> tuple[list[int], int]:
     """Collect with a progress bar: the seeds of the dataset, and how many episodes were collected now."""
-    from tqdm import tqdm
-
     from clutter_env.learning.demonstrations.collect import collect
+    from clutter_env.reporting.progress import progress_bar
 
     made = 0
     there = len(list(dataset.episodes_directory.glob("*.hdf5")))
-    with tqdm(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
+    with progress_bar(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
 
         def report(outcome: Outcome) -> None:
             """Show the outcome of a seed in the bar."""

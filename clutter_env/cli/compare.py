@@ -57,14 +57,13 @@ def run(arguments: Arguments) -> None:
     """Play, summarise, print."""
     from functools import partial
 
-    from tqdm import tqdm
-
     from clutter_env.learning.comparison.compare import Comparison, evaluate_all, make_jobs, make_rows
     from clutter_env.learning.comparison.picture import plot
     from clutter_env.learning.comparison.records import ResultRecords
     from clutter_env.learning.comparison.tables import markdown, markdown_by_floor
     from clutter_env.parallel.jobs import run_jobs
     from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.progress import progress_bar
 
     comparison = Comparison(
         scene_sets=scene_sets(arguments),
@@ -76,7 +75,7 @@ def run(arguments: Arguments) -> None:
     jobs = make_jobs(comparison)
     records = ResultRecords(arguments.out / "results.jsonl")
     workers = partial(run_jobs, workers=arguments.workers, ray=arguments.ray)
-    with tqdm(total=len(jobs), unit="episode") as bar:
+    with progress_bar(total=len(jobs), unit="episode") as bar:
         results = evaluate_all(jobs, records, workers, lambda done: bar.update(done - bar.n))
     rows = make_rows(comparison, results)
     tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"

@@ -40,9 +40,8 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Measure, print, write."""
-    from tqdm import tqdm
-
     from clutter_env.learning.training.curve import Curve, draw, markdown, measure, points
+    from clutter_env.reporting.progress import progress_bar
 
     curve = Curve(
         demonstrations=arguments.demos,
@@ -54,7 +53,7 @@ def run(arguments: Arguments) -> None:
     )
     todo = points(curve)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with tqdm(total=len(todo), unit="training") as bar:
+    with progress_bar(total=len(todo), unit="training") as bar:
         results = measure(todo, arguments.out / "results.json", arguments.workers, bar.update)
     table = markdown(results)
     command = command_line("curve", arguments, leave_out=("workers", "out"))

@@ -41,17 +41,16 @@ def run(arguments: Arguments) -> None:
     import time
     from functools import partial
 
-    from tqdm import tqdm
-
     from clutter_env.learning.demonstrations.decision_collect import DecisionJob, collect_decisions
     from clutter_env.learning.task import Task
     from clutter_env.parallel.jobs import run_jobs
+    from clutter_env.reporting.progress import progress_bar
 
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
     task = Task(f"clutter_env/Retrieve-o{arguments.objects}-v0", keywords)
     job = DecisionJob(task, arguments.grasps, arguments.decisions, arguments.seed)
     started = time.perf_counter()
-    with tqdm(total=arguments.decisions, unit="decision") as bar:
+    with progress_bar(total=arguments.decisions, unit="decision") as bar:
 
         def report(decisions: int) -> None:
             """Show how many decisions there are."""

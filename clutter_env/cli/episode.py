@@ -31,7 +31,7 @@ from clutter_env.experiments.episodes.episode import (
 from clutter_env.experiments.episodes.many import counts_text, play_many
 from clutter_env.reporting.json_file import write_json
 from clutter_env.scene.layout import LAYOUTS
-from irm.maps.cache import cache_file, cached_map
+from irm.maps.cache import cache_folder, cached_map, is_map_at_hand
 from planners.grasping.base_placement import MAP_PARAMETERS
 from planners.strategies import find_strategy
 
@@ -56,7 +56,7 @@ class Arguments:
     """Take the first seed, from --seed on, whose target no level grasp reaches before something is cleared."""
     episodes: int = 1
     """With more than one, episodes are counted, not shown."""
-    jobs: int = os.cpu_count() or 1
+    workers: int = os.cpu_count() or 1
     """Number of processes for many episodes."""
     viewer: bool = False
     """Open MuJoCo's viewer, in real time."""
@@ -66,7 +66,7 @@ class Arguments:
     """The episode as one page for a browser; episode.html in --output if not given."""
     film: bool = True
     """Film the episode if the machine can render."""
-    output: Path = Path("outputs/episode")
+    out: Path = Path("outputs/episode")
     """Directory of the pictures, the plan, the film and the figures."""
     json: Path | None = None
     """Write the figures to this file too."""
@@ -87,13 +87,12 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
-    file = cache_file(FETCH, **MAP_PARAMETERS)
-    if not file.exists():
-        print(f"building the reachability map, once; it is kept in {file.parent}", flush=True)
-    cached_map(FETCH, progress=True, **MAP_PARAMETERS)
-    arguments.output.mkdir(parents=True, exist_ok=True)
+    if not is_map_at_hand(FETCH, **MAP_PARAMETERS):
+        print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
+        cached_map(FETCH, progress=True, **MAP_PARAMETERS)
+    arguments.out.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
-    for path in filter(None, (arguments.output / "report.json", arguments.json)):
+    for path in filter(None, (arguments.out / "report.json", arguments.json)):
         write_json(path, figures)
 
 
@@ -110,7 +109,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         arguments.grasps,
     )
     result = play_episode(settings, say=lambda text: print(text, flush=True))
-    files = [str(path) for path in draw_episode(result, arguments.output, arguments.html)]
+    files = [str(path) for path in draw_episode(result, arguments.out, arguments.html)]
     print(f"\n{episode_text(result)}")
     print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
     return {**episode_figures(result), "files": files}
@@ -128,10 +127,10 @@ def count_many(arguments: Arguments) -> dict[str, Any]:
         time_limit=PLANNING_S,
         grasps=arguments.grasps,
     )
-    path = arguments.output / "episodes.jsonl"
+    path = arguments.out / "episodes.jsonl"
     mode = f"{arguments.control_mode} mode, {arguments.strategy}, grasp set {arguments.grasps}"
     print(f"{arguments.episodes} episodes of {arguments.environment}, {mode}")
-    played = play_many(first, arguments.episodes, arguments.obstructed, arguments.jobs, path)
+    played = play_many(first, arguments.episodes, arguments.obstructed, arguments.workers, path)
     print(f"\n{counts_text(played)}\n\nevery episode: {path}")
     return {"settings": asdict(first), "episodes": [asdict(episode) for episode in played]}
 

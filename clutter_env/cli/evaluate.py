@@ -45,10 +45,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, print, write."""
-    from tqdm import tqdm
-
     from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate
     from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.progress import progress_bar
 
     evaluation = Evaluation(
         suite=arguments.suite,
@@ -58,7 +57,7 @@ def run(arguments: Arguments) -> None:
         seed=arguments.seed,
         feasibility=arguments.feasibility,
     )
-    with tqdm(total=len(evaluation.jobs), unit="episode") as bar:
+    with progress_bar(total=len(evaluation.jobs), unit="episode") as bar:
         content = evaluate(evaluation, arguments.workers, arguments.ray, bar.update)
     name = f"{arguments.suite}_{arguments.policy.replace(':', '.').replace('/', '.')}.json"
     file = arguments.json or Path("outputs/evaluate") / name

@@ -48,7 +48,7 @@ class Arguments:
     """Axis of the tip along which the gripper approaches."""
     robot: str = "fetch"
     """Name of a robot, or module:NAME of a RobotSpec."""
-    output: Path | None = None
+    out: Path | None = None
     """File of the map; outputs/NAME.npz if not given."""
     voxel: float = MapParameters.voxel
     """Edge of the position cells [m]."""
@@ -90,7 +90,7 @@ def run(arguments: Arguments) -> None:
         seed=arguments.seed,
     )
     name = robot.robot if isinstance(robot, ArmChain) else robot.name
-    report = build_map(robot, parameters, arguments.output or Path("outputs") / f"{name}.npz")
+    report = build_map(robot, parameters, arguments.out or Path("outputs") / f"{name}.npz")
     print(report)
     if arguments.json is not None:
         write_json(arguments.json, report)

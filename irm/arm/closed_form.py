@@ -29,6 +29,9 @@ MAX_SOLUTIONS = 8
 _SINGULAR = 1e-9
 """Sine or length [m] below which an angle is undefined and is set to 0."""
 
+_NO_ROWS = np.int64(0)
+"""Typed, so that `_wrist` is not compiled once more for the constant."""
+
 _ROUNDING = 1e-9
 """How far rounding may push a cosine beyond ±1, or an angle [rad] beyond its limit."""
 
@@ -122,7 +125,7 @@ def ik_arm(
     q = np.empty(8)
     q[0], q[3] = torso, upper_arm_roll
     half = -0.5 * (b + (sqrt(discriminant) if b >= 0.0 else -sqrt(discriminant)))
-    count = 0
+    count = _NO_ROWS
     for root in range(2):
         if root == 0:
             if abs(a) < _SINGULAR * _SINGULAR:
@@ -145,7 +148,7 @@ def ik_arm(
             q[1] = wrap(atan2(wy, wx) - atan2(uy, shoulder_x + vx))
             q[2] = wrap(atan2(uz, ux) - atan2(vz, vx))
             count = _wrist(q, R, lower, upper, out, count)
-    return count
+    return int(count)
 
 
 @njit(cache=True)

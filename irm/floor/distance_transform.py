@@ -57,10 +57,12 @@ def distance_to_seeds(seeds: NDArray[np.bool_], resolution: float) -> NDArray[np
         for j in range(depth):
             row[j] = 0.0 if seeds[i, j] else _FAR
         _transform_row(row[:depth], out[:depth], site, edge)
-        squared[i] = out[:depth]
+        for j in range(depth):
+            squared[i, j] = out[j]
     result = np.empty((width, depth), np.float32)
     for j in range(depth):
-        row[:width] = squared[:, j]
+        for i in range(width):
+            row[i] = squared[i, j]
         _transform_row(row[:width], out[:width], site, edge)
         for i in range(width):
             result[i, j] = sqrt(out[i]) * resolution

@@ -93,9 +93,12 @@ class FreeSpace:
             raise QueryError(
                 f"{shape[0]} × {shape[1]} cells are too many; choose smaller bounds or a coarser resolution"
             )
-        cells = classify_cells(shape[0], shape[1], x0, y0, resolution, vertices, starts, radii)
+        for array in (vertices, starts, radii):
+            array.setflags(write=False)
+        cells = np.full(shape, FREE, np.uint8)
+        classify_cells(cells, x0, y0, resolution, vertices, starts, radii)
         distance = distance_to_seeds(cells != BLOCKED, resolution)
-        for array in (cells, distance, vertices, starts, radii):
+        for array in (cells, distance):
             array.setflags(write=False)
         return FreeSpace(Raster(cells, distance, x0, y0, x1, y1, resolution, vertices, starts, radii))
 

@@ -166,26 +166,38 @@ def floor_gap(raster: Raster, x: float, y: float) -> float:
 
 
 @njit(cache=True)
+def _extent(vertices: Floats, first: int, last: int) -> tuple[float, float, float, float]:
+    """Smallest x and y, and largest x and y of a polygon [m]."""
+    low_x, low_y, high_x, high_y = inf, inf, -inf, -inf
+    for k in range(first, last):
+        low_x, high_x = min(low_x, vertices[k, 0]), max(high_x, vertices[k, 0])
+        low_y, high_y = min(low_y, vertices[k, 1]), max(high_y, vertices[k, 1])
+    return low_x, low_y, high_x, high_y
+
+
+@njit(cache=True)
 def classify_cells(
-    width: int,
-    depth: int,
+    cells: Bytes,
     x0: float,
     y0: float,
     resolution: float,
     vertices: Floats,
     starts: NDArray[np.int64],
     radii: Floats,
-) -> Bytes:
-    """Classify every cell by its centre's distance to each outline, plus or minus half the cell's diagonal."""
-    cells = np.full((width, depth), FREE, np.uint8)
+) -> None:
+    """Classify every cell by its centre's distance to each outline, plus or minus half the cell's diagonal.
+
+    `cells` are all FREE before.
+    """
+    width, depth = cells.shape
     slack = 0.7072 * resolution
     for m in range(starts.shape[0] - 1):
-        corners, radius = vertices[starts[m] : starts[m + 1]], radii[m]
-        grown = radius + resolution
-        first_x = max(0, int((corners[:, 0].min() - grown - x0) / resolution) - 1)
-        last_x = min(width, int((corners[:, 0].max() + grown - x0) / resolution) + 2)
-        first_y = max(0, int((corners[:, 1].min() - grown - y0) / resolution) - 1)
-        last_y = min(depth, int((corners[:, 1].max() + grown - y0) / resolution) + 2)
+        low_x, low_y, high_x, high_y = _extent(vertices, starts[m], starts[m + 1])
+        radius, grown = radii[m], radii[m] + resolution
+        first_x = max(0, int((low_x - grown - x0) / resolution) - 1)
+        last_x = min(width, int((high_x + grown - x0) / resolution) + 2)
+        first_y = max(0, int((low_y - grown - y0) / resolution) - 1)
+        last_y = min(depth, int((high_y + grown - y0) / resolution) + 2)
         for i in range(first_x, last_x):
             x = x0 + (i + 0.5) * resolution
             for j in range(first_y, last_y):
@@ -197,4 +209,3 @@ def classify_cells(
                     cells[i, j] = BLOCKED
                 elif distance <= radius + slack:
                     cells[i, j] = MIXED
-    return cells

@@ -1,4 +1,4 @@
-"""Reachability maps in the user's cache directory, built at the first call."""
+"""Reachability maps: of the package, or built at the first call and kept in the user's cache directory."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 import platformdirs
 
+import assets
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
 from irm.errors import MapFileError, MapMismatchError
@@ -19,7 +20,16 @@ from irm.maps.grid import MapParameters
 from irm.maps.map_file import map_key
 from irm.maps.reachability import ReachabilityMap
 
-__all__ = ["cache_file", "cache_folder", "cached", "cached_map", "cached_table", "table_file"]
+__all__ = [
+    "cache_file",
+    "cache_folder",
+    "cached",
+    "cached_map",
+    "cached_table",
+    "is_map_at_hand",
+    "shipped_file",
+    "table_file",
+]
 
 _LOG = logging.getLogger(__name__)
 
@@ -40,6 +50,15 @@ def cache_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
     return cache_folder() / f"{chain.robot}-{key}.npz"
 
 
+def shipped_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
+    """Where the map of a robot is if it comes with the package.
+
+    Its name contains the digest of all that a map depends on: after a change of the robot, the parameters or the format
+    the file has another name, and the old one is no longer used.
+    """
+    return assets.folder("maps") / cache_file(robot, **parameters).name
+
+
 def table_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
     """The file of a robot's certificate table, in the same directory."""
     chain = ArmChain.of(robot)
@@ -47,18 +66,31 @@ def table_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
 
 
 def cached_map(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
-    """The map of a robot, from the cache if it is there; a damaged file, or one of another robot, is replaced.
+    """The map of a robot, from the package or the cache if it is there.
+
+    A damaged file in the cache, or one of another robot, is replaced.
 
     Args:
         robot: see `ReachabilityMap.build`.
         progress: show a progress bar while building.
         **parameters: the fields of `MapParameters`.
     """
+    shipped = shipped_file(robot, **parameters)
+    if shipped.exists():
+        try:
+            return ReachabilityMap.load(shipped, robot)
+        except MapFileError as error:
+            _LOG.warning("the installation is damaged: %s", error)
     return cached(
         cache_file(robot, **parameters),
         lambda path: ReachabilityMap.load(path, robot),
         lambda: ReachabilityMap.build(robot, progress=progress, **parameters),
     )
+
+
+def is_map_at_hand(robot: RobotSpec | ArmChain | str, **parameters: Any) -> bool:
+    """Whether `cached_map` has a file to load, so that it need not build the map."""
+    return shipped_file(robot, **parameters).exists() or cache_file(robot, **parameters).exists()
 
 
 def cached_table(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> CertificateTable:

@@ -1,7 +1,7 @@
 """Which obstacles does a configuration hit? The compiled core, callable from other kernels.
 
-    scratch = make_scratch(query.robot, query.attached)       # once, outside the loop
-    hits = configuration_hits(query, query.active, scratch, base, q)
+    checks = by_reference(query)                              # once, outside the loop
+    hits = configuration_hits(checks, query.active, base, q)
 
 `query` is a `CollisionQuery`; `CollisionWorld.query` makes it. A result is a 64-bit mask: bit i for object i,
 `STATIC_BIT` for static obstacles and the floor, `SELF_BIT` for the robot itself.
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.compilation import inlined_kernel, leaf_kernel
+from planners.collision.compilation import leaf_kernel
 from planners.collision.geometry import CYLINDER, Solids, are_any_within, are_within, core_distance, height
 from planners.collision.robot_model import BASE, RobotArrays
 from planners.collision.robot_pose_kernel import Attached, Scratch, place_robot
@@ -58,6 +58,7 @@ class CollisionQuery(NamedTuple):
         robot: the robot's primitives.
         obstacles: objects and static obstacles.
         attached: the held object, or none; it moves with the TCP and is never an obstacle.
+        scratch: memory that every check writes to, made for this robot and held object.
         opening: of the gripper [m].
         active: mask of the bits to look for; all others stay 0.
         padding: [m] Nearer counts as a hit.
@@ -67,6 +68,7 @@ class CollisionQuery(NamedTuple):
     robot: RobotArrays
     obstacles: Obstacles
     attached: Attached
+    scratch: Scratch
     opening: float
     active: np.uint64
     padding: float
@@ -86,16 +88,17 @@ def _object_hits(
     """The wanted objects that the first `count` solids come nearer to than `padding` [m]."""
     objects, radius, bottom, top = obstacles.objects, obstacles.radius, obstacles.bottom, obstacles.top
     lower, upper = obstacles.lower, obstacles.upper
+    position, bounds, centre = solids.position, solids.bound, objects.position
     hits = _NONE
     for i in range(count):
-        x, y, z = solids.position[i, 0], solids.position[i, 1], solids.position[i, 2]
-        bound = solids.bound[i] + padding
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        bound = bounds[i] + padding
         if z - bound >= upper[2] or z + bound <= lower[2] or x - bound >= upper[0] or x + bound <= lower[0]:
             continue
         if y - bound >= upper[1] or y + bound <= lower[1]:
             continue
         for j in range(radius.shape[0]):
-            dx, dy = x - objects.position[j, 0], y - objects.position[j, 1]
+            dx, dy = x - centre[j, 0], y - centre[j, 1]
             reach = bound + radius[j]
             if dx * dx + dy * dy >= reach * reach or z - bound >= top[j] or z + bound <= bottom[j]:
                 continue
@@ -122,24 +125,25 @@ def _hits_static(
     These are the static obstacles and the floor; what is fixed to the base may be near the floor.
     """
     static, extent = obstacles.static, obstacles.extent
+    position, bounds, centre, core = solids.position, solids.bound, static.position, static.core
     for k in range(count + 1):
         if k == count and held < 0:
             break
         i = k if k < count else count + 1
-        x, y, z = solids.position[i, 0], solids.position[i, 1], solids.position[i, 2]
-        bound = solids.bound[i] + padding
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        bound = bounds[i] + padding
         if z < bound and (k == count or link[i] != BASE) and z < height(solids, i) + padding:
             return True
-        for j in range(static.core.shape[0]):
-            if z - bound >= static.position[j, 2] + extent[j, 2]:
+        for j in range(core.shape[0]):
+            if z - bound >= centre[j, 2] + extent[j, 2]:
                 break
-            dx = max(abs(x - static.position[j, 0]) - extent[j, 0], 0.0)
-            dy = max(abs(y - static.position[j, 1]) - extent[j, 1], 0.0)
-            dz = max(abs(z - static.position[j, 2]) - extent[j, 2], 0.0)
+            dx = max(abs(x - centre[j, 0]) - extent[j, 0], 0.0)
+            dy = max(abs(y - centre[j, 1]) - extent[j, 1], 0.0)
+            dz = max(abs(z - centre[j, 2]) - extent[j, 2], 0.0)
             is_near = dx * dx + dy * dy + dz * dz < bound * bound
             if not is_near:
                 continue
-            if static.core[j] <= CYLINDER:
+            if core[j] <= CYLINDER:
                 if are_within(solids, i, static, j, padding, simplex):
                     return True
             elif are_any_within(solids, i, static, j, padding, simplex):
@@ -152,33 +156,33 @@ def _hits_itself(
     solids: Solids, pairs: NDArray[np.int64], held: int, held_from: int, count: int, padding: float, simplex: Array
 ) -> bool:
     """Whether distant links, or the held object and links other than the gripper, come nearer than `padding` [m]."""
-    position = solids.position
+    position, bounds, radius = solids.position, solids.bound, solids.radius
     if held >= 0:
         for i in range(held_from, count):
             distance = core_distance(solids, count, position[i, 0], position[i, 1], position[i, 2])
-            if distance < solids.bound[i] + padding and are_within(solids, i, solids, count, padding, simplex):
+            if distance < bounds[i] + padding and are_within(solids, i, solids, count, padding, simplex):
                 return True
     for pair in range(pairs.shape[0]):
         i, j = pairs[pair, 0], pairs[pair, 1]
         distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
-        is_near = distance < solids.bound[i] + solids.radius[j] + padding
+        is_near = distance < bounds[i] + radius[j] + padding
         if is_near and are_within(solids, i, solids, j, padding, simplex):
             return True
     return False
 
 
-@inlined_kernel
-def configuration_hits(query: CollisionQuery, active: np.uint64, scratch: Scratch, base: Array, q: Array) -> np.uint64:
+@leaf_kernel
+def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 
     Args:
-        query: see its type.
+        query: see its type; by reference.
         active: mask of the bits to look for; the query's, or some of them.
-        scratch: memory from `make_scratch` for the query's robot and held object.
         base: (3,) x [m], y [m], yaw [rad].
         q: (n,) torso [m] and arm [rad].
     """
     robot, obstacles, padding = query.robot, query.obstacles, query.padding
+    scratch = query.scratch
     place_robot(robot, query.attached, scratch, base, q, query.opening)
     solids, simplex, held, count = scratch.solids, scratch.simplex, query.attached.bit, robot.core.shape[0]
     hits, wanted = _NONE, active & ~(_STATIC | _SELF)

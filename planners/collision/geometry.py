@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.compilation import leaf_kernel
+from planners.collision.compilation import inlined_kernel, leaf_kernel
 
 __all__ = ["BOX", "CYLINDER", "ELLIPSOID", "HULL", "Solids", "are_any_within", "are_within", "core_distance", "height"]
 
@@ -31,6 +31,11 @@ _RELATIVE_GAP = 1e-7
 """Upper and lower bound of the squared distance count as equal when this close."""
 _TOUCHING = 1e-7
 """[m] Nearer than this, cores intersect."""
+
+
+_NO_VERTEX = np.int64(0)
+_FIRST, _SECOND, _THIRD = np.int64(0), np.int64(1), np.int64(2)
+"""Vertices of a simplex; typed, so that kernels are not compiled once more for constants."""
 
 
 class Solids(NamedTuple):
@@ -55,7 +60,7 @@ class Solids(NamedTuple):
     first: NDArray[np.int64]
 
 
-@leaf_kernel
+@inlined_kernel
 def _support(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The farthest point of core i, a box or cylinder, in the direction (x, y, z)."""
     half, R = solids.half, solids.rotation
@@ -212,9 +217,9 @@ def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tup
     if count == 0:
         return x, y, z, 1
     if count == 1:
-        x, y, z, used = _reduce_segment(simplex, 0, 1)
+        x, y, z, used = _reduce_segment(simplex, _FIRST, _SECOND)
     elif count == 2:
-        x, y, z, used = _reduce_triangle(simplex, 0, 1, 2)
+        x, y, z, used = _reduce_triangle(simplex, _FIRST, _SECOND, _THIRD)
     else:
         x, y, z, used = _reduce_tetrahedron(simplex)
         if used == 15:
@@ -233,7 +238,7 @@ def are_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Ar
     y = a.position[i, 1] - b.position[j, 1]
     z = a.position[i, 2] - b.position[j, 2]
     squared = x * x + y * y + z * z
-    count = 0
+    count = _NO_VERTEX
     for _ in range(_MAX_ITERATIONS):
         if squared <= threshold * threshold:
             return True
@@ -263,7 +268,7 @@ def are_any_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex
     y = a.position[i, 1] - b.position[j, 1]
     z = a.position[i, 2] - b.position[j, 2]
     squared = x * x + y * y + z * z
-    count = 0
+    count = _NO_VERTEX
     for _ in range(_MAX_ITERATIONS):
         if squared <= threshold * threshold:
             return True

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
-from planners.collision.robot_pose_kernel import Scratch, make_scratch
+from planners.collision.references import by_reference
 
 __all__ = ["edge_hits", "edge_samples", "many_hits", "path_hits"]
 
@@ -22,10 +22,9 @@ _NONE = np.uint64(0)
 @njit(cache=True)
 def many_hits(query: CollisionQuery, base: Array, Q: Array) -> NDArray[np.uint64]:
     """`configuration_hits` of each row of `Q` (k, n) at one base pose (3,): (k,)."""
-    scratch = make_scratch(query.robot, query.attached)
-    hits = np.empty(Q.shape[0], np.uint64)
+    checks, hits = by_reference(query), np.empty(Q.shape[0], np.uint64)
     for row in range(Q.shape[0]):
-        hits[row] = configuration_hits(query, query.active, scratch, base, Q[row])
+        hits[row] = configuration_hits(checks, query.active, base, Q[row])
     return hits
 
 
@@ -42,17 +41,18 @@ def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
 
 
 @leaf_kernel
-def edge_hits(query: CollisionQuery, scratch: Scratch, start: Array, end: Array, step: float) -> np.uint64:
+def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
     """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
 
-    No point of the robot moves more than `step` [m] between two checks, so nothing deeper than `step / 2 - padding`
-    is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused early.
+    The query comes by reference. No point of the robot moves more than `step` [m] between two checks, so nothing deeper
+    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
+    early.
     """
     parts = edge_samples(query.attached.reach, start, end, step)
-    x = scratch.x
+    x = query.scratch.x
     for joint in range(x.shape[0]):
         x[joint] = end[joint]
-    hits = configuration_hits(query, query.active, scratch, x[:3], x[3:])
+    hits = configuration_hits(query, query.active, x[:3], x[3:])
     stride = 1
     while 2 * stride < parts:
         stride *= 2
@@ -60,7 +60,7 @@ def edge_hits(query: CollisionQuery, scratch: Scratch, start: Array, end: Array,
         for i in range(stride, parts, 2 * stride):
             for joint in range(x.shape[0]):
                 x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
-            hits |= configuration_hits(query, query.active, scratch, x[:3], x[3:])
+            hits |= configuration_hits(query, query.active, x[:3], x[3:])
             if query.first_only and hits != _NONE:
                 return np.uint64(hits)
         stride //= 2
@@ -70,10 +70,10 @@ def edge_hits(query: CollisionQuery, scratch: Scratch, start: Array, end: Array,
 @njit(cache=True)
 def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
     """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included."""
-    scratch = make_scratch(query.robot, query.attached)
-    hits = configuration_hits(query, query.active, scratch, X[0, :3], X[0, 3:])
+    checks = by_reference(query)
+    hits = configuration_hits(checks, query.active, X[0, :3], X[0, 3:])
     for row in range(1, X.shape[0]):
         if query.first_only and hits != _NONE:
             break
-        hits |= edge_hits(query, scratch, X[row - 1], X[row], step)
+        hits |= edge_hits(checks, X[row - 1], X[row], step)
     return np.uint64(hits)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import fk_frames
-from irm.compilation import njit
-from planners.collision.compilation import leaf_kernel
+from planners.collision.compilation import inlined_kernel, leaf_kernel
 from planners.collision.geometry import Solids
+from planners.collision.references import by_reference
 from planners.collision.robot_model import BASE, RobotArrays
 
 __all__ = ["Attached", "Scratch", "make_scratch", "place_along", "place_robot"]
@@ -58,20 +58,23 @@ class Scratch(NamedTuple):
     simplex: Array
 
 
-@njit(cache=True)
 def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
     """Memory for checks of this robot with this held object, or none."""
     n, p = robot.offsets.shape[0], robot.core.shape[0]
-    core, half = np.empty(p + 2, np.int64), np.empty((p + 2, 3))
-    radius, bound = np.zeros(p + 2), np.empty(p + 2)
-    core[:p], half[:p], radius[:p], bound[:p] = robot.core, robot.half, robot.radius, robot.bound
-    core[p:], half[p:], bound[p:] = attached.core, attached.half, attached.bound
-    position, rotation = np.empty((p + 2, 3)), np.empty((p + 2, 3, 3))
-    solids = Solids(core, half, radius, bound, position, rotation, np.empty((0, 3)), np.empty(0, np.int64))
+    solids = Solids(
+        core=np.concatenate((robot.core, np.full(2, attached.core))),
+        half=np.concatenate((robot.half, attached.half)),
+        radius=np.concatenate((robot.radius, np.zeros(2))),
+        bound=np.concatenate((robot.bound, np.full(2, attached.bound))),
+        position=np.empty((p + 2, 3)),
+        rotation=np.empty((p + 2, 3, 3)),
+        vertices=np.empty((0, 3)),
+        first=np.empty(0, np.int64),
+    )
     return Scratch(np.empty((n + 2, 3, 3)), np.empty((n + 2, 3)), solids, np.empty(3 + n), np.empty((4, 3)))
 
 
-@leaf_kernel
+@inlined_kernel
 def _compose(R: Array, p: Array, frame: int, local: Array, turn: Array, row: int, solids: Solids, index: int) -> None:
     """Write the world pose of solid `index`, which is at `local[row]`, `turn[row]` in frame `frame` of R, p."""
     position, rotation = solids.position, solids.rotation
@@ -122,21 +125,21 @@ def place_robot(
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     tcp, count = robot.offsets.shape[0], robot.core.shape[0]
     _move_frames(R, p, tcp + 1, base)
+    link, slides, along, local, turn = robot.link, robot.slides, robot.slide, robot.position, robot.rotation
     slide = min(max(0.5 * (opening - robot.gap), 0.0), robot.slide_end)
     for i in range(count):
-        frame = tcp + 1 if robot.link[i] == BASE else robot.link[i]
-        _compose(R, p, frame, robot.position, robot.rotation, i, solids, i)
-        if robot.slides[i]:
+        frame = tcp + 1 if link[i] == BASE else link[i]
+        _compose(R, p, frame, local, turn, i, solids, i)
+        if slides[i]:
             for axis in range(3):
-                along = R[frame, axis, 0] * robot.slide[i, 0]
-                along += R[frame, axis, 1] * robot.slide[i, 1] + R[frame, axis, 2] * robot.slide[i, 2]
-                position[i, axis] += slide * along
+                moved = R[frame, axis, 0] * along[i, 0]
+                moved += R[frame, axis, 1] * along[i, 1] + R[frame, axis, 2] * along[i, 2]
+                position[i, axis] += slide * moved
     if attached.bit >= 0:
         for row in range(2):
             _compose(R, p, tcp, attached.position, attached.rotation, row, solids, count + row)
 
 
-@njit(cache=True)
 def place_along(robot: RobotArrays, attached: Attached, X: Array, opening: float) -> tuple[Array, Array]:
     """World poses of all p primitives, then of the held object, at each of n configurations.
 
@@ -148,9 +151,29 @@ def place_along(robot: RobotArrays, attached: Attached, X: Array, opening: float
     Returns:
         positions (n, p + 1, 3) [m] and rotations (n, p + 1, 3, 3).
     """
-    scratch, last = make_scratch(robot, attached), robot.core.shape[0] + 1
-    positions, rotations = np.empty((X.shape[0], last, 3)), np.empty((X.shape[0], last, 3, 3))
-    for k in range(X.shape[0]):
-        place_robot(robot, attached, scratch, X[k, :3], X[k, 3:], opening)
-        positions[k], rotations[k] = scratch.solids.position[:last], scratch.solids.rotation[:last]
+    solids = robot.core.shape[0] + 1
+    positions, rotations = np.empty((X.shape[0], solids, 3)), np.empty((X.shape[0], solids, 3, 3))
+    _place_along(robot, attached, make_scratch(robot, attached), X, opening, positions, rotations)
     return positions, rotations
+
+
+@leaf_kernel
+def _place_along(
+    robot: RobotArrays,
+    attached: Attached,
+    scratch: Scratch,
+    X: Array,
+    opening: float,
+    positions: Array,
+    rotations: Array,
+) -> None:
+    """The loop of `place_along`."""
+    solids = scratch.solids
+    moving, held, memory = by_reference(robot), by_reference(attached), by_reference(scratch)
+    for k in range(X.shape[0]):
+        place_robot(moving, held, memory, X[k, :3], X[k, 3:], opening)
+        for i in range(positions.shape[1]):
+            for row in range(3):
+                positions[k, i, row] = solids.position[i, row]
+                for column in range(3):
+                    rotations[k, i, row, column] = solids.rotation[i, row, column]

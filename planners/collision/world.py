@@ -7,6 +7,7 @@ world.names_of(world.hits(scene.state.base, scene.state.q, opening=0.1))
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from planners.collision.configuration_kernel import CollisionQuery, Obstacles
 from planners.collision.geometry import BOX
 from planners.collision.path_kernel import many_hits, path_hits
 from planners.collision.robot_model import RobotArrays, robot_arrays
-from planners.collision.robot_pose_kernel import Attached
+from planners.collision.robot_pose_kernel import Attached, Scratch, make_scratch
 from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, with_object
 from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene
 from planners.scene.resting import release_pitch, up_axis
@@ -29,6 +30,22 @@ STEP = 0.006
 SUPPORT_SLACK = 0.0005
 """[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
 _ALL = (1 << 64) - 1
+
+
+class _Carried(NamedTuple):
+    """What checks need to know of a held object, or of none.
+
+    Attributes:
+        held: the object; kept, so that its id stays its own.
+        attached: the same for kernels.
+        width: [m] between the fingers; 0 without an object.
+        scratch: memory of the checks. Kernels hold the interpreter's lock, so that no two write to it at once.
+    """
+
+    held: HeldObject | None
+    attached: Attached
+    width: float
+    scratch: Scratch
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +64,7 @@ class CollisionWorld:
     robot: RobotArrays
     obstacles: Obstacles
     padding: float = PADDING
-    _attached: dict[int, tuple[HeldObject | None, Attached, float]] = field(
-        init=False, repr=False, default_factory=dict
-    )
+    _carried: dict[int, _Carried] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
@@ -87,14 +102,16 @@ class CollisionWorld:
         Raises:
             UnknownObject: the scene has no object of that name.
         """
-        return self._attached_with_width(held)[1]
+        return self._carry(held).attached
 
-    def _attached_with_width(self, held: HeldObject | None) -> tuple[HeldObject | None, Attached, float]:
-        """The held object, the same for kernels, and its width [m] between the fingers; 0 without an object."""
-        known = self._attached.get(id(held))
+    def _carry(self, held: HeldObject | None) -> _Carried:
+        """What is computed once for each held object, and for none."""
+        known = self._carried.get(id(held))
         if known is None:
             width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
-            known = self._attached[id(held)] = held, self._attach(held), width
+            attached = self._attach(held)
+            known = _Carried(held, attached, width, make_scratch(self.robot, attached))
+            self._carried[id(held)] = known
         return known
 
     def _attach(self, held: HeldObject | None) -> Attached:
@@ -143,9 +160,9 @@ class CollisionWorld:
             ignore: mask of bits that do not count.
             first_only: stop at the first hit.
         """
-        active, (_, attached, width) = self.active(ignore), self._attached_with_width(held)
+        (_, attached, width, scratch), active = self._carry(held), self.active(ignore)
         apart, padding = max(float(opening), width), float(self.padding)
-        return CollisionQuery(self.robot, self.obstacles, attached, apart, active, padding, first_only)
+        return CollisionQuery(self.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
 
     def hits(
         self, base: ArrayLike, q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0

@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import MAX_SOLUTIONS
 from irm.arm.kinematics import arm_jacobian, fk_frames, ik_arm
 from irm.arm.manipulability import condition
 from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
+from planners.collision.references import by_reference
 from planners.collision.robot_model import RobotArrays
-from planners.collision.robot_pose_kernel import Scratch, make_scratch
-from planners.scene.masks import SELF_BIT, STATIC_BIT, bit_count
+from planners.collision.rows import copy_row
+from planners.grasping.scan_memory import CAPACITY, Kept, Memory
+from planners.scene.masks import SELF_BIT, STATIC_BIT
 
-__all__ = ["many_gripper_hits", "scan"]
+__all__ = ["FIXED_HITS", "many_gripper_hits", "scan"]
 
 Array = NDArray[np.float64]
 
 _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
-_FIXED = np.uint64((1 << STATIC_BIT) | (1 << SELF_BIT))
+FIXED_HITS = np.uint64((1 << STATIC_BIT) | (1 << SELF_BIT))
 """Hits that no clearing can remove."""
 _NONE = np.uint64(0)
 _PER_MASK = np.int64(6)
-"""Configurations kept for one set of hit objects, each for another pair of gripper pose and base pose."""
-_CAPACITY = np.int64(96)
-"""Configurations kept in all. Typed, as `_PER_MASK` is, so that kernels are not compiled once more for constants."""
+"""Configurations kept for one set of hit objects, each for another pair of gripper pose and base pose. Typed, so that
+kernels are not compiled once more for the constant."""
 _TRAVEL_COST = 0.004
 """Manipulability given up per radian of joint travel from the home configuration: short motions are preferred."""
 _ELBOW = 4
@@ -47,42 +46,15 @@ _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
 
-class _Kept(NamedTuple):
-    """Up to `_CAPACITY` configurations of n joints; the first `size[0]` rows are in use.
-
-    Attributes:
-        q: (c, n) torso [m] and arm [rad].
-        pair: (c,) index of gripper pose and base pose.
-        hits: (c,) objects hit, as masks.
-        quality: (c,) see `_quality`.
-        size: (1,) number of rows in use.
-    """
-
-    q: Array
-    pair: NDArray[np.int64]
-    hits: NDArray[np.uint64]
-    quality: Array
-    size: NDArray[np.int64]
-
-
-class _Memory(NamedTuple):
-    """What a scan writes to: `scratch` for checks, `kept`, and inverse kinematics `found` (MAX_SOLUTIONS, n)."""
-
-    scratch: Scratch
-    kept: _Kept
-    found: Array
-
-
 @njit(cache=True)
 def many_gripper_hits(query: CollisionQuery, gripper_poses: Array) -> NDArray[np.uint64]:
     """The loop of `gripper_hits`; the robot of `query` is the gripper alone, its two joints height and pitch."""
-    scratch = make_scratch(query.robot, query.attached)
-    hits = np.empty(gripper_poses.shape[0], np.uint64)
+    checks, hits = by_reference(query), np.empty(gripper_poses.shape[0], np.uint64)
     base, joints = np.empty(3), np.empty(2)
     for k in range(gripper_poses.shape[0]):
         base[0], base[1], base[2] = gripper_poses[k, 0], gripper_poses[k, 1], gripper_poses[k, 3]
         joints[0], joints[1] = gripper_poses[k, 2], gripper_poses[k, 4]
-        hits[k] = configuration_hits(query, query.active, scratch, base, joints)
+        hits[k] = configuration_hits(checks, query.active, base, joints)
     return hits
 
 
@@ -115,10 +87,9 @@ def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int
 
 
 @njit(cache=True)
-def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
+def _quality(robot: RobotArrays, memory: Memory, q: Array, home: Array) -> float:
     """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration."""
-    n = q.shape[0]
-    R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
+    n, R, p, J = q.shape[0], memory.R, memory.p, memory.J
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     arm_jacobian(robot.axes, R, p, J)
     travel = 0.0
@@ -126,12 +97,12 @@ def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
         travel += abs(q[joint] - home[joint])
     headroom = min(robot.upper[0] - q[0], _LIFT)
     raised = min(max(p[_ELBOW, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
-    mu = condition(J, np.empty((6, 6)), np.empty(6), np.empty(6))
+    mu = condition(J, memory.A, memory.d, memory.e)
     return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
 
 
 @leaf_kernel
-def _is_dominated(kept: _Kept, hits: np.uint64, most: int) -> bool:
+def _is_dominated(kept: Kept, hits: np.uint64, most: int) -> bool:
     """Whether kept configurations hit only a part of this, or `most` of them just this."""
     same = 0
     for i in range(kept.size[0]):
@@ -142,8 +113,8 @@ def _is_dominated(kept: _Kept, hits: np.uint64, most: int) -> bool:
     return same >= most
 
 
-@njit(cache=True)
-def _insert(kept: _Kept, q: Array, pair: int, hits: np.uint64, quality: float) -> None:
+@leaf_kernel
+def _insert(kept: Kept, q: Array, pair: int, hits: np.uint64, quality: float) -> None:
     """Add a configuration that no kept one dominates, and drop those it dominates.
 
     One configuration is kept for each pair and set of hits, and `_PER_MASK` for each set of hits: those of highest
@@ -153,8 +124,8 @@ def _insert(kept: _Kept, q: Array, pair: int, hits: np.uint64, quality: float) -
     for i in range(kept.size[0]):
         if kept.hits[i] != hits and hits & ~kept.hits[i] == _NONE:
             continue
-        kept.q[count], kept.pair[count] = kept.q[i], kept.pair[i]
-        kept.hits[count], kept.quality[count] = kept.hits[i], kept.quality[i]
+        copy_row(kept.q[i], kept.q[count])
+        kept.pair[count], kept.hits[count], kept.quality[count] = kept.pair[i], kept.hits[i], kept.quality[i]
         if kept.hits[count] == hits:
             same += 1
             if kept.pair[count] == pair:
@@ -172,37 +143,33 @@ def _insert(kept: _Kept, q: Array, pair: int, hits: np.uint64, quality: float) -
             return
         place = count
         kept.size[0] = count + 1
-    kept.q[place], kept.pair[place], kept.hits[place], kept.quality[place] = q, pair, hits, quality
-
-
-@njit(cache=True)
-def _order_by_hits(known: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Indices of gripper poses, those that hit fewest objects first."""
-    weight = np.empty(known.shape[0], np.int64)
-    for k in range(known.shape[0]):
-        weight[k] = bit_count(np.int64(known[k] & ~_FIXED))
-    return np.argsort(weight, kind="mergesort")
+    copy_row(q, kept.q[place])
+    kept.pair[place], kept.hits[place], kept.quality[place] = pair, hits, quality
 
 
 @njit(cache=True)
 def _consider(
-    query: CollisionQuery, memory: _Memory, by_gripper: np.uint64, base: Array, q: Array, pair: int, home: Array
+    query: CollisionQuery, memory: Memory, by_gripper: np.uint64, base: Array, q: Array, pair: int, home: Array
 ) -> None:
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
     unknown = query.active & ~by_gripper & ~_SELF
-    hits = configuration_hits(query, unknown, memory.scratch, base, q) | by_gripper
-    if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
+    hits = configuration_hits(query, unknown, base, q) | by_gripper
+    if hits & FIXED_HITS != _NONE or (query.first_only and hits != _NONE):
         return
-    if _is_dominated(memory.kept, hits, _CAPACITY):
+    if _is_dominated(memory.kept, hits, CAPACITY):
         return
-    if configuration_hits(query, query.active & _SELF, memory.scratch, base, q) == _NONE:
-        _insert(memory.kept, q, pair, hits, _quality(query.robot, q, home))
+    if configuration_hits(query, query.active & _SELF, base, q) == _NONE:
+        _insert(memory.kept, q, pair, hits, _quality(query.robot, memory, q, home))
 
 
-@njit(cache=True)
+@leaf_kernel
 def _travel(q: Array, home: Array) -> float:
     """Squared joint travel [rad²] from the home configuration, the torso's weighed by `_LIFT_WEIGHT`."""
-    return (_LIFT_WEIGHT * (q[0] - home[0])) ** 2 + ((q[1:] - home[1:]) ** 2).sum()
+    arm = 0.0
+    for joint in range(1, q.shape[0]):
+        arm += (q[joint] - home[joint]) * (q[joint] - home[joint])
+    torso = _LIFT_WEIGHT * (q[0] - home[0])
+    return torso * torso + arm
 
 
 @leaf_kernel
@@ -220,7 +187,7 @@ def _pose_in_base(gripper_pose: Array, base: Array, R: Array, p: Array) -> None:
 @njit(cache=True)
 def _scan_pair(
     query: CollisionQuery,
-    memory: _Memory,
+    memory: Memory,
     by_gripper: np.uint64,
     base: Array,
     pair: int,
@@ -233,7 +200,7 @@ def _scan_pair(
 ) -> None:
     """Consider all configurations for one pair of gripper pose (`R`, `p` in the base frame) and base pose."""
     robot, found = query.robot, memory.found
-    nearest, least = np.empty(home.shape[0]), np.inf
+    nearest, least = memory.nearest, np.inf
     for torso in torsos:
         if _is_dominated(memory.kept, by_gripper, _PER_MASK):
             break
@@ -245,10 +212,10 @@ def _scan_pair(
                     _consider(query, memory, by_gripper, base, q, pair, home)
                     continue
                 travel = _travel(q, home)
-                fixed = query.active & _FIXED
-                if travel < least and configuration_hits(query, fixed, memory.scratch, base, q) == _NONE:
+                fixed = query.active & FIXED_HITS
+                if travel < least and configuration_hits(query, fixed, base, q) == _NONE:
                     least = travel
-                    nearest[:] = q
+                    copy_row(q, nearest)
     if least < np.inf:
         _consider(query, memory, by_gripper, base, nearest, pair, home)
 
@@ -256,41 +223,33 @@ def _scan_pair(
 @njit(cache=True)
 def scan(
     query: CollisionQuery,
+    memory: Memory,
     home: Array,
     bases: Array,
     gripper_poses: Array,
     known: NDArray[np.uint64],
+    order: NDArray[np.int64],
     torsos: Array,
     rolls: Array,
     nearest_home: bool,
     needs_home: bool,
-) -> tuple[Array, NDArray[np.int64], NDArray[np.uint64], Array]:
-    """The loop of `scan_configurations`: gripper poses that hit fewest objects come first.
+) -> None:
+    """The loop of `scan_configurations` over pairs of gripper pose and base pose, in an `order` (k,).
 
     With `needs_home` a base pose counts only if the robot in its `home` (n,) configuration hits nothing static there.
 
-    `known` (k,) is what the gripper alone hits. With `query.first_only` the pairs keep their order, and the scan stops
-    after the first pair for which some configuration hits nothing.
+    `known` (k,) is what the gripper alone hits. With `query.first_only` the scan stops after the first pair for which
+    some configuration hits nothing. What is found is in `memory.kept`.
     """
-    n, first_free = home.shape[0], query.first_only
-    kept = _Kept(
-        np.empty((_CAPACITY, n)),
-        np.empty(_CAPACITY, np.int64),
-        np.empty(_CAPACITY, np.uint64),
-        np.empty(_CAPACITY),
-        np.zeros(1, np.int64),
-    )
-    memory = _Memory(make_scratch(query.robot, query.attached), kept, np.empty((MAX_SOLUTIONS, n)))
+    checks, writes, first_free = by_reference(query), by_reference(memory), query.first_only
     R, p = np.empty((3, 3)), np.empty(3)
-    for pair in np.arange(bases.shape[0]) if first_free else _order_by_hits(known):
+    for pair in order:
         by_gripper, base = known[pair], bases[pair]
-        if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
+        if by_gripper & FIXED_HITS != _NONE or (first_free and by_gripper != _NONE):
             continue
-        if needs_home and configuration_hits(query, query.active & _STATIC, memory.scratch, base, home) != _NONE:
+        if needs_home and configuration_hits(checks, query.active & _STATIC, base, home) != _NONE:
             continue
         _pose_in_base(gripper_poses[pair], base, R, p)
-        _scan_pair(query, memory, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)
-        if first_free and kept.size[0] > 0:
+        _scan_pair(checks, writes, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)
+        if first_free and memory.kept.size[0] > 0:
             break
-    count = kept.size[0]
-    return kept.q[:count].copy(), kept.pair[:count].copy(), kept.hits[:count].copy(), kept.quality[:count].copy()

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners.collision.robot_pose_kernel import make_scratch
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configuration_kernel import many_gripper_hits, scan
+from planners.grasping.arm_configuration_kernel import FIXED_HITS, many_gripper_hits, scan
+from planners.grasping.scan_memory import make_memory
 from planners.scene import SELF_BIT, HeldObject
 
 __all__ = ["ArmConfigurations", "ConfigurationGrid", "GripperPoses", "gripper_hits", "scan_configurations"]
@@ -127,9 +129,11 @@ def scan_configurations(
     if driven is not None:
         known |= gripper_hits(driven, gripper_poses, opening, held=held, ignore=ignore)
     query, home = (driven or world).query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
-    needs_home = driven is None
-    found = scan(query, home, bases, gripper_poses, known, grid.torsos, grid.rolls, grid.nearest_home, needs_home)
-    return ArmConfigurations(*found)
+    order, needs_home = np.arange(len(bases)) if first_free else _order_by_hits(known), driven is None
+    memory, (torsos, rolls, nearest_home) = make_memory(len(home)), grid
+    scan(query, memory, home, bases, gripper_poses, known, order, torsos, rolls, nearest_home, needs_home)
+    kept, count = memory.kept, int(memory.kept.size[0])
+    return ArmConfigurations(kept.q[:count], kept.pair[:count], kept.hits[:count], kept.quality[:count])
 
 
 def gripper_hits(
@@ -147,9 +151,15 @@ def gripper_hits(
     Returns:
         masks (k,).
     """
-    query = world.query(opening, held, ignore | 1 << SELF_BIT)._replace(robot=_gripper_arrays(world.scene.robot))
+    query, robot = world.query(opening, held, ignore | 1 << SELF_BIT), _gripper_arrays(world.scene.robot)
+    query = query._replace(robot=robot, scratch=make_scratch(robot, query.attached))
     hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))
     return hits
+
+
+def _order_by_hits(known: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Indices (k,) of gripper poses, those that hit fewest objects first."""
+    return np.argsort(np.bitwise_count(known & ~FIXED_HITS), kind="stable")
 
 
 def _rows(values: Array) -> Array:

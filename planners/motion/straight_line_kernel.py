@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from irm.arm.kinematics import arm_jacobian, fk_frames
 from irm.compilation import njit
+from planners.collision.compilation import leaf_kernel
+from planners.collision.references import by_reference
 from planners.collision.robot_model import RobotArrays
+from planners.collision.rows import copy_row
 
 __all__ = ["solve_near", "track_line"]
 
@@ -24,7 +27,7 @@ _DAMPING = 1e-4
 """Added to the diagonal of J W Jᵀ, of order 0.1-1 with these weights."""
 
 
-@njit(cache=True)
+@leaf_kernel
 def _error(R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array) -> None:
     """Twist (6,) from the TCP (last frame) to the goal: linear, then angular (small angles)."""
     n = p.shape[0] - 1
@@ -41,14 +44,15 @@ def _error(R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array) -> No
 def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q: Array) -> bool:
     """Move `q` (n,) to the nearest configuration whose TCP is at a pose in the base frame.
 
-    Damped least squares; joints move in proportion to their `speed` (n,), and those at a limit stay there.
+    Damped least squares. Joints move in proportion to their `speed` (n,), and those at a limit stay there. The robot
+    comes by reference.
 
     Returns:
         whether the pose was reached within the tolerances; if not, `q` is where the search ended.
     """
     n = q.shape[0]
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    arm, J = np.empty((6, n - 1)), np.zeros((6, n))
+    arm, J, free = np.empty((6, n - 1)), np.empty((6, n)), np.empty(n)
     error, A = np.empty(6), np.empty((6, 6))
     for _ in range(_ITERATIONS):
         fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
@@ -59,10 +63,12 @@ def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q
         ):
             return True
         arm_jacobian(robot.axes, R, p, arm)
-        J[:, 1:] = arm
-        J[:, 0] = 0.0
-        J[2, 0] = 1.0
-        free = np.ones(n)
+        for i in range(6):
+            J[i, 0] = 1.0 if i == 2 else 0.0
+            for k in range(1, n):
+                J[i, k] = arm[i, k - 1]
+        for k in range(n):
+            free[k] = 1.0
         for _pass in range(n):
             for i in range(6):
                 for j in range(6):
@@ -114,14 +120,15 @@ def track_line(
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     fk_frames(robot.offsets, robot.axes, robot.tip, q_start, R, p)
     R_goal, origin, goal, q = R[n].copy(), p[n].copy(), np.empty(3), q_start.copy()
-    path[0] = q_start
+    chain = by_reference(robot)
+    copy_row(q_start, path[0])
     for i in range(1, parts + 1):
         for axis in range(3):
             goal[axis] = origin[axis] + direction[axis] * distance * i / parts
-        if not solve_near(robot, R_goal, goal, speed, q):
+        if not solve_near(chain, R_goal, goal, speed, q):
             return path[:i]
         for k in range(n):
             if abs(q[k] - path[i - 1, k]) > jump:
                 return path[:i]
-        path[i] = q
+        copy_row(q, path[i])
     return path

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numba
 import pytest
+from numba.core import config, event
 
 from irm.compilation import njit
 
@@ -99,6 +100,22 @@ def test_a_full_disk_is_no_error(tmp_path: Path) -> None:
     result = subprocess.run(command, capture_output=True, text=True, env=variables)
     assert result.returncode == 0, result.stderr
     assert result.stderr.count("NUMBA_CACHE_DIR") == 1, result.stderr
+
+
+def test_the_level_of_optimisation_of_others_is_not_changed() -> None:
+    """Numba has one level for all; it is lower only while one of our kernels is compiled."""
+    levels = []
+    listener = type(
+        "Listener", (event.Listener,), {"on_start": lambda *_: levels.append(int(config.OPT)), "on_end": id}
+    )
+    before = config.OPT
+    with event.install_listener("numba:run_pass", listener()):
+        assert njit(lambda x: x + 1)(1) == 2
+    assert set(levels) == {min(1, before)}
+    assert config.OPT is before
+    with pytest.raises(numba.core.errors.NumbaError):
+        njit(lambda x: undefined_name + x)(1)  # noqa: F821  the error of this test
+    assert config.OPT is before
 
 
 def test_other_errors_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:

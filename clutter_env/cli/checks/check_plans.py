@@ -43,17 +43,16 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Solve, replay, report."""
-    from tqdm import tqdm
-
     from clutter_env.envs.retrieve import RetrieveEnv
     from clutter_env.experiments.plans.replay import DeepestContact, PlanReplay
     from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.progress import progress_bar
     from planners import Infeasible, Scene, solve
 
     env = RetrieveEnv(num_objects=arguments.objects, layout=arguments.layout, obstructed=arguments.obstructed)
     found: dict[int, DeepestContact] = {}
     actions = clearances = without = 0
-    with tqdm(desc="plans", total=arguments.plans) as bar:
+    with progress_bar(desc="plans", total=arguments.plans) as bar:
         for seed in itertools.count(arguments.seed):
             if len(found) == arguments.plans:
                 break

@@ -15,12 +15,12 @@ from typing import Literal, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from clutter_env.cli.command import run_command
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
 from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.progress import progress_bar
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import STEP, CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -55,7 +55,7 @@ class Arguments:
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set of the picks and of the whole plans."""
     seed: int = 0
-    output: Path = field(default_factory=lambda: Path("outputs/motion_benchmark.png"))
+    out: Path = field(default_factory=lambda: Path("outputs/motion_benchmark.png"))
     """File of the plot."""
     json: Path | None = None
     """File of machine-readable results."""
@@ -84,14 +84,14 @@ def run(arguments: Arguments) -> None:
         print(check_plans(count, arguments))
     if arguments.json is not None:
         write_json(arguments.json, measurements)
-    plot(measurements, arguments.output)
+    plot(measurements, arguments.out)
 
 
 def measure(objects: int, arguments: Arguments) -> Measurement:
     """All scenes with one number of objects."""
     result = Measurement(objects)
     env = RetrieveEnv(num_objects=objects, layout=arguments.layout)
-    for seed in tqdm(range(arguments.seed, arguments.seed + arguments.scenes), desc=f"{objects} objects"):
+    for seed in progress_bar(range(arguments.seed, arguments.seed + arguments.scenes), desc=f"{objects} objects"):
         env.reset(seed=seed)
         scene = Scene.from_mujoco(env.model, env.data, env.robot)
         measure_scene(scene, result, np.random.default_rng(seed), arguments)
@@ -153,7 +153,7 @@ def check_plans(objects: int, arguments: Arguments) -> str:
     env = RetrieveEnv(num_objects=objects, layout=arguments.layout)
     checked: list[CheckedPlan] = []
     infeasible = 0
-    with tqdm(desc=f"plans with {objects} objects", total=arguments.plans) as bar:
+    with progress_bar(desc=f"plans with {objects} objects", total=arguments.plans) as bar:
         for seed in itertools.count(arguments.seed):
             _, info = env.reset(seed=seed)
             scene = Scene.from_mujoco(env.model, env.data, env.robot)

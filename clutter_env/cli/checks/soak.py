@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.environments.endurance import run_endurance
 from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Step, then print the counts."""
     start = time.process_time()
-    with tqdm(total=arguments.steps, desc="stepping", unit="step") as progress:
+    with progress_bar(total=arguments.steps, desc="stepping", unit="step") as progress:
         result = run_endurance(arguments.steps, arguments.seed, progress.update)
     print(f"{result.summary()}\nCPU time: {time.process_time() - start:.0f} s")
     if arguments.json is not None:

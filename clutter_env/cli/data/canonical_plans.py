@@ -1,6 +1,6 @@
 """Compare canonical plans with ordinary ones: how much they differ from scene to scene, and what they cost.
 
-python -m clutter_env.cli.data.canonical_plans
+    python -m clutter_env.cli.data.canonical_plans
 
 Draws the figure and prints the table of docs/learning.md. Nothing is simulated.
 """
@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from clutter_env.cli.command import run_command
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.spread import plan_scene, spread_table
 from clutter_env.experiments.plans.spread_figure import plot_spread
+from clutter_env.reporting.progress import progress_bar
 from planners.planner import Planner
 
 
@@ -36,7 +35,7 @@ class Arguments:
     """Number of scenes."""
     seed: int = 900_000
     """First seed."""
-    output: Path = Path("docs/images/canonical_plans.png")
+    out: Path = Path("outputs/canonical_plans.png")
     """File of the figure."""
 
 
@@ -48,10 +47,10 @@ def run(arguments: Arguments) -> None:
     for name, canonical in (("ordinary", False), ("canonical", True)):
         planner = Planner(env.robot, grasps=arguments.grasps, canonical=canonical)
         planner.warmup()
-        plans[name] = [plan_scene(env, planner, seed) for seed in tqdm(seeds, desc=name, unit="scene")]
-    plot_spread(plans, arguments.output)
+        plans[name] = [plan_scene(env, planner, seed) for seed in progress_bar(seeds, desc=name, unit="scene")]
+    plot_spread(plans, arguments.out)
     print(spread_table(plans))
-    print(f"figure: {arguments.output}")
+    print(f"figure: {arguments.out}")
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -1,6 +1,6 @@
 """Play the decisions of a trained decider without physics, on the scenes of a suite.
 
-python -m clutter_env.cli.data.check_decisions --model assets/policies/decisions-side.npz
+    python -m clutter_env.cli.data.check_decisions --model assets/policies/decisions-side.npz
 
 A contact succeeds if it is free by the planner's geometry; the first one that is not ends the episode. Prints the share
 of the scenes in which the target is taken, and the mean number of clearances beside the minimum.
@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from clutter_env.cli.command import run_command
+from clutter_env.reporting.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def run(arguments: Arguments) -> None:
 
     decider = LearnedDecider.load(arguments.model)
     outcomes, floors = [], []
-    for scene in tqdm(suite(arguments.suite).split(arguments.split)[: arguments.scenes], unit="scene"):
+    for scene in progress_bar(suite(arguments.suite).split(arguments.split)[: arguments.scenes], unit="scene"):
         env = scene.make()
         _, info = scene.reset(env)
         outcomes.append(simulate_decisions(decider, scene_of(env), str(info["target"])))

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.environments.layout_images import layout_column, save_columns
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 
 
@@ -25,7 +24,7 @@ class Arguments:
     """Pixels along each side of one image."""
     seed: int = 1
     """Random seed of the scenes."""
-    output: Path = Path("docs/images/layouts.png")
+    out: Path = Path("outputs/layouts.png")
     """File of the image."""
 
 
@@ -33,10 +32,10 @@ def run(arguments: Arguments) -> None:
     """Render every layout, join the images, save."""
     columns = [
         layout_column(layout, arguments.objects, arguments.shapes, arguments.seed, arguments.size)
-        for layout in tqdm(LAYOUTS, desc="rendering", unit="layout")
+        for layout in progress_bar(LAYOUTS, desc="rendering", unit="layout")
     ]
-    save_columns(columns, arguments.output)
-    print(f"image: {arguments.output}")
+    save_columns(columns, arguments.out)
+    print(f"image: {arguments.out}")
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -2,8 +2,8 @@
 
     python scripts/make_suites.py --names side-15-v1 side-25-v1
 
-The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares. `--floors-only`
-keeps the scenes of the files and computes their floors again, after a change of the planner.
+The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares them with those of
+the package. `--floors-only` keeps the scenes of these and computes their floors again, after a change of the planner.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+import assets
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.suites.making import PLANS, SuitePlan, make_suite, with_new_floors
 from clutter_env.reporting.json_file import json_text, write_atomically
+from clutter_env.reporting.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Arguments:
     workers: int = 2
     """Number of processes."""
     check: bool = False
-    """Write nothing; fail if a file differs from what is made now."""
+    """Write nothing; fail if a file of the package differs from what is made now."""
     floors_only: bool = False
-    """Keep the scenes of the files and compute their floors again."""
-    output: Path = Path("assets/suites")
+    """Keep the scenes of the package's files and compute their floors again."""
+    out: Path = Path("outputs/suites")
     """Directory of the files."""
 
 
@@ -45,26 +45,27 @@ def run(arguments: Arguments) -> None:
     for name in arguments.names:
         if name not in plans:
             raise ValueError(f"no suite {name!r}; suites: {', '.join(plans)}")
-    arguments.output.mkdir(parents=True, exist_ok=True)
     for name in arguments.names:
-        file = arguments.output / f"{name}.json"
-        text = _text(_content(plans[name], file, arguments))
+        packaged = assets.path(f"suites/{name}.json")
+        text = _text(_content(plans[name], packaged, arguments))
         if not arguments.check:
+            arguments.out.mkdir(parents=True, exist_ok=True)
+            file = arguments.out / f"{name}.json"
             write_atomically(file, text.encode())
             print(f"written: {file}")
-        elif file.read_text() != text:
-            raise ValueError(f"{file} differs from what is made now")
+        elif packaged.read_text() != text:
+            raise ValueError(f"{packaged} differs from what is made now")
         else:
-            print(f"identical: {file}")
+            print(f"identical: {packaged}")
 
 
-def _content(plan: SuitePlan, file: Path, arguments: Arguments) -> dict[str, Any]:
+def _content(plan: SuitePlan, packaged: Path, arguments: Arguments) -> dict[str, Any]:
     """The content of a suite's file, as it is made now."""
     if not arguments.floors_only:
-        with tqdm(total=2 * arguments.scenes, desc=plan.name, unit="scene") as bar:
+        with progress_bar(total=2 * arguments.scenes, desc=plan.name, unit="scene") as bar:
             return make_suite(plan, arguments.scenes, arguments.workers, bar.update)
-    content = json.loads(file.read_text())
-    with tqdm(total=sum(map(len, content["scenes"].values())), desc=plan.name, unit="scene") as bar:
+    content = json.loads(packaged.read_text())
+    with progress_bar(total=sum(map(len, content["scenes"].values())), desc=plan.name, unit="scene") as bar:
         return with_new_floors(content, arguments.workers, bar.update)
 
 

@@ -1,6 +1,6 @@
 """Compare the geometric test for obstructed targets with the planner's minimum number of clearances.
 
-python scripts/obstruction.py
+    python scripts/obstruction.py
 
 Prints the confusion table of docs/suites.md.
 """
@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tqdm import tqdm
-
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.suites.agreement import SCENE_SETS, agreement, agreement_table
+from clutter_env.reporting.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Compare and print."""
-    with tqdm(total=sum(one.scenes for one in SCENE_SETS), unit="scene") as bar:
+    with progress_bar(total=sum(one.scenes for one in SCENE_SETS), unit="scene") as bar:
         found = agreement(arguments.seed, arguments.workers, tick=bar.update)
     print(agreement_table(found), end="")
 

@@ -1,6 +1,6 @@
 """Tabulate with the planner which side grasps a robot reaches on each layout without objects.
 
-python scripts/side_approaches.py
+    python scripts/side_approaches.py
 
 Scenes with `obstructed=True` are drawn by means of this table; make it again when a robot, a layout or the planner's
 choice of grasps and base poses changes.
@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from clutter_env.cli.command import run_command
 from clutter_env.experiments.suites.approaches import approach_table
 from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 
 
@@ -28,15 +27,15 @@ class Arguments:
     """Name of the robot."""
     layouts: tuple[str, ...] = tuple(LAYOUTS)
     """Names of the layouts."""
-    output: Path = Path("assets/approaches")
+    out: Path = Path("outputs/approaches")
     """Directory of the file."""
 
 
 def run(arguments: Arguments) -> None:
     """Tabulate and write."""
-    with tqdm(desc="rows of cells") as bar:
+    with progress_bar(desc="rows of cells") as bar:
         table = approach_table(arguments.robot, arguments.layouts, bar.update)
-    file = arguments.output / f"{arguments.robot}.json"
+    file = arguments.out / f"{arguments.robot}.json"
     write_json(file, table)
     print(f"written: {file}")
 

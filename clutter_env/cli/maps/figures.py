@@ -19,7 +19,7 @@ class Arguments:
 
     robot: str = "fetch"
     """Name of a robot, or module:NAME of a RobotSpec."""
-    output: Path = Path("docs/images")
+    out: Path = Path("outputs/maps")
     """Folder of the pictures."""
     cup: tuple[float, float] = (0.1, 0.3)
     """Position of the cup on the table, from its middle: away from the robot, and to the left [m]."""
@@ -32,7 +32,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.experiments.maps.figures import draw_figures
     from clutter_env.experiments.maps.model_check import robot_by_name
 
-    for file in draw_figures(robot_by_name(arguments.robot), arguments.output, arguments.cup, arguments.dpi):
+    for file in draw_figures(robot_by_name(arguments.robot), arguments.out, arguments.cup, arguments.dpi):
         print(f"picture: {file}")
 
 

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from tqdm import tqdm
-
 from clutter_env.config import EnvConfig
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
@@ -19,6 +17,7 @@ from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.experiments.clearance_table.variants import VARIANTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.object_sets import MAX_OBJECTS
 from planners.grasping.families import GRASP_SETS
 from planners.strategies import STRATEGIES
@@ -109,7 +108,7 @@ def run_trials(settings: TableSettings, records: Records, workers: int, retry_cr
     trials = _Trials(settings, records, workers, retry_crashes)
     for objects in settings.objects:
         missing = (settings.trial(objects, seed, ASSESSMENT) for seed in trials.seeds_to_assess(objects))
-        with tqdm(desc=f"scenes with {objects} objects", unit="reset") as bar:
+        with progress_bar(desc=f"scenes with {objects} objects", unit="reset") as bar:
             for _ in trials.make(missing):
                 bar.update()
                 bar.set_postfix(obstructed=len(table_seeds(settings, records, objects)))
@@ -147,7 +146,9 @@ class _Trials:
         ]
         missing = [trial for trial in trials if self._is_missing(self.records.get(*trial.key))]
         causes: Counter[str] = Counter()
-        with tqdm(desc="strategies", total=len(trials), initial=len(trials) - len(missing), unit="trial") as bar:
+        with progress_bar(
+            desc="strategies", total=len(trials), initial=len(trials) - len(missing), unit="trial"
+        ) as bar:
             for record in self.make(iter(missing)):
                 causes[record.cause or "solved"] += 1
                 bar.update()

@@ -16,11 +16,11 @@ from unittest.mock import patch
 
 import gymnasium as gym
 import mujoco
-from tqdm import trange
 
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.environments.cpu_time import cpu_time
+from clutter_env.reporting.progress import progress_bar
 
 __all__ = ["ResetTimes", "compare_resets"]
 
@@ -62,7 +62,7 @@ def compare_resets(rounds: int, num_objects: int = 20, seed: int = 0) -> ResetTi
         reference.reset(seed=seed)
         times = [
             (_median_reset(ours, first), _median_reset(reference, first))
-            for first in trange(seed, seed + rounds * RESETS, RESETS, desc="resets", unit="round")
+            for first in progress_bar(range(seed, seed + rounds * RESETS, RESETS), desc="resets", unit="round")
         ]
     return ResetTimes(tuple(pair[0] for pair in times), tuple(pair[1] for pair in times))
 

@@ -11,9 +11,9 @@ from statistics import fmean, median
 
 import mujoco
 import numpy as np
-from tqdm import trange
 
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.reporting.progress import progress_bar
 
 __all__ = ["ToppledSpeed", "measure_toppled", "topple_objects", "wake"]
 
@@ -65,7 +65,7 @@ def measure_toppled(num_objects: int = 40, episodes: int = 20, seed: int = 0) ->
     objects, back = env.world.index.object_bodies, np.zeros(env.action_size, np.float32)
     back[0], back[-1] = -1.0, 1.0
     rates, toppled, awake, rows = [], [], [], []
-    for episode in trange(seed, seed + episodes, desc="toppled", unit="episode"):
+    for episode in progress_bar(range(seed, seed + episodes), desc="toppled", unit="episode"):
         rng = np.random.default_rng(episode)
         env.reset(seed=episode)
         topple_objects(env, rng)

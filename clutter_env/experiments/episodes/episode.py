@@ -11,17 +11,18 @@ from typing import Any, Literal
 import gymnasium as gym
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 import clutter_env
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_rows, report_text
 from clutter_env.rendering.film import Film
+from clutter_env.reporting.compilation import shown_compilation
+from clutter_env.reporting.progress import progress_bar
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import write_page
 from planners.drawing.plan import draw_plan
 from planners.execution.expert import EpisodeReport, TampExpert
-from planners.planner import Planner
+from planners.planner import Planner, warmup
 from planners.scene import Scene
 from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
@@ -99,8 +100,10 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
     """
     env = _make_environment(settings)
     inner: Any = env.unwrapped
-    say("loading the planner; its first run on a machine compiles kernels, which takes a minute or two")
+    say("loading the planner; its first run on a machine compiles kernels, which takes about a minute")
     started = time.perf_counter()
+    with shown_compilation():
+        warmup(inner.robot)
     seed, scene, target = _find_scene(settings, env)
     say(f"ready after {time.perf_counter() - started:.0f} s\n")
     where = f"{settings.environment}, layout {settings.layout}, grasp set {settings.grasps}, seed {seed}"
@@ -254,7 +257,7 @@ def _execute(env: gym.Env, expert: TampExpert, film: Film | None, page: LivePage
     is_success = lifted = False
     is_over = expert.done
     step_s = 1 / env.metadata["render_fps"]
-    with tqdm(bar_format="{n:.0f} s simulated{postfix}") as bar:
+    with progress_bar(bar_format="{n:.0f} s simulated{postfix}") as bar:
         while not is_over:
             action = expert.act()
             phase = expert.phase

@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from clutter_env.experiments.clearance_table.statistics import CRASH
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.statistics import times, wilson
 
 __all__ = ["Episode", "counts_text", "play_many"]
@@ -48,7 +48,7 @@ def play_many(first: Trial, episodes: int, only_obstructed: bool, jobs: int, pat
     seeds = (replace(first, seed=seed) for seed in itertools.count(first.seed))
     wanted = itertools.takewhile(lambda _: len(played) < episodes, seeds)
     play = _play_obstructed if only_obstructed else _play
-    with path.open("w") as file, tqdm(total=episodes, unit="episode") as bar:
+    with path.open("w") as file, progress_bar(total=episodes, unit="episode") as bar:
         for trial, result in run_jobs(play, wanted, jobs, _LIMIT_S):
             episode = _ended(trial, result) if isinstance(result, Crash | Killed) else result
             if episode is None:

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from clutter_env.experiments.maps.model_check import TipModel
+from clutter_env.reporting.progress import progress_bar
 from irm.arm.chain import ArmChain
 from irm.arm.exact import exact_solver
 from irm.checks.classification import classify, predict
@@ -102,7 +102,7 @@ def measure_arm(arm: TipModel, parameters: MapParameters, counts: tuple[int, int
     mapped, plain, known = classify(rm, T), predict(rm, T), truth != UNKNOWN
     T_reached = _reached_poses(arm, counts[0], rng)
     tried = np.flatnonzero(answer == NO)[: counts[1]]
-    refuted = sum(_finds_solution(arm, T[k], rng) for k in tqdm(tried, "trying to refute NO"))
+    refuted = sum(_finds_solution(arm, T[k], rng) for k in progress_bar(tried, "trying to refute NO"))
     return ArmAnswers(
         robot=chain.robot,
         map_poses=len(rm),

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
@@ -121,7 +121,7 @@ def _timed(
 ) -> tuple[list[BasePlacement], tuple[float, ...]]:
     query(cups[0], **keywords)
     answers, times = [], []
-    for cup in tqdm(cups, title):
+    for cup in progress_bar(cups, title):
         start = time.process_time_ns()
         answers.append(query(cup, **keywords))
         times.append((time.process_time_ns() - start) * 1e-6)

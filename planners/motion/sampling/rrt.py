@@ -16,7 +16,8 @@ from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.path_kernel import edge_hits, edge_samples
-from planners.collision.robot_pose_kernel import Scratch, make_scratch
+from planners.collision.references import by_reference
+from planners.collision.rows import copy_row, copy_rows
 
 __all__ = ["rrt_connect", "squared_distance"]
 
@@ -55,7 +56,7 @@ def _nearest(nodes: Array, count: int, target: Array, weights: Array) -> int:
 
 
 @leaf_kernel
-def _advance(query: CollisionQuery, scratch: Scratch, start: Array, target: Array, step: float, reached: Array) -> int:
+def _advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
     """Move from `start` towards `target` until something is hit; write the last free configuration to `reached`.
 
     Returns:
@@ -65,7 +66,7 @@ def _advance(query: CollisionQuery, scratch: Scratch, start: Array, target: Arra
     for i in range(1, parts + 1):
         for joint in range(start.shape[0]):
             reached[joint] = start[joint] + (target[joint] - start[joint]) * i / parts
-        if configuration_hits(query, query.active, scratch, reached[:3], reached[3:]) != _NONE:
+        if configuration_hits(query, query.active, reached[:3], reached[3:]) != _NONE:
             for joint in range(start.shape[0]):
                 reached[joint] = start[joint] + (target[joint] - start[joint]) * (i - 1) / parts
             return 1 if i > _LEAST_PROGRESS else 0
@@ -80,18 +81,28 @@ def _trace(nodes: Array, parents: NDArray[np.int64], leaf: int) -> Array:
         length, node = length + 1, parents[node]
     branch, node = np.empty((length, nodes.shape[1])), leaf
     for i in range(length - 1, -1, -1):
-        branch[i] = nodes[node]
+        copy_row(nodes[node], branch[i])
         node = parents[node]
     return branch
 
 
 @njit(cache=True)
+def _joined(first: Array, second: Array) -> Array:
+    """A branch (k, d) from its root to its leaf, then another (j, d) from its leaf to its root."""
+    path = np.empty((first.shape[0] + second.shape[0], first.shape[1]))
+    copy_rows(first, path[: first.shape[0]])
+    for i in range(second.shape[0]):
+        copy_row(second[second.shape[0] - 1 - i], path[first.shape[0] + i])
+    return path
+
+
+@leaf_kernel
 def _grow(
     nodes: Array, parents: NDArray[np.int64], counts: NDArray[np.int64], tree: int, parent: int, node: Array
 ) -> int:
     """Add a node to a tree; its index."""
     index = counts[tree]
-    nodes[tree, index] = node
+    copy_row(node, nodes[tree, index])
     parents[tree, index] = parent
     counts[tree] += 1
     return int(index)
@@ -147,15 +158,16 @@ def rrt_connect(
     Returns:
         the path (k, d); (0, d) when none was found.
     """
-    scratch, weights = make_scratch(query.robot, query.attached), query.attached.reach
+    checks, weights = by_reference(query), query.attached.reach
     d, capacity = start.shape[0], goals.shape[0] + 1 + 2 * iterations
     nodes, parents, counts = np.empty((2, capacity, d)), np.empty((2, capacity), np.int64), np.zeros(2, np.int64)
     _grow(nodes, parents, counts, _FROM_START, _NO_PARENT, start)
     for i in range(goals.shape[0]):
         _grow(nodes, parents, counts, _FROM_GOAL, _NO_PARENT, goals[i])
-        if edge_hits(query, scratch, start, goals[i], step) == _NONE:
+        if edge_hits(checks, start, goals[i], step) == _NONE:
             path = np.empty((2, d))
-            path[0], path[1] = start, goals[i]
+            copy_row(start, path[0])
+            copy_row(goals[i], path[1])
             return path
     target, reached, link = np.empty(d), np.empty(d), np.empty(d)
     tree = _FROM_START
@@ -167,16 +179,15 @@ def rrt_connect(
         share = min(1.0, _EXTENSION / max(distance, 1e-12))
         for joint in range(d):
             target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
-        if _advance(query, scratch, nodes[tree, stem], target, step, reached):
+        if _advance(checks, nodes[tree, stem], target, step, reached):
             leaf = _grow(nodes, parents, counts, tree, stem, reached)
             other = 1 - tree
             stem = _nearest(nodes[other], counts[other], reached, weights)
-            outcome = _advance(query, scratch, nodes[other, stem], reached, step, link)
+            outcome = _advance(checks, nodes[other, stem], reached, step, link)
             if outcome == 2:
                 first = _trace(nodes[tree], parents[tree], leaf)
                 second = _trace(nodes[other], parents[other], stem)
-                path = np.vstack((first, second[::-1]))
-                return path if tree == _FROM_START else path[::-1].copy()
+                return _joined(first, second) if tree == _FROM_START else _joined(second, first)
             if outcome == 1:
                 _grow(nodes, parents, counts, other, stem, link)
         tree = 1 - tree

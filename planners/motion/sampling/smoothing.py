@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
+from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery
 from planners.collision.path_kernel import edge_hits
-from planners.collision.robot_pose_kernel import make_scratch
+from planners.collision.references import by_reference
+from planners.collision.rows import copy_row, copy_rows
 from planners.motion.sampling.rrt import squared_distance
 
 __all__ = ["blend_corners", "shortcut"]
@@ -27,20 +29,38 @@ _ARC_PIECES = 8
 def _splice(path: Array, i: int, a: Array, j: int, b: Array) -> Array:
     """The path with all between point `a` on segment i and point `b` on segment j replaced by a straight line."""
     shorter = np.empty((i + 1 + 2 + path.shape[0] - j - 1, path.shape[1]))
-    shorter[: i + 1] = path[: i + 1]
-    shorter[i + 1], shorter[i + 2] = a, b
-    shorter[i + 3 :] = path[j + 1 :]
+    copy_rows(path[: i + 1], shorter[: i + 1])
+    copy_row(a, shorter[i + 1])
+    copy_row(b, shorter[i + 2])
+    copy_rows(path[j + 1 :], shorter[i + 3 :])
     return shorter
+
+
+@njit(cache=True)
+def _without(path: Array, first: int, last: int) -> Array:
+    """The path (k, d) without the waypoints from `first` up to `last`, which is kept."""
+    shorter = np.empty((first + path.shape[0] - last, path.shape[1]))
+    copy_rows(path[:first], shorter[:first])
+    copy_rows(path[last:], shorter[first:])
+    return shorter
+
+
+@leaf_kernel
+def _interpolate(path: Array, segment: int, share: float, point: Array) -> None:
+    """Write the point (d,) at that share of a segment of the path."""
+    for i in range(point.shape[0]):
+        point[i] = path[segment, i] + (path[segment + 1, i] - path[segment, i]) * share
 
 
 @njit(cache=True)
 def _without_repeats(path: Array, weights: Array) -> Array:
     """The path without waypoints equal to the one before."""
-    keep = np.ones(path.shape[0], np.bool_)
-    for i in range(1, path.shape[0]):
-        keep[i] = squared_distance(path[i - 1], path[i], weights) > 1e-12
-    keep[path.shape[0] - 1] = True
-    return path[keep]
+    kept, count, last = np.empty(path.shape), 0, path.shape[0] - 1
+    for i in range(path.shape[0]):
+        if i in (0, last) or squared_distance(path[i - 1], path[i], weights) > 1e-12:
+            copy_row(path[i], kept[count])
+            count += 1
+    return kept[:count].copy()
 
 
 @njit(cache=True)
@@ -57,14 +77,14 @@ def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng
     Returns:
         a free path (j, d) with the same ends.
     """
-    scratch = make_scratch(query.robot, query.attached)
-    first = 0
+    checks, first = by_reference(query), 0
     while first < path.shape[0] - 2:
         for last in range(path.shape[0] - 1, first + 1, -1):
-            if edge_hits(query, scratch, path[first], path[last], step) == _NONE:
-                path = np.vstack((path[: first + 1], path[last:]))
+            if edge_hits(checks, path[first], path[last], step) == _NONE:
+                path = _without(path, first + 1, last)
                 break
         first += 1
+    a, b = np.empty(path.shape[1]), np.empty(path.shape[1])
     for _ in range(attempts):
         segments = path.shape[0] - 1
         if segments < 2:
@@ -75,9 +95,9 @@ def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng
         i, j = int(u), int(v)
         if i == j:
             continue
-        a = path[i] + (path[i + 1] - path[i]) * (u - i)
-        b = path[j] + (path[j + 1] - path[j]) * (v - j)
-        if edge_hits(query, scratch, a, b, step) == _NONE:
+        _interpolate(path, i, u - i, a)
+        _interpolate(path, j, v - j, b)
+        if edge_hits(checks, a, b, step) == _NONE:
             path = _without_repeats(_splice(path, i, a, j, b), query.attached.reach)
     return path
 
@@ -100,12 +120,12 @@ def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
 
     Args and result as for `shortcut`.
     """
-    scratch = make_scratch(query.robot, query.attached)
+    checks = by_reference(query)
     corners = path.shape[0] - 2
     if corners < 1:
         return path
     rounded = np.empty((2 + corners * (_ARC_PIECES + 1), path.shape[1]))
-    rounded[0] = path[0]
+    copy_row(path[0], rounded[0])
     count = 1
     for i in range(1, corners + 1):
         share, found = 0.5, False
@@ -113,15 +133,15 @@ def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
             arc = _arc(path[i - 1], path[i], path[i + 1], share)
             found = True
             for k in range(_ARC_PIECES):
-                if edge_hits(query, scratch, arc[k], arc[k + 1], step) != _NONE:
+                if edge_hits(checks, arc[k], arc[k + 1], step) != _NONE:
                     found = False
                     break
             share *= 0.5
         if found:
-            rounded[count : count + _ARC_PIECES + 1] = arc
+            copy_rows(arc, rounded[count : count + _ARC_PIECES + 1])
             count += _ARC_PIECES + 1
         else:
-            rounded[count] = path[i]
+            copy_row(path[i], rounded[count])
             count += 1
-    rounded[count] = path[corners + 1]
+    copy_row(path[corners + 1], rounded[count])
     return _without_repeats(rounded[: count + 1], query.attached.reach)

@@ -19,7 +19,7 @@ def run(script: str, *arguments: str) -> str:
 
 def test_benchmark_prints_plots_and_saves(tmp_path) -> None:
     plot, data = tmp_path / "plot.png", tmp_path / "data.json"
-    text = run("benchmark.py", "--objects", "1", "3", "--steps", "20", "--output", str(plot), "--json", str(data))
+    text = run("benchmark.py", "--objects", "1", "3", "--steps", "20", "--out", str(plot), "--json", str(data))
     assert "| 3 |" in text
     assert plot.stat().st_size > 1000
     rows = json.loads(data.read_text())["rows"]

@@ -133,7 +133,7 @@ def test_wrong_arguments_are_named(wrong: list[str]) -> None:
 
 @pytest.mark.slow
 def test_the_demonstration_takes_the_target_out_of_fifteen_objects(tmp_path: Path) -> None:
-    command = [sys.executable, "scripts/run_episode.py", "--objects", "15", "--output", str(tmp_path)]
+    command = [sys.executable, "scripts/run_episode.py", "--objects", "15", "--out", str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
     assert result.returncode == 0, result.stderr
     assert "PUTDOWNFORCLEARANCE_FETCH" in result.stdout
@@ -144,8 +144,8 @@ def test_the_demonstration_takes_the_target_out_of_fifteen_objects(tmp_path: Pat
 
 @pytest.mark.slow
 def test_many_episodes_are_counted(tmp_path: Path) -> None:
-    command = [sys.executable, "scripts/run_episode.py", "--objects", "5", "--episodes", "2", "--jobs", "1"]
-    command += ["--no-obstructed", "--output", str(tmp_path)]
+    command = [sys.executable, "scripts/run_episode.py", "--objects", "5", "--episodes", "2", "--workers", "1"]
+    command += ["--no-obstructed", "--out", str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
     assert result.returncode == 0, result.stderr
     assert len((tmp_path / "episodes.jsonl").read_text().splitlines()) == 2

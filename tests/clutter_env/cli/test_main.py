@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import subprocess
 import sys
 from importlib import metadata
@@ -29,6 +31,25 @@ def test_help_needs_nothing_heavy(command: str) -> None:
     assert result.returncode == 0, result.stderr
     assert "heavy: []" in result.stdout
     assert ("--seed" if command else "warmup") in result.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_in_the_help_keep_their_lines(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those of `train` ran into one another in one paragraph."""
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    text = importlib.import_module(f"clutter_env.cli.{command}").__doc__ or ""
+    examples = [line.strip() for line in text.splitlines() if line.strip().startswith(f"clutter-env {command} ")]
+    assert examples
+    assert not set(examples) - {line.strip() for line in lines}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_all_commands_spell_an_option_alike(command: str) -> None:
+    arguments = importlib.import_module(f"clutter_env.cli.{command}").Arguments
+    names = {entry.name for entry in dataclasses.fields(arguments)}
+    assert not names & {"output", "output_dir", "jobs", "processes", "num_workers"}
 
 
 def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:

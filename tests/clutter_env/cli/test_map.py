@@ -21,7 +21,7 @@ COARSE = ["--voxel", "0.25", "--orientations", "6"]
 @pytest.mark.parametrize("words", [["map"], ["map", "build"]])
 def test_a_map_is_built_saved_and_reported(words, tmp_path, capsys):
     file, report = tmp_path / "map.npz", tmp_path / "report.json"
-    main([*words, *COARSE, "--output", str(file), "--json", str(report)])
+    main([*words, *COARSE, "--out", str(file), "--json", str(report)])
     rm = ReachabilityMap.load(file, FETCH)
     assert json.loads(report.read_text())["poses"] == len(rm)
     assert f"poses: {len(rm)}" in capsys.readouterr().out
@@ -30,7 +30,7 @@ def test_a_map_is_built_saved_and_reported(words, tmp_path, capsys):
 def test_any_arm_of_an_mjcf_file_in_one_command(tmp_path, capsys):
     file = tmp_path / "panda.npz"
     names = ["--base", "base", "--tip", "tcp", "--approach", "z"]
-    main(["map", str(PANDA), *names, *COARSE, "--samples", "20000", "--output", str(file)])
+    main(["map", str(PANDA), *names, *COARSE, "--samples", "20000", "--out", str(file)])
     rm = ReachabilityMap.load(file, ArmChain.from_mjcf(PANDA, "base", "tcp", "z"))
     assert f"poses: {len(rm)}" in capsys.readouterr().out
     assert file.with_suffix(".png").read_bytes().startswith(b"\x89PNG")

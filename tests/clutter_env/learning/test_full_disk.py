@@ -49,7 +49,7 @@ MAP = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
 from clutter_env.cli.map import main
-main(["build", "--voxel", "0.2", "--orientations", "6", "--no-check", "--output", sys.argv[1] + "/map.npz"])
+main(["build", "--voxel", "0.2", "--orientations", "6", "--no-check", "--out", sys.argv[1] + "/map.npz"])
 """
 
 

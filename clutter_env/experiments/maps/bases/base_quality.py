@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
 from irm.checks.verification import IsFree, Verified, tcp_poses, verify
@@ -159,7 +159,7 @@ def measure_targets(robot: RobotSpec, layout_name: str, count: int, kind: QueryK
     rng = np.random.default_rng(seed)
     half = np.array([layout.depth / 2 - EDGE, layout.width / 2 - EDGE])
     counts: Counter[str] = Counter()
-    for _ in tqdm(range(count), f"targets, {layout_name}, {kind.name}"):
+    for _ in progress_bar(range(count), f"targets, {layout_name}, {kind.name}"):
         target = np.array([*rng.uniform(-half, half), TABLE_HEIGHT + rng.uniform(robot.grasp_height, HIGHEST)])
         yaw = 0.0 if is_level else rng.uniform(-np.pi, np.pi)
         counts += _verify_target(chain, inverse_map, model, floor, target, (kind, yaw))

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
+from clutter_env.reporting.progress import progress_bar
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.queries.full_scan import full_scan
@@ -32,7 +32,7 @@ def measure_strips(robot: RobotSpec, cases: int, seed: int) -> Strips:
     inverse_map = InverseReachabilityMap(cached_map(robot))
     rng = np.random.default_rng(seed)
     scanned = found = same = 0
-    for _ in tqdm(range(cases), "strips"):
+    for _ in progress_bar(range(cases), "strips"):
         floor = _strip(rng.uniform(0.05, 0.1), rng.uniform(-np.pi, np.pi), rng.uniform(0.3, 1.1), robot.base_radius)
         position = (0.0, 0.0, rng.uniform(0.5, 1.3))
         middle, width = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, np.pi)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
+from clutter_env.reporting.progress import progress_bar
 from irm.arm.chain_arrays import chain_arrays
 from irm.arm.kinematics import ArmChain, inverse
 from irm.checks.verification import tcp_poses
@@ -111,7 +111,7 @@ def measure_visibility(robot: RobotSpec, targets: int, seed: int) -> Visibility:
     floor = FreeSpace.from_boxes([(0.0, 0.0, width, depth)], robot_radius(robot, 0.0, height) + 0.01)
     witness = _Witness(robot)
     shares, ratios = [], []
-    for _ in tqdm(range(targets), "visibility"):
+    for _ in progress_bar(range(targets), "visibility"):
         cup = rng.uniform((-width / 2, -depth / 2, height + 0.05), (width / 2, depth / 2, height + 0.15))
         yaw = rng.uniform(-np.pi, np.pi)
         answers = [_placed(inverse_map, cup, yaw, floor, prefer) for prefer in (None, preferred)]
