@@ -63,7 +63,7 @@ class Arguments:
     live: bool = False
     """Show the running episode in a browser of this machine, in real time; its address is printed."""
     html: Path | None = None
-    """The episode as one page for a browser; episode.html in --output if not given."""
+    """The episode as one page for a browser; episode.html in --out if not given."""
     film: bool = True
     """Film the episode if the machine can render."""
     out: Path = Path("outputs/episode")

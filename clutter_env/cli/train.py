@@ -1,10 +1,12 @@
 """Train a policy, from rewards or from demonstrations, with checkpoints and TensorBoard logs.
 
-clutter-env train --env clutter_env/Reach-v0 --algorithm sac --steps 30000
-clutter-env train --env clutter_env/Skill-o10-v0 --algorithm maskable_ppo --steps 30000 --seeds 3 --workers 2
-clutter-env train --env clutter_env/Pick-v0 --algorithm bc --steps 10000 --demos outputs/demos/pick
-clutter-env train --env clutter_env/Retrieve-o15-v0 --algorithm keyframes --steps 4000 --demos outputs/demos/o15
-clutter-env train --env clutter_env/Retrieve-o15-v0 --obstructed --algorithm decisions_dagger --steps 3000
+    clutter-env train --env clutter_env/Reach-v0 --algorithm sac --steps 30000
+    clutter-env train --env clutter_env/Skill-o10-v0 --algorithm maskable_ppo --steps 30000 --seeds 3 --workers 2
+    clutter-env train --env clutter_env/Pick-v0 --algorithm bc --steps 10000 --demos outputs/demos/pick
+    clutter-env train --env clutter_env/Retrieve-o15-v0 --algorithm keyframes --steps 4000 --demos outputs/demos/o15
+    clutter-env train --env clutter_env/Retrieve-o15-v0 --obstructed --algorithm decisions_dagger --steps 3000
+
+Without --out a run is written to a directory of its own under outputs/runs.
 """
 
 from __future__ import annotations

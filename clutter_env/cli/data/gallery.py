@@ -14,10 +14,10 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from tqdm import tqdm
 
 import clutter_env
 from clutter_env.cli.command import run_command
+from clutter_env.reporting.progress import progress_bar
 
 assert clutter_env  # registers the environments
 
@@ -81,7 +81,7 @@ def run(arguments: Arguments) -> None:
     if unknown:
         raise ValueError(f"no film {', '.join(unknown)}; films: {', '.join(known)}")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for name in tqdm(arguments.names, desc="films", unit="film"):
+    for name in progress_bar(arguments.names, desc="films", unit="film"):
         path = arguments.out / f"{name}.gif"
         save_gif(list(frames(known[name], arguments.size)), path)
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

@@ -40,7 +40,7 @@ def test_examples_in_the_help_keep_their_lines(command: str, capsys: pytest.Capt
         main([command, "--help"])
     lines = capsys.readouterr().out.splitlines()
     text = importlib.import_module(f"clutter_env.cli.{command}").__doc__ or ""
-    examples = [line.strip() for line in text.splitlines() if line.strip().startswith(f"clutter-env {command} ")]
+    examples = [line.strip() for line in text.splitlines() if line.strip().startswith(f"clutter-env {command}")]
     assert examples
     assert not set(examples) - {line.strip() for line in lines}
 
