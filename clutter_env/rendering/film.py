@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -21,6 +22,8 @@ Frame = NDArray[np.uint8]
 
 _WIDTH, _WIDTH_ABOVE, _HEIGHT = 640, 384, 480
 """Pixels of a frame's two views, across the table and from above."""
+_TABLE_CENTRE, _TABLE_DISTANCE = (-0.16, 0.0, 0.85), 2.1
+"""[m] The page's view, nearer than the film's: across the table too, without the robot's base."""
 STEPS_PER_FRAME = 4
 """Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
 FRAMES_PER_SECOND = 20
@@ -55,6 +58,10 @@ class Film:
         self._renderer = Renderer(self.env.model, _WIDTH, _HEIGHT)
         self._across = whole_scene(self.env.model, self.env.layout, ACROSS, _WIDTH / _HEIGHT)
         self._above = whole_scene(self.env.model, self.env.layout, ABOVE, _WIDTH_ABOVE / _HEIGHT)
+        self._table = mujoco.MjvCamera()
+        self._table.type = mujoco.mjtCamera.mjCAMERA_FREE
+        self._table.azimuth, self._table.elevation = ACROSS
+        self._table.lookat[:], self._table.distance = _TABLE_CENTRE, _TABLE_DISTANCE
         self._about = f"target {self.env.target}, red" if self.env.target else ""
 
     def watch(self, caption: str) -> None:
@@ -94,7 +101,7 @@ class Film:
         self._renderer.close()
 
     def _keep_moment(self) -> None:
-        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._across)))
+        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._table)))
 
     def _keep_frame(self) -> None:
         across, above = (self._renderer.colour(self.env.data, view) for view in (self._across, self._above))
