@@ -12,8 +12,11 @@ from types import MappingProxyType
 
 from planners.cause import Cause
 from planners.clock import cpu_seconds
+from planners.motion.arm import tcp_pose
+from planners.motion.free_paths import LIFTED
 from planners.scene import Scene
-from planners.symbolic.problem import GroundAction, TaskPlan, TaskProblem, format_atom
+from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
+from planners.symbolic.references import grasp_references
 from planners.symbolic.transitions import GraspObstructed, obstruction_problem, update_from_action, update_from_error
 from planners.tamp.binding import bind_action
 from planners.tamp.motion_layer import BoundMotion
@@ -43,6 +46,8 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
         scene: where to start; the robot in its home configuration.
     """
     state = initial_state(search, scene)
+    if isinstance(state, PlanState) and is_goal(search, state):
+        raise_target(search, state.scene)
     while isinstance(state, PlanState) and not is_goal(search, state):
         plan = call_task_planning(search, state)
         if isinstance(plan, Infeasible):
@@ -80,6 +85,22 @@ def is_provisional(state: PlanState, action: GroundAction) -> bool:
 def is_goal(search: Search, state: PlanState) -> bool:
     """Whether the target is held."""
     return TaskProblem(state.symbols, search.target).is_solved
+
+
+def raise_target(search: Search, scene: Scene) -> None:
+    """F where the target is held from the start: nothing, or the arm's way home if the target is not up yet.
+
+    A plan that was ended on the way leaves it as low as where it stood.
+    """
+    held = scene.held
+    assert held is not None
+    in_hand = scene.body(held.name).at_pose(tcp_pose(scene.robot, scene.state) @ held.T_tcp_object)
+    if in_hand.bottom >= scene.support.top + LIFTED:
+        return
+    motion = search.motion_layer.bring_home(scene)
+    if isinstance(motion, BoundMotion):
+        symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(search.target).base_trajectory)
+        search.plan.append(BoundAction("MoveBase", symbols, motion.trajectory, scene))
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:

@@ -186,10 +186,14 @@ class MotionLayer:
         """Drive to where the put-down begins, as for a grasp."""
         return self.drive(scene, _start_of_put_down(scene, placement))
 
-    def drive(self, scene: Scene, base: Array) -> BoundMotion | NoPath:
+    def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
+        """Bring the arm home, with what it holds, where the base stands."""
+        return self.drive(scene, scene.state.base, home_first=True)
+
+    def drive(self, scene: Scene, base: Array, home_first: bool = False) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
         world, state = self._compiled(scene), scene.state
-        homing = self._home(scene) if is_among_objects(world, state) else None
+        homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         found = plan_base(world, state.base, base, state.q if homing is None else homing.end, held=scene.held)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)

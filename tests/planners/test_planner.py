@@ -15,6 +15,7 @@ from planners.cause import Cause
 from planners.clearing.lookahead import grasped
 from planners.grasping.base_placement import MAP_PARAMETERS, MapPlacer
 from planners.grasping.candidates import GraspCandidates
+from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.planner import map_placer
 from planners.scene import RobotState, SceneError, UnknownObject
@@ -115,6 +116,23 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     nothing_to_do = PLANNER.solve(in_hand, "object_00")
     assert isinstance(nothing_to_do, Solution)
     assert nothing_to_do.actions == ()
+
+
+def test_a_target_that_is_held_low_is_brought_up() -> None:
+    """An arm that stopped on its way home held the target lower than counts as lifted, and the plan was empty."""
+    scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
+    grasp = GraspCandidates(map_placer(scene), PLANNER.chain).for_object(scene, "object_00")[0]
+    low = np.array([grasp.q[0] + 0.02, *grasp.q[1:]])
+    in_hand = grasped(scene, grasp).with_state(RobotState(grasp.base, low, 0.0))
+    found = PLANNER.solve(in_hand, "object_00")
+    assert isinstance(found, Solution)
+    assert [action.name for action in found.actions] == ["MoveBase"]
+    end = found.actions[-1].trajectory
+    assert np.allclose(end.base[-1], grasp.base)
+    held, T_world_tcp = in_hand.held, tcp_pose(FETCH, RobotState(end.base[-1], end.q[-1], 0.0))
+    assert held is not None
+    raised = scene.body("object_00").at_pose(T_world_tcp @ held.T_tcp_object)
+    assert raised.bottom - scene.body("object_00").bottom > 0.1
 
 
 def test_unknown_object_and_strategy_are_named() -> None:
