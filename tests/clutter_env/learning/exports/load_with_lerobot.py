@@ -9,7 +9,6 @@ import json
 import sys
 
 import numpy as np
-
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 dataset = LeRobotDataset("clutter_env/export", root=sys.argv[1])
