@@ -37,7 +37,7 @@ $(VENV)/.dev: $(VENV)/.core
 	@touch $@
 
 $(VENV)/.rl: $(VENV)/.core
-	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[rl]"
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[rl,data]"
 	@touch $@
 
 setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl

@@ -27,6 +27,7 @@ from clutter_env.learning.exports.hub import TASKS, agent_entries, environment_e
 from clutter_env.learning.exports.lerobot_tables import Tables
 from clutter_env.learning.exports.statistics import image_statistics, vector_statistics
 from clutter_env.learning.exports.video import CODEC, PIXELS, Video
+from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import write_json
 
 __all__ = ["FORMAT", "export_lerobot"]
@@ -156,8 +157,6 @@ class _Export:
 
 
 def _environment(dataset: Dataset) -> Any:
-    from clutter_env.learning.task import Task
-
     task = dataset.identity["task"]
     return Task(task["env_id"], task["keywords"]).make()
 

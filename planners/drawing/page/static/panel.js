@@ -47,7 +47,7 @@ class Panel {
     const many = this.recording.solves.length > 1;
     const count = solve.clearances ? `, ${solve.clearances.length} to put aside` : "";
     const by = solve.strategy ? ` by ${solve.strategy}` : "";
-    return element("h3", "", `${many ? `Plan ${index + 1}` : "Plan"}${by}${count}${when}${after}`);
+    return element("h3", "", `${!solve.actions.length ? "No plan" : many ? `Plan ${index + 1}` : "Plan"}${by}${count}${when}${after}`);
   }
 
   row(action, solve, number) {

@@ -5,17 +5,13 @@ EXPECTED holds the features' arrays, all rows, and "video/NAME" for some frames 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
 
 import numpy as np
-
-if importlib.util.find_spec("lrfix"):  # a torch and a torchvision that do not belong together
-    import lrfix  # noqa: F401
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-dataset = LeRobotDataset("clutter_env/export", root=sys.argv[1], video_backend="pyav" if "pyav" in sys.argv else None)
+dataset = LeRobotDataset("clutter_env/export", root=sys.argv[1])
 expected = np.load(sys.argv[2])
 items = [dataset[row] for row in range(len(dataset))]
 names = [name for name in expected if not name.startswith("video/")]
