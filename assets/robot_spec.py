@@ -14,6 +14,23 @@ from assets import path
 __all__ = ["ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec"]
 
 
+NO_TURN = (1.0, 0.0, 0.0, 0.0)
+"""The quaternion, wxyz, of frames that are parallel."""
+
+AXES = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+"""The axes that have names."""
+
+_UNIT = 1e-6
+"""By how much the length of a unit vector or quaternion may differ from 1."""
+
+
 class InvalidRobot(ValueError):
     """The fields of a `RobotSpec` are not those of a robot; the message names the field."""
 
@@ -21,16 +38,23 @@ class InvalidRobot(ValueError):
 class ChainLink(NamedTuple):
     """One joint of the chain torso → arm.
 
-    `offset` [m] is the joint frame's origin in its parent's frame; `axis` is "x", "y" or "z";
-    `prismatic` joints move along it.
+    `offset` [m] and `quaternion` (wxyz) are the joint frame's origin and orientation in its parent's frame while the
+    joint is at zero; `axis` is "x", "y", "z", "-x", "-y", "-z" or a unit vector of the joint's frame; `prismatic`
+    joints move along it.
     """
 
     joint: str
     offset: tuple[float, float, float]
-    axis: str
+    axis: str | tuple[float, float, float]
     lower: float
     upper: float
     prismatic: bool = False
+    quaternion: tuple[float, float, float, float] = NO_TURN
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector of the axis in the joint's frame."""
+        return AXES[self.axis] if isinstance(self.axis, str) else self.axis
 
 
 class LinkMesh(NamedTuple):
@@ -98,6 +122,8 @@ class RobotSpec:
     meshes: tuple[LinkMesh, ...] = field(default=(), repr=False)
     mesh_package: str = ""
     mesh_folder: str = ""
+    tcp_quaternion: tuple[float, float, float, float] = NO_TURN
+    """wxyz, of the TCP in the last arm frame, as `ChainLink.quaternion`; beside `tcp_offset`."""
     closed_form_ik: str = ""
     """Name of a closed-form solver of `irm.arm.kinematics`, "" for the generic route."""
 
@@ -112,6 +138,7 @@ class RobotSpec:
         for name in ("head_joints", "cameras"):
             _check_names(name, getattr(self, name), len(getattr(self, name)))
         _check_numbers("tcp_offset", self.tcp_offset, 3)
+        _check_unit("tcp_quaternion", self.tcp_quaternion, 4)
         _check_numbers("head_configuration", self.head_configuration, len(self.head_joints))
         _check_numbers("home", self.home, links)
         _check_numbers("max_velocity", self.max_velocity, 3 + links, positive=True)
@@ -186,6 +213,8 @@ class RobotSpec:
         return [float((joint.damping.flat[0] - motor.biasprm[2]) / motor.gainprm[0]) for joint, motor in motors]
 
 
+_AXIS = "'x', 'y' or 'z', one of these with a minus sign, or a unit vector"
+
 _POSITIVE = (
     "max_loaded_yaw_rate",
     "max_finger_velocity",
@@ -211,7 +240,10 @@ def _check_chain(chain: object) -> None:
     for index, link in enumerate(chain):
         kind = "prismatic" if index == 0 else "revolute"
         _require(link.prismatic == (index == 0), "chain", f"must have a {kind} joint as entry {index}: {link.joint!r}")
-        _require(link.axis in ("x", "y", "z"), "chain", f"{link.joint!r}: axis must be 'x', 'y' or 'z'")
+        is_named = isinstance(link.axis, str) and link.axis in AXES
+        _require(is_named or not isinstance(link.axis, str), "chain", f"{link.joint!r}: axis must be {_AXIS}")
+        _check_unit(f"chain, axis of {link.joint!r}", link.direction, 3)
+        _check_unit(f"chain, quaternion of {link.joint!r}", link.quaternion, 4)
         _check_numbers(f"chain, offset of {link.joint!r}", link.offset, 3)
         _check_numbers(f"chain, range of {link.joint!r}", (link.lower, link.upper), 2)
         is_range = link.lower < link.upper or (index == 0 and link.lower == link.upper)
@@ -232,6 +264,12 @@ def _check_numbers(name: str, value: object, count: int, positive: bool = False)
     _require(len(value) == count, name, f"must have {count} numbers, not {len(value)}")
     holds = all(math.isfinite(entry) and (entry > 0 or not positive) for entry in value)
     _require(holds, name, f"must be {'positive' if positive else 'finite'}, not {value!r}")
+
+
+def _check_unit(name: str, value: object, count: int) -> None:
+    _check_numbers(name, value, count)
+    assert isinstance(value, tuple)
+    _require(abs(math.hypot(*value) - 1.0) < _UNIT, name, f"must have length 1, not {value!r}")
 
 
 def _as_tuples(value: Any) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -83,31 +85,44 @@ def _check_base(robot: RobotSpec, model: mujoco.MjModel) -> None:
 
 
 def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
-    """Offsets, axes, kinds and ranges of the chain; at zero no joint's frame is turned against the base's."""
+    """Places, axes, kinds and ranges of the chain's joints, and the pose of the TCP, with all joints at zero."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0
     mujoco.mj_kinematics(model, data)
-    previous, before = data.body(robot.base_body).xpos, robot.base_body
+    base = data.body(robot.base_body)
+    R, p, before = base.xmat.reshape(3, 3), base.xpos, robot.base_body
     for link in robot.chain:
         joint = model.joint(link.joint)
         kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
-        offset = data.xanchor[joint.id] - previous
-        axis = np.eye(3)["xyz".index(link.axis)]
+        previous, p, R = p, p + R @ link.offset, R @ _rotation(link.quaternion)
+        axis, away = R @ link.direction, data.xanchor[joint.id] - p
         if int(joint.type[0]) != int(kind):
             raise _different(robot, link.joint, "has another kind", "prismatic" if link.prismatic else "revolute")
-        if np.abs(offset - link.offset).max() > OFFSET_TOLERANCE:
-            raise _different(robot, link.joint, f"is {_text(offset)} m from {before!r}", _text(link.offset))
+        if not link.prismatic:
+            away = away - axis * (axis @ away)
+        if np.abs(away).max() > OFFSET_TOLERANCE:
+            offset = data.xanchor[joint.id] - previous
+            raise _different(robot, link.joint, f"is {_text(offset)} m from {before!r}", _text(p - previous))
         if np.abs(data.xaxis[joint.id] - axis).max() > AXIS_TOLERANCE:
-            raise _different(robot, link.joint, f"has the axis {_text(data.xaxis[joint.id])}", link.axis)
-        if np.abs(joint.range - (link.lower, link.upper)).max() > RANGE_TOLERANCE:
+            raise _different(robot, link.joint, f"has the axis {_text(data.xaxis[joint.id])}", _text(axis))
+        if np.abs(joint.range - (link.lower, link.upper)).max() > RANGE_TOLERANCE and joint.limited[0]:
             raise _different(robot, link.joint, f"has the range {_text(joint.range)}", _text((link.lower, link.upper)))
-        previous, before = data.xanchor[joint.id], link.joint
-    site = data.site(robot.tcp_site)
-    offset = site.xpos - previous
-    if np.abs(offset - robot.tcp_offset).max() > OFFSET_TOLERANCE:
-        raise _different(robot, robot.tcp_site, f"is {_text(offset)} m from {before!r}", _text(robot.tcp_offset))
-    if np.abs(site.xmat.reshape(3, 3) - np.eye(3)).max() > AXIS_TOLERANCE:
-        raise _different(robot, robot.tcp_site, "is turned against the base at zero", "not turned")
+        before = link.joint
+    site, previous, p = data.site(robot.tcp_site), p, p + R @ robot.tcp_offset
+    if np.abs(site.xpos - p).max() > OFFSET_TOLERANCE:
+        offset = site.xpos - previous
+        raise _different(robot, robot.tcp_site, f"is {_text(offset)} m from {before!r}", _text(p - previous))
+    turn, wanted = site.xmat.reshape(3, 3), R @ _rotation(robot.tcp_quaternion)
+    for name, found, said in zip("xy", turn.T, wanted.T, strict=False):
+        if np.abs(found - said).max() > AXIS_TOLERANCE:
+            raise _different(robot, robot.tcp_site, f"has its {name} axis along {_text(found)} at zero", _text(said))
+
+
+def _rotation(quaternion: tuple[float, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The rotation (3, 3) of a quaternion, wxyz."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, np.array(quaternion))
+    return matrix.reshape(3, 3)
 
 
 def _different(robot: RobotSpec, name: str, found: str, said: str) -> ConfigError:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.collision_pairs import self_collision_pairs
+from irm.arm.frames import frame_along
 from irm.errors import ChainError
 
 __all__ = ["APPROACHES", "ModelArm", "read_arm"]
@@ -219,7 +220,7 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
     parallel = max(*away, np.abs(T_base_tip[:3, :3] - np.eye(3)).max()) < _PARALLEL
     frames = [np.eye(4), np.eye(4)]
     for joint, origin in zip(hinges, _origins(hinges), strict=True):
-        frames.append(_pose(np.eye(3) if parallel else _frame_along(joint.axis), origin))
+        frames.append(_pose(np.eye(3) if parallel else frame_along(joint.axis), origin))
     frames.append(T_base_tip)
     places = [np.linalg.inv(parent) @ frame for parent, frame in itertools.pairwise(frames)]
     rows = np.array([np.concatenate([T[:3, 3], T[:3, :3].ravel()]) for T in places])
@@ -246,10 +247,3 @@ def _origins(hinges: list[_Joint]) -> list[Floats]:
 def _nearest_on(joint: _Joint, point: Floats) -> Floats:
     """The point of a joint's axis that is nearest to a point."""
     return np.asarray(joint.point + joint.axis * float(joint.axis @ (point - joint.point)))
-
-
-def _frame_along(axis: Floats) -> Floats:
-    """A rotation (3, 3) with the given z axis."""
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from irm.arm.frames import pose_of
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
@@ -162,6 +163,7 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
     """The gripper as a robot of its own: its base pose is x, y and yaw of the TCP, its joints are height and pitch."""
     arrays = robot_arrays(robot)
     last = arrays.link == len(robot.chain) - 1
+    T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
     offsets, axes, tip = np.zeros((2, 3)), np.array(_HEIGHT_AND_PITCH, dtype=np.int64), np.zeros(3)
     for array in (offsets, axes, tip):
         array.setflags(write=False)
@@ -174,9 +176,9 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
         radius=arrays.radius[last],
         bound=arrays.bound[last],
         link=np.ones(int(last.sum()), dtype=np.int64),
-        position=arrays.position[last] - arrays.tip,
-        rotation=arrays.rotation[last],
-        slide=arrays.slide[last],
+        position=arrays.position[last] @ T_tcp_link[:3, :3].T + T_tcp_link[:3, 3],
+        rotation=T_tcp_link[:3, :3] @ arrays.rotation[last],
+        slide=arrays.slide[last] @ T_tcp_link[:3, :3].T,
         slides=arrays.slides[last],
         self_pairs=np.empty((0, 2), dtype=np.int64),
         held_from=int(last.sum()),

@@ -39,15 +39,20 @@ def test_every_name_exists(spec_and_model) -> None:
 
 def test_the_chain_is_that_of_the_model(spec_and_model) -> None:
     spec, model = spec_and_model
-    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     for link in spec.chain:
         joint = model.joint(link.joint)
         body = model.body(joint.bodyid[0])
         assert np.allclose(body.pos, link.offset), link.joint
-        assert np.allclose(joint.axis, axes[link.axis])
+        assert np.allclose(joint.axis, link.direction)
         assert np.allclose(joint.range, (link.lower, link.upper), atol=1e-4)
         kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
         assert int(joint.type[0]) == int(kind)
+
+
+def _rotation(quaternion: tuple[float, ...]) -> np.ndarray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, np.array(quaternion))
+    return matrix.reshape(3, 3)
 
 
 def test_forward_kinematics_of_the_data_is_that_of_the_model(spec_and_model) -> None:
@@ -62,16 +67,13 @@ def test_forward_kinematics_of_the_data_is_that_of_the_model(spec_and_model) -> 
         mujoco.mj_kinematics(model, data)
         point, turn = np.zeros(3), np.eye(3)
         for link, value in zip(spec.chain, q, strict=True):
-            point = point + turn @ link.offset
-            axis = np.eye(3)["xyz".index(link.axis)]
+            point, turn = point + turn @ link.offset, turn @ _rotation(link.quaternion)
+            axis = np.array(link.direction)
             if link.prismatic:
                 point = point + turn @ axis * value
             else:
-                step = np.empty(9)
-                quaternion = np.array([math.cos(value / 2), *(math.sin(value / 2) * axis)])
-                mujoco.mju_quat2Mat(step, quaternion)
-                turn = turn @ step.reshape(3, 3)
-        point = point + turn @ spec.tcp_offset
+                turn = turn @ _rotation((math.cos(value / 2), *(math.sin(value / 2) * axis)))
+        point, turn = point + turn @ spec.tcp_offset, turn @ _rotation(spec.tcp_quaternion)
         assert np.allclose(data.site(spec.tcp_site).xpos, point, atol=1e-6)
         assert np.allclose(data.site(spec.tcp_site).xmat.reshape(3, 3), turn, atol=1e-6)
 
