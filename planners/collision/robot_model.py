@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain, fk_frames
+from irm.arm.solutions import SolverArrays, solver_arrays
 from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 
@@ -32,7 +33,8 @@ class RobotArrays(NamedTuple):
     """A robot for kernels: a chain of n joints and p collision solids, those of the gripper first. Lengths in metres.
 
     Attributes:
-        offsets: (n, 3), `axes` (n,), `tip` (3,), `links` (7,), `lower`, `upper` (n,): see `ArmChain`.
+        offsets: (n, 3 or 12), `axes` (n,), `tip` (3,), `lower`, `upper` (n,): see `ArmChain`.
+        ik: its inverse kinematics.
         core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
         bound: (p,) radius of the sphere about the solid's centre that contains it.
         link: (p,) BASE, 0 (torso) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
@@ -47,7 +49,7 @@ class RobotArrays(NamedTuple):
     offsets: NDArray[np.float64]
     axes: NDArray[np.int64]
     tip: NDArray[np.float64]
-    links: NDArray[np.float64]
+    ik: SolverArrays
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     core: NDArray[np.int64]
@@ -107,7 +109,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         offsets=chain.offsets,
         axes=chain.axes,
         tip=chain.tip,
-        links=chain.links,
+        ik=solver_arrays(chain),
         lower=chain.lower,
         upper=chain.upper,
         core=core,

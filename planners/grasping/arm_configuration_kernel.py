@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.closed_form import MAX_SOLUTIONS
-from irm.arm.kinematics import arm_jacobian, fk_frames, ik_arm
+from irm.arm.kinematics import arm_jacobian, fk_frames
 from irm.arm.manipulability import condition
+from irm.arm.solutions import CLOSED_FORM, arm_solutions
 from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
@@ -33,8 +34,8 @@ _CAPACITY = np.int64(96)
 """Configurations kept in all. Typed, as `_PER_MASK` is, so that kernels are not compiled once more for constants."""
 _TRAVEL_COST = 0.004
 """Manipulability given up per radian of joint travel from the home configuration: short motions are preferred."""
-_ELBOW = 4
-"""Link whose origin is the elbow."""
+_FULL_TURN = 2.0 * math.pi
+"""[rad] A joint with a wider range reaches one orientation at several angles."""
 _HIGH_ELBOW = 0.35
 """[m] above the TCP: an elbow that high carries the forearm over what stands on the table."""
 _ELBOW_WORTH = 0.4
@@ -97,19 +98,19 @@ def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> fl
 
 @leaf_kernel
 def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int:
-    """Keep the solutions with a positive elbow, their roll joints turned to near home; how many.
+    """Turn joints that go round to near home, and leave out solutions that are mirrored; how many are kept.
 
-    The others have the same links at the same places: elbow and two rolls are mirrored.
+    Those of Fetch's closed form with a negative elbow have the same links at the same places as others: elbow and two
+    rolls are mirrored.
     """
     kept = 0
     for k in range(count):
-        if found[k, 4] < 0.0:
+        if robot.ik.kind == CLOSED_FORM and found[k, robot.ik.elbow] < 0.0:
             continue
-        for joint in (3, 5, 7):
+        for joint in range(home.shape[0]):
             angle, lower, upper = found[k, joint], robot.lower[joint], robot.upper[joint]
-            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper)
-        for joint in (0, 1, 2, 4, 6):
-            found[kept, joint] = found[k, joint]
+            turns = upper - lower > _FULL_TURN
+            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper) if turns else angle
         kept += 1
     return kept
 
@@ -125,7 +126,7 @@ def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
     for joint in range(1, n):
         travel += abs(q[joint] - home[joint])
     headroom = min(robot.upper[0] - q[0], _LIFT)
-    raised = min(max(p[_ELBOW, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
+    raised = min(max(p[robot.ik.elbow, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
     mu = condition(J, np.empty((6, 6)), np.empty(6), np.empty(6))
     return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
 
@@ -238,7 +239,7 @@ def _scan_pair(
         if _is_dominated(memory.kept, by_gripper, _PER_MASK):
             break
         for roll in rolls:
-            solutions = ik_arm(robot.links, R, p, torso, roll, robot.lower, robot.upper, found)
+            solutions = arm_solutions(robot.ik, R, p, torso, roll, found)
             for k in range(_unwrapped(found, solutions, home, robot)):
                 q = found[k]
                 if not nearest_home:
