@@ -166,6 +166,23 @@ class RobotSpec:
             known = ", ".join(entry.name for entry in fields(cls))
             raise InvalidRobot(f"these are not the fields of a RobotSpec ({problem}); its fields: {known}") from None
 
+    @classmethod
+    def from_mjcf(cls, path: str | Path, **page: Any) -> RobotSpec:
+        """The robot of an MJCF file: joints, frames, limits, gripper and footprint are read from it.
+
+        Args:
+            path: of the file, below `assets/` or absolute.
+            **page: what the file does not say, the fields of `assets.robot_reading.RobotPage`; needed are
+                `base_joints`, `tip`, `finger_joints` and `home`.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            InvalidRobot: the file lacks what the page names, or they do not describe a robot; the message says what.
+        """
+        from assets.robot_reading import page_of, read_robot  # a function needs the simulator, the package does not
+
+        return read_robot(path, page_of(page))
+
     @property
     def mjcf_path(self) -> Path:
         """The robot's MJCF file.

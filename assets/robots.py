@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from assets.robot_spec import ChainLink, InvalidRobot, LinkMesh, RobotSpec
@@ -77,6 +78,19 @@ FETCH = RobotSpec(
 
 _ROBOTS = {FETCH.name: FETCH}
 
+_PAGES: dict[str, dict[str, Any]] = {
+    "panda_mobile": {
+        "base_joints": ("base_x", "base_y", "base_yaw"),
+        "tip": "tcp",
+        "finger_joints": ("finger_joint1", "finger_joint2"),
+        "home": (0.2, 1.014074, -1.094601, -1.044339, -2.721079, -2.788607, 2.462343, -0.4),
+        "max_velocity": (1.0, 1.0, 1.5, 0.1, 1.5, 1.5, 1.5, 1.5, 2.0, 2.0, 2.0),
+        "max_acceleration": (1.0, 1.0, 2.0, 0.5, 2.0, 2.0, 2.0, 2.0, 2.5, 2.5, 2.5),
+        "grasp_height": 0.08,
+    }
+}
+"""By name, what is said of a robot beside its MJCF file `mjcf/<name>.xml`; see `docs/add_a_robot.md`."""
+
 
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
     """The robot of that name; a `RobotSpec` is returned as it is, its fields as a dictionary make one.
@@ -89,7 +103,15 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
         return robot
     if isinstance(robot, Mapping):
         return RobotSpec.from_fields(robot)
+    if isinstance(robot, str) and robot in _PAGES:
+        return _read(robot)
     if not isinstance(robot, str) or robot not in _ROBOTS:
-        known = ", ".join(sorted(_ROBOTS))
+        known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
         raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.robots.RobotSpec")
     return _ROBOTS[robot]
+
+
+@cache
+def _read(name: str) -> RobotSpec:
+    """A robot that is described by its file and its page, read once."""
+    return RobotSpec.from_mjcf(f"mjcf/{name}.xml", name=name, **_PAGES[name])

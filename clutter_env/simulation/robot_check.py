@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
+from assets.frames import rotation_of
 from assets.robots import RobotSpec
 from clutter_env.errors import ConfigError
 
@@ -94,7 +93,7 @@ def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
     for link in robot.chain:
         joint = model.joint(link.joint)
         kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
-        previous, p, R = p, p + R @ link.offset, R @ _rotation(link.quaternion)
+        previous, p, R = p, p + R @ link.offset, R @ rotation_of(link.quaternion)
         axis, away = R @ link.direction, data.xanchor[joint.id] - p
         if int(joint.type[0]) != int(kind):
             raise _different(robot, link.joint, "has another kind", "prismatic" if link.prismatic else "revolute")
@@ -112,17 +111,10 @@ def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
     if np.abs(site.xpos - p).max() > OFFSET_TOLERANCE:
         offset = site.xpos - previous
         raise _different(robot, robot.tcp_site, f"is {_text(offset)} m from {before!r}", _text(p - previous))
-    turn, wanted = site.xmat.reshape(3, 3), R @ _rotation(robot.tcp_quaternion)
+    turn, wanted = site.xmat.reshape(3, 3), R @ rotation_of(robot.tcp_quaternion)
     for name, found, said in zip("xy", turn.T, wanted.T, strict=False):
         if np.abs(found - said).max() > AXIS_TOLERANCE:
             raise _different(robot, robot.tcp_site, f"has its {name} axis along {_text(found)} at zero", _text(said))
-
-
-def _rotation(quaternion: tuple[float, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The rotation (3, 3) of a quaternion, wxyz."""
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, np.array(quaternion))
-    return matrix.reshape(3, 3)
 
 
 def _different(robot: RobotSpec, name: str, found: str, said: str) -> ConfigError:

@@ -148,11 +148,11 @@ class ArmChain:
             chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
             rm = ReachabilityMap.build(chain)
         """
-        from irm.arm.mjcf import read_arm  # a function needs the simulator, the package does not
+        from irm.arm.mjcf import read_model  # a function needs the simulator, the package does not
 
-        arm = read_arm(model, base, tip, approach)
+        arm, self_collisions = read_model(model, base, tip, approach)
         arrays = (arm.offsets, arm.axes, arm.lower, arm.upper, arm.tip, np.empty(0))
-        chain = ArmChain(arm.name, *arrays, arm.joints, arm.self_collisions)
+        chain = ArmChain(arm.name, *arrays, arm.joints, self_collisions)
         return _with_links(chain, _fetch_links(chain))
 
 

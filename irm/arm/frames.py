@@ -5,33 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from assets.frames import frame_along, rotation_of
 from assets.robots import ChainLink, RobotSpec
 
-__all__ = ["PRISMATIC", "frame_along", "frames_of", "pose_of", "rotation_of"]
+__all__ = ["PRISMATIC", "frames_of", "pose_of"]
 
 Floats = NDArray[np.float64]
 
 PRISMATIC = 3
 """Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
-
-
-def rotation_of(quaternion: ArrayLike) -> Floats:
-    """The rotation (3, 3) of a quaternion (4,), wxyz."""
-    w, x, y, z = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def frame_along(axis: Floats) -> Floats:
-    """A rotation (3, 3) with the given z axis."""
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def pose_of(place: Floats) -> Floats:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec, robot
 from irm.arm.kinematics import ArmChain, forward
-from irm.arm.mjcf import APPROACHES
+from assets.arm_reading import APPROACHES
 from irm.errors import ChainError
 
 __all__ = ["TipModel", "check_chain", "checked_arm", "compare_with_model", "robot_by_name"]
