@@ -97,9 +97,7 @@ def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
         axis, away = R @ link.direction, data.xanchor[joint.id] - p
         if int(joint.type[0]) != int(kind):
             raise _different(robot, link.joint, "has another kind", "prismatic" if link.prismatic else "revolute")
-        if not link.prismatic:
-            away = away - axis * (axis @ away)
-        if np.abs(away).max() > OFFSET_TOLERANCE:
+        if not link.prismatic and np.abs(away - axis * (axis @ away)).max() > OFFSET_TOLERANCE:
             offset = data.xanchor[joint.id] - previous
             raise _different(robot, link.joint, f"is {_text(offset)} m from {before!r}", _text(p - previous))
         if np.abs(data.xaxis[joint.id] - axis).max() > AXIS_TOLERANCE:
