@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from assets.robot_spec import ChainLink, InvalidRobot, LinkMesh, RobotSpec
+from assets.pr2 import PR2
+from assets.robot_spec import ArmSpec, ChainLink, InvalidRobot, LinkMesh, RobotSpec
 
-__all__ = ["FETCH", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
+__all__ = ["FETCH", "PR2", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
 
 
 class UnknownRobot(ValueError):
@@ -76,7 +77,7 @@ FETCH = RobotSpec(
     closed_form_ik="fetch",
 )
 
-_ROBOTS = {FETCH.name: FETCH}
+_ROBOTS = {spec.name: spec for spec in (FETCH, PR2)}
 
 _PAGES: dict[str, dict[str, Any]] = {
     "panda_mobile": {

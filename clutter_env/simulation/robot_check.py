@@ -45,7 +45,7 @@ def _load(robot: RobotSpec) -> mujoco.MjModel:
 
 def _check_names(robot: RobotSpec, model: mujoco.MjModel) -> None:
     """Every name of the data is in the file, and every joint of the file is in the data."""
-    joints = (*robot.drive_joints, *robot.finger_joints, *robot.head_joints)
+    joints = (*robot.drive_joints, *robot.finger_joints, *robot.still_joints)
     wanted = {
         "body": (robot.base_body, robot.gripper_body, *(mesh.body for mesh in robot.meshes)),
         "joint": joints,

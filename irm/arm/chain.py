@@ -113,12 +113,16 @@ class ArmChain:
                 f"{robot.name}: the first joint of the chain must slide along z (lower = upper for a robot without a "
                 f"lift), not {robot.chain[0]}"
             )
+        lower = np.array([link.lower for link in robot.chain], dtype=float)
+        upper = np.array([link.upper for link in robot.chain], dtype=float)
+        if not robot.plans_torso:
+            lower[0] = upper[0] = robot.home[0]
         chain = ArmChain(
-            robot.name,
+            _name(robot),
             offsets,
             axes,
-            np.array([link.lower for link in robot.chain], dtype=float),
-            np.array([link.upper for link in robot.chain], dtype=float),
+            lower,
+            upper,
             tip,
             np.empty(0),
             tuple(link.joint for link in robot.chain),
@@ -154,6 +158,11 @@ class ArmChain:
         arrays = (arm.offsets, arm.axes, arm.lower, arm.upper, arm.tip, np.empty(0))
         chain = ArmChain(arm.name, *arrays, arm.joints, self_collisions)
         return _with_links(chain, _fetch_links(chain))
+
+
+def _name(robot: RobotSpec) -> str:
+    """The robot's name, with that of the arm if it has several."""
+    return f"{robot.name}_{robot.arm_name}" if robot.arm_name else robot.name
 
 
 def has_free_roll(chain: ArmChain) -> bool:

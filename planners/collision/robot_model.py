@@ -37,7 +37,8 @@ class RobotArrays(NamedTuple):
         ik: its inverse kinematics.
         core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
         bound: (p,) radius of the sphere about the solid's centre that contains it.
-        link: (p,) BASE, 0 (torso) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
+        link: (p,) BASE, 0 (torso with head and idle arms) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that
+            link's frame.
         slides: (p,) whether it is part of a finger; `slide` (p, 3) its motion in its link per metre of that.
         gap: opening of the closed gripper; `slide_end`: upper limit of the finger joints.
         self_pairs: (s, 2) solids checked for self-collision: those on links that are not neighbours.
@@ -70,19 +71,30 @@ class RobotArrays(NamedTuple):
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something, in the order from the gripper to the base."""
+    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
     base = model.body(robot.base_body).id
-    return [
+    idle = _idle_bodies(model, robot)
+    found = [
         geom
         for geom in reversed(range(model.ngeom))
         if int(model.body_rootid[model.geom_bodyid[geom]]) == base
         and (model.geom_contype[geom] or model.geom_conaffinity[geom])
     ]
+    return sorted(found, key=lambda geom: int(model.geom_bodyid[geom]) in idle)
+
+
+def _idle_bodies(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:
+    """The bodies of arms that are not active."""
+    found = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in found:
+            found.add(body)
+    return found
 
 
 @cache
 def robot_arrays(robot: RobotSpec) -> RobotArrays:
-    """The collision solids of a robot, with its head in `robot.head_configuration`; read once.
+    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once.
 
     Raises:
         GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
@@ -90,7 +102,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
-    for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
         data.joint(joint).qpos = angle
     mujoco.mj_kinematics(model, data)
     geoms = collision_geoms(model, robot)

@@ -17,6 +17,7 @@ from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.robot_model import RobotArrays
 from planners.collision.robot_pose_kernel import Scratch, make_scratch
+from planners.collision.straight_line_kernel import solve_near
 from planners.scene.masks import SELF_BIT, STATIC_BIT, bit_count
 
 __all__ = ["many_gripper_hits", "scan"]
@@ -44,6 +45,9 @@ _LIFT = 0.2
 """[m] of torso travel that is worth keeping: it lifts the gripper straight up in every configuration of the arm."""
 _LIFT_WORTH = 0.5
 """Manipulability that a metre of remaining torso travel is worth."""
+_RISE_STEP, _RISE_WORTH = 0.05, 2.0
+"""Where the torso stays: steps [m] by which the arm is tried to lift the gripper straight up, and what a metre of that
+is worth. An arm that cannot lift the gripper cannot take the object."""
 _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
@@ -116,8 +120,20 @@ def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int
 
 
 @njit(cache=True)
+def _rise(robot: RobotArrays, q: Array, R: Array, p: Array) -> float:
+    """[m] by which the arm lifts the gripper straight up, up to `_LIFT`; R (3, 3), p (3,): of the gripper at `q`."""
+    moved, goal, speed, risen = q.copy(), p.copy(), np.ones(q.shape[0]), 0.0
+    while risen < _LIFT - 0.5 * _RISE_STEP:
+        goal[2] += _RISE_STEP
+        if not solve_near(robot, R, goal, speed, moved):
+            break
+        risen += _RISE_STEP
+    return risen
+
+
+@njit(cache=True)
 def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
-    """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration."""
+    """Manipulability; more for a high elbow and room to lift the gripper, less per radian from the home configuration."""
     n = q.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
@@ -125,10 +141,13 @@ def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
     travel = 0.0
     for joint in range(1, n):
         travel += abs(q[joint] - home[joint])
-    headroom = min(robot.upper[0] - q[0], _LIFT)
+    if robot.upper[0] > robot.lower[0]:
+        lift = _LIFT_WORTH * min(robot.upper[0] - q[0], _LIFT)
+    else:
+        lift = _RISE_WORTH * _rise(robot, q, R[n].copy(), p[n])
     raised = min(max(p[robot.ik.elbow, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
     mu = condition(J, np.empty((6, 6)), np.empty(6), np.empty(6))
-    return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
+    return mu + _ELBOW_WORTH * raised + lift - _TRAVEL_COST * travel
 
 
 @leaf_kernel

@@ -58,7 +58,7 @@ class ConfigurationGrid(NamedTuple):
     @classmethod
     def over(cls, chain: ArmChain, torsos: int, rolls: int) -> ConfigurationGrid:
         """Evenly spaced torso heights, off the limits, and angles of the free joint."""
-        heights = np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1]
+        heights = np.unique(np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1])
         return cls(np.asarray(heights, np.float64), free_angles(chain, rolls))
 
     @classmethod

@@ -12,12 +12,12 @@ import pytest
 
 from assets import path
 from assets.frames import rotation_of
-from assets.robots import FETCH, InvalidRobot, UnknownRobot, robot
+from assets.robots import FETCH, PR2, InvalidRobot, UnknownRobot, robot
 
-ROBOTS = [FETCH, robot("panda_mobile")]
+ROBOTS = [FETCH, PR2, PR2.using("left"), robot("panda_mobile")]
 
 
-@pytest.fixture(params=ROBOTS, ids=lambda spec: spec.name)
+@pytest.fixture(params=ROBOTS, ids=lambda spec: spec.name + spec.arm_name)
 def spec_and_model(request):
     return request.param, mujoco.MjModel.from_xml_path(str(request.param.mjcf_path))
 
@@ -130,7 +130,7 @@ def test_pads_are_as_far_apart_as_the_data_say(spec_and_model) -> None:
         assert gap == pytest.approx(spec.finger_gap_closed + 2 * position, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["pr2", "", None, 3])
+@pytest.mark.parametrize("name", ["tiago", "", None, 3])
 def test_unknown_robots_list_the_known(name: object) -> None:
     with pytest.raises(UnknownRobot, match="fetch"):
         robot(name)
@@ -138,7 +138,7 @@ def test_unknown_robots_list_the_known(name: object) -> None:
 
 def test_unknown_assets_list_the_known() -> None:
     with pytest.raises(FileNotFoundError, match=r"mjcf/fetch\.xml"):
-        path("mjcf/pr2.xml")
+        path("mjcf/tiago.xml")
 
 
 @pytest.mark.parametrize(
