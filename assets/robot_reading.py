@@ -106,9 +106,7 @@ def read_robot(mjcf: str | Path, page: RobotPage) -> RobotSpec:
 def _chain(arm: ModelArm) -> tuple[ChainLink, ...]:
     """The chain with the frames that were read, their numbers rounded."""
     links = []
-    for joint, place, axis, lower, upper in zip(
-        arm.joints, arm.offsets, arm.axes, arm.lower, arm.upper, strict=True
-    ):
+    for joint, place, axis, lower, upper in zip(arm.joints, arm.offsets, arm.axes, arm.lower, arm.upper, strict=True):
         links.append(
             ChainLink(
                 joint,
@@ -169,7 +167,9 @@ def _gripper(model: mujoco.MjModel, page: RobotPage) -> dict[str, Any]:
 def _only_geom(model: mujoco.MjModel, body: int) -> str:
     """The name of the one geom of a body that can touch something."""
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-    touching = [geom for geom in range(first, first + count) if model.geom_contype[geom] or model.geom_conaffinity[geom]]
+    touching = [
+        geom for geom in range(first, first + count) if model.geom_contype[geom] or model.geom_conaffinity[geom]
+    ]
     names = [str(model.geom(geom).name) for geom in touching]
     if len(names) != 1 or not names[0]:
         raise InvalidRobot(f"name the pads in finger_geoms: {model.body(body).name!r} has the geoms {names}")

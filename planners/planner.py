@@ -19,7 +19,7 @@ from planners.clearing.minimum_clearances import clearance_floor as floor_of_opt
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
-from planners.grasping.base_placement import MAP_PARAMETERS, MapPlacer
+from planners.grasping.base_placement import MapPlacer, map_parameters
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import find_grasp_set
@@ -266,7 +266,7 @@ class _Blockers:
 
 @cache
 def _inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
-    return InverseReachabilityMap(cached_map(robot, **MAP_PARAMETERS))
+    return InverseReachabilityMap(cached_map(robot, **map_parameters(robot)))
 
 
 @cache

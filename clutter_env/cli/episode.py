@@ -32,7 +32,7 @@ from clutter_env.experiments.episodes.many import counts_text, play_many
 from clutter_env.reporting.json_file import write_json
 from clutter_env.scene.layout import LAYOUTS
 from irm.maps.cache import cache_file, cached_map
-from planners.grasping.base_placement import MAP_PARAMETERS
+from planners.grasping.base_placement import map_parameters
 from planners.strategies import find_strategy
 
 
@@ -83,10 +83,10 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
-    file = cache_file(FETCH, **MAP_PARAMETERS)
+    file = cache_file(FETCH, **map_parameters(FETCH))
     if not file.exists():
         print(f"building the reachability map, once; it is kept in {file.parent}", flush=True)
-    cached_map(FETCH, progress=True, **MAP_PARAMETERS)
+    cached_map(FETCH, progress=True, **map_parameters(FETCH))
     arguments.output.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.output / "report.json", arguments.json)):

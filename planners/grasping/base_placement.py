@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
+from irm.arm.kinematics import ArmChain
 from irm.floor.free_space import FreeSpace
 from irm.queries.inverse import InverseReachabilityMap
 from irm.visibility.map import VisibilityMap
@@ -19,13 +20,15 @@ from planners.collision.robot_model import BASE, robot_arrays
 from planners.grasping.footprint import fits, inner_radius
 from planners.scene import Scene, StaticObstacle
 
-__all__ = ["MAP_PARAMETERS", "MapPlacer", "farthest_reach", "free_floor"]
+__all__ = ["MapPlacer", "farthest_reach", "free_floor", "map_parameters"]
 
 Array = NDArray[np.float64]
 
-MAP_PARAMETERS: dict[str, Any] = {"torso_margin": 0.02375}
-"""Parameters of the planner's reachability map. The torso stays off the ends of its lift [m], so that it can still
-raise the gripper: with bases for these ends, lookahead needed more clearances than the minimum in 3 of 20 scenes."""
+TORSO_MARGIN = 0.02375
+"""[m] The torso stays so far off the ends of its lift in the planner's reachability map that it can still raise the
+gripper: with bases for these ends, lookahead needed more clearances than the minimum in 3 of 20 scenes."""
+_DOWNWARD = (0.0, math.pi / 6, math.pi / 3, math.pi / 2)
+"""[rad] Rings of the map for arms without the closed form, which are slower to map: no grasp points up."""
 
 FLOOR_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
@@ -35,6 +38,14 @@ _SPARE = 6
 """Base poses looked at for each one wanted, of a base that is not round."""
 WALL_HEIGHT = 0.5
 """[m] above the support: across an obstacle as tall as that no arm reaches it."""
+
+
+@cache
+def map_parameters(robot: RobotSpec) -> dict[str, Any]:
+    """Parameters of the planner's reachability map: fingers close along a level line, so that roll 0 is enough."""
+    if ArmChain.from_robot(robot).has_closed_form:
+        return {"torso_margin": TORSO_MARGIN}
+    return {"torso_margin": TORSO_MARGIN, "rolls": 1, "pitches": _DOWNWARD}
 
 
 def free_floor(scene: Scene, with_shadows: bool = False) -> FreeSpace:
@@ -154,7 +165,7 @@ class MapPlacer:
         found = self.map.query_batch(
             gripper_poses[:, :3],
             yaw_ranges=ranges,
-            pitch=min(max(pitch, -math.pi / 2), math.pi / 2),
+            pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
             free_space=self.open_floor if pitch else self.floor,
             k=wanted if self.robot is None else _SPARE * wanted,
             prefer=self.prefer,

@@ -53,7 +53,9 @@ def gripper_clearances(robot: RobotSpec) -> GripperClearances:
     T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
     last = arrays.link == arrays.axes.size - 1
     centre = arrays.position @ T_tcp_link[:3, :3].T + T_tcp_link[:3, 3]
-    extent = np.array([np.abs(R) @ half for R, half in zip(T_tcp_link[:3, :3] @ arrays.rotation, arrays.half, strict=True)])
+    extent = np.array(
+        [np.abs(R) @ half for R, half in zip(T_tcp_link[:3, :3] @ arrays.rotation, arrays.half, strict=True)]
+    )
     extent += arrays.radius[:, None]
     front = centre[:, 0] + extent[:, 0]
     fingers, others = np.flatnonzero(last & arrays.slides), np.flatnonzero(last & ~arrays.slides)
