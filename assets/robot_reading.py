@@ -70,7 +70,8 @@ def read_robot(mjcf: str | Path, page: RobotPage) -> RobotSpec:
         FileNotFoundError: there is no such file.
         InvalidRobot: the file lacks what the page names, or they do not describe a robot.
     """
-    model = load_model(asset_path(str(mjcf)))
+    file = Path(mjcf).resolve() if Path(mjcf).is_file() else mjcf
+    model = load_model(asset_path(str(file)))
     base = model.body(model.jnt_bodyid[_joint(model, page.base_joints[0])]).name
     arm = read_arm(model, base, page.tip, "x")
     if not arm.joints[0]:
@@ -78,7 +79,7 @@ def read_robot(mjcf: str | Path, page: RobotPage) -> RobotSpec:
     arm_count = len(arm.joints) - 1
     return RobotSpec(
         name=page.name or arm.name,
-        mjcf=str(mjcf),
+        mjcf=str(file),
         base_body=base,
         base_joints=page.base_joints,
         chain=_chain(arm),

@@ -129,7 +129,7 @@ class RobotSpec:
         """The robot of an MJCF file: joints, frames, limits, gripper and footprint are read from it.
 
         Args:
-            path: of the file, below `assets/` or absolute.
+            path: of the file; a path below `assets/` names a file of the package.
             **page: what the file does not say, the fields of `assets.robot_reading.RobotPage`; needed are
                 `base_joints`, `tip`, `finger_joints` and `home`.
 

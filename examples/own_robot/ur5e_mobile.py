@@ -69,6 +69,7 @@ if __name__ == "__main__":
     env = gym.make("clutter_env/Retrieve-o5-v0", robot=read(FOLDER / "ur5e_mobile.xml"))
     observation, info = env.reset(seed=0)
     expert, is_over = TampExpert(env), False
+    expert.reset()
     while not (is_over or expert.done):
         observation, reward, terminated, truncated, info = env.step(expert.act())
         is_over = terminated or truncated

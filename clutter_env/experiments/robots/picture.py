@@ -30,27 +30,29 @@ _ROUND = 16
 
 def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     """Write one page: the robot at home from two sides, and the reach of its level gripper from above, by height."""
-    figure = Figure(figsize=(13, 8))
+    figure = Figure(figsize=(13, 10))
+    above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
     frames = _frames(robot)
+    above.suptitle(f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)")
     for column, (elevation, azimuth) in enumerate(((18, -60), (0, -90))):
-        axes: Any = figure.add_subplot(2, 2, column + 1, projection="3d", proj_type="ortho")
+        axes: Any = above.add_subplot(1, 2, column + 1, projection="3d", proj_type="ortho")
         _draw_shapes(axes, robot_arrays(robot), frames)
         for T in frames:
             for direction, colour in zip(T[:3, :3].T, _COLOURS, strict=True):
                 axes.plot(*np.transpose([T[:3, 3], T[:3, 3] + _AXIS * direction]), color=colour, linewidth=1.5)
-        axes.set_box_aspect((1, 1, 1.1))
+        axes.set_box_aspect((1, 1, 1.1), zoom=1.25)
         axes.set(xlim=(-0.7, 0.9), ylim=(-0.8, 0.8), zlim=(0, 1.76), xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
         axes.view_init(elevation, azimuth)
-        axes.set_title(f"{robot.name} at home: collision shapes, frames of the joints and of the TCP", fontsize=9)
+        if elevation == 0:
+            axes.set(yticks=[], ylabel="")
     count = reach.z.size
     for k, height in enumerate(reach.z):
-        plan = figure.add_subplot(2, count, count + k + 1)
+        plan = below.add_subplot(1, count, k + 1)
         plan.pcolormesh(reach.y, reach.x, reach.reached[:, :, k], cmap="Greens", vmin=0, vmax=1.4, shading="nearest")
         turn = np.linspace(0, 2 * np.pi, 60)
         plan.plot(robot.base_radius * np.sin(turn), robot.base_radius * np.cos(turn), color="black")
         plan.set(xlim=(0.85, -0.85), ylim=(-0.35, 1.35), aspect="equal", xlabel="y [m]")
         plan.set_title(f"level gripper at {height:.2f} m", fontsize=9)
-    figure.tight_layout()
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=110)
 
