@@ -13,6 +13,8 @@ __all__ = ["PR2"]
 
 _GREY = (0.45, 0.46, 0.48, 1.0)
 _WHITE = (0.92, 0.92, 0.90, 1.0)
+_BLACK = (0.20, 0.20, 0.22, 1.0)
+_ROBOT, _GRIPPER = "robots/pr2/meshes", "grippers/meshes/pr2_gripper"
 
 _HALF_SIDE = 0.334
 """[m] of the square base."""
@@ -70,13 +72,24 @@ def _arm(name: str, left: int) -> ArmSpec:
 
 def _meshes() -> tuple[LinkMesh, ...]:
     body = (
-        LinkMesh("base_footprint", "base_v0/base.stl", _WHITE, (0.0, 0.0, 0.051)),
-        LinkMesh("torso_lift_link", "torso_v0/torso_lift.stl", _GREY),
-        LinkMesh("head_pan_link", "head_v0/head_pan.stl", _GREY),
-        LinkMesh("head_tilt_link", "head_v0/head_tilt.stl", _WHITE),
+        LinkMesh("base_footprint", f"{_ROBOT}/base_v0/base.stl", _WHITE, (0.0, 0.0, 0.051)),
+        LinkMesh("torso_lift_link", f"{_ROBOT}/torso_v0/torso_lift.stl", _GREY),
+        LinkMesh("head_pan_link", f"{_ROBOT}/head_v0/head_pan.stl", _GREY),
+        LinkMesh("head_tilt_link", f"{_ROBOT}/head_v0/head_tilt.stl", _WHITE),
     )
-    arms = (LinkMesh(f"{s}_{link}", file, rgba) for s in "rl" for link, file, rgba in _ARM_MESHES)
-    return (*body, *arms)
+    arms = (LinkMesh(f"{s}_{link}", f"{_ROBOT}/{file}", rgba) for s in "rl" for link, file, rgba in _ARM_MESHES)
+    return (*body, *arms, *(mesh for s in "rl" for mesh in _gripper_meshes(s)))
+
+
+def _gripper_meshes(s: str) -> tuple[LinkMesh, ...]:
+    """Palm and fingers; the right finger is the left one turned about the approach."""
+    palm = LinkMesh(f"{s}_gripper_palm_link", f"{_GRIPPER}/gripper_palm.stl", _GREY)
+    fingers = (
+        LinkMesh(f"{s}_gripper_{side}_finger_link", f"{_GRIPPER}/{file}.stl", _BLACK, (x, y * left, 0.0), turn)
+        for side, left, turn in (("l", 1, NO_TURN), ("r", -1, (0.0, 1.0, 0.0, 0.0)))
+        for file, x, y in (("l_finger", -0.08509, -0.001), ("l_finger_tip", 0.00628, 0.00395))
+    )
+    return (palm, *fingers)
 
 
 _RIGHT, _LEFT = _arm("right", -1), _arm("left", 1)
@@ -113,7 +126,7 @@ PR2 = RobotSpec(
     base_height=0.707,
     meshes=_meshes(),
     mesh_package="robosuite_models",
-    mesh_folder="assets/robots/pr2/meshes",
+    mesh_folder="assets",
     base_outline=tuple((x * _HALF_SIDE, y * _HALF_SIDE) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))),
     arm_name="right",
     idle_arms=(_LEFT,),

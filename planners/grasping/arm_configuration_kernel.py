@@ -47,7 +47,7 @@ _LIFT_WORTH = 0.5
 """Manipulability that a metre of remaining torso travel is worth."""
 _RISE_STEP, _RISE_WORTH = 0.05, 2.0
 """Where the torso stays: steps [m] by which the arm is tried to lift the gripper straight up, and what a metre of that
-is worth. An arm that cannot lift the gripper cannot take the object."""
+is worth. A configuration without a single step is left out: the gripper could not lift the object."""
 _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
@@ -133,18 +133,24 @@ def _rise(robot: RobotArrays, q: Array, R: Array, p: Array) -> float:
 
 @njit(cache=True)
 def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
-    """Manipulability; more for a high elbow and room to lift the gripper, less per radian from the home configuration."""
+    """Manipulability; more for a high elbow and room to lift the gripper, less per radian from the home configuration.
+
+    Minus infinity for a configuration that is of no use.
+    """
     n = q.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
+    if robot.upper[0] > robot.lower[0]:
+        lift = _LIFT_WORTH * min(robot.upper[0] - q[0], _LIFT)
+    else:
+        rise = _rise(robot, q, R[n].copy(), p[n])
+        if rise == 0.0:
+            return -np.inf
+        lift = _RISE_WORTH * rise
     arm_jacobian(robot.axes, R, p, J)
     travel = 0.0
     for joint in range(1, n):
         travel += abs(q[joint] - home[joint])
-    if robot.upper[0] > robot.lower[0]:
-        lift = _LIFT_WORTH * min(robot.upper[0] - q[0], _LIFT)
-    else:
-        lift = _RISE_WORTH * _rise(robot, q, R[n].copy(), p[n])
     raised = min(max(p[robot.ik.elbow, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
     mu = condition(J, np.empty((6, 6)), np.empty(6), np.empty(6))
     return mu + _ELBOW_WORTH * raised + lift - _TRAVEL_COST * travel
@@ -216,7 +222,9 @@ def _consider(
     if _is_dominated(memory.kept, hits, _CAPACITY):
         return
     if configuration_hits(query, query.active & _SELF, memory.scratch, base, q) == _NONE:
-        _insert(memory.kept, q, pair, hits, _quality(query.robot, q, home))
+        quality = _quality(query.robot, q, home)
+        if quality > -np.inf:
+            _insert(memory.kept, q, pair, hits, quality)
 
 
 @njit(cache=True)

@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import PR2
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.simulation.meshes import has_visuals
 from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
 from tests.clutter_env.envs.test_determinism import digest
 from tests.clutter_env.simulation.test_saved_state import pushing_actions, run
@@ -85,6 +86,15 @@ def test_a_saved_state_continues_bit_for_bit(mode: str) -> None:
     other.reset(seed=1)
     other.restore_state(state)
     assert run(other, actions) == expected
+
+
+@pytest.mark.skipif(not has_visuals(PR2), reason="robosuite-models is not installed: pip install clutter-env[visuals]")
+@pytest.mark.usefixtures("needs_gl")
+def test_meshes_do_not_change_the_physics() -> None:
+    drawn = make(20, render_mode="rgb_array")
+    assert drawn.model.nmesh
+    assert digest(drawn, steps=100, draws=True) == digest(make(20), steps=100)
+    drawn.close()
 
 
 def test_side_grasps_hold() -> None:
