@@ -40,7 +40,7 @@ def _home(left: int) -> tuple[float, ...]:
 
     The left arm (1) is the mirror image of the right one (-1).
     """
-    return (0.7862 * left, -0.4091, 1.27 * left, -2.1689, 2.6388 * left, -1.4457, 1.5715 * left)
+    return (0.74 * left, -0.1822, 1.4652 * left, -2.2878, 2.936 * left, -1.5532, 1.5298 * left)
 
 
 def _arm(name: str, left: int) -> ArmSpec:
@@ -111,7 +111,7 @@ PR2 = RobotSpec(
     head_joints=("head_pan_joint", "head_tilt_joint"),
     head_configuration=(0.0, 0.75),
     cameras=("head", "r_gripper", "l_gripper"),
-    home=(0.15, *_RIGHT.home),
+    home=(0.25, *_RIGHT.home),
     max_velocity=(1.0, 1.0, 1.5, 0.013, *_VELOCITY),
     max_acceleration=(1.0, 1.0, 2.0, 0.1, *_ACCELERATION),
     max_loaded_yaw_rate=0.6,

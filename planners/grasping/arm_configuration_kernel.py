@@ -45,9 +45,9 @@ _LIFT = 0.2
 """[m] of torso travel that is worth keeping: it lifts the gripper straight up in every configuration of the arm."""
 _LIFT_WORTH = 0.5
 """Manipulability that a metre of remaining torso travel is worth."""
-_RISE_STEP, _RISE_WORTH = 0.05, 2.0
-"""Where the torso stays: steps [m] by which the arm is tried to lift the gripper straight up, and what a metre of that
-is worth. A configuration without a single step is left out: the gripper could not lift the object."""
+_RISE_STEPS = 4
+"""Where the torso stays, only configurations count in which the arm lifts the gripper straight up by `_LIFT`, tried in
+so many steps; the gripper could not take the object away in others."""
 _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
@@ -120,40 +120,35 @@ def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int
 
 
 @njit(cache=True)
-def _rise(robot: RobotArrays, q: Array, R: Array, p: Array) -> float:
-    """[m] by which the arm lifts the gripper straight up, up to `_LIFT`; R (3, 3), p (3,): of the gripper at `q`."""
-    moved, goal, speed, risen = q.copy(), p.copy(), np.ones(q.shape[0]), 0.0
-    while risen < _LIFT - 0.5 * _RISE_STEP:
-        goal[2] += _RISE_STEP
+def _can_rise(robot: RobotArrays, q: Array, R: Array, p: Array) -> bool:
+    """Whether the arm lifts the gripper straight up by `_LIFT`; R (3, 3), p (3,): of the gripper at `q`."""
+    moved, goal, speed = q.copy(), p.copy(), np.ones(q.shape[0])
+    for _ in range(_RISE_STEPS):
+        goal[2] += _LIFT / _RISE_STEPS
         if not solve_near(robot, R, goal, speed, moved):
-            break
-        risen += _RISE_STEP
-    return risen
+            return False
+    return True
 
 
 @njit(cache=True)
 def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
-    """Manipulability; more for a high elbow and room to lift the gripper, less per radian from the home configuration.
+    """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration.
 
     Minus infinity for a configuration that is of no use.
     """
     n = q.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
-    if robot.upper[0] > robot.lower[0]:
-        lift = _LIFT_WORTH * min(robot.upper[0] - q[0], _LIFT)
-    else:
-        rise = _rise(robot, q, R[n].copy(), p[n])
-        if rise == 0.0:
-            return -np.inf
-        lift = _RISE_WORTH * rise
+    headroom = min(robot.upper[0] - q[0], _LIFT)
+    if robot.upper[0] == robot.lower[0] and not _can_rise(robot, q, R[n].copy(), p[n]):
+        return -np.inf
     arm_jacobian(robot.axes, R, p, J)
     travel = 0.0
     for joint in range(1, n):
         travel += abs(q[joint] - home[joint])
     raised = min(max(p[robot.ik.elbow, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
     mu = condition(J, np.empty((6, 6)), np.empty(6), np.empty(6))
-    return mu + _ELBOW_WORTH * raised + lift - _TRAVEL_COST * travel
+    return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
 
 
 @leaf_kernel
