@@ -17,7 +17,7 @@ from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.robot_model import RobotArrays
 from planners.collision.robot_pose_kernel import Scratch, make_scratch
-from planners.collision.straight_line_kernel import solve_near
+from planners.collision.straight_line_kernel import track_line
 from planners.scene.masks import SELF_BIT, STATIC_BIT, bit_count
 
 __all__ = ["many_gripper_hits", "scan"]
@@ -45,9 +45,9 @@ _LIFT = 0.2
 """[m] of torso travel that is worth keeping: it lifts the gripper straight up in every configuration of the arm."""
 _LIFT_WORTH = 0.5
 """Manipulability that a metre of remaining torso travel is worth."""
-_RISE_STEPS = 4
-"""Where the torso stays, only configurations count in which the arm lifts the gripper straight up by `_LIFT`, tried in
-so many steps; the gripper could not take the object away in others."""
+_RISE, _RISE_STEP, _RISE_JUMP = 0.19, 0.01, 0.15
+"""Where the torso stays, only configurations count from which the arm lifts the gripper so far straight up [m], in
+steps [m] in which no joint turns farther than this [rad]: it could not take the object away in others."""
 _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
@@ -120,28 +120,25 @@ def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int
 
 
 @njit(cache=True)
-def _can_rise(robot: RobotArrays, q: Array, R: Array, p: Array) -> bool:
-    """Whether the arm lifts the gripper straight up by `_LIFT`; R (3, 3), p (3,): of the gripper at `q`."""
-    moved, goal, speed = q.copy(), p.copy(), np.ones(q.shape[0])
-    for _ in range(_RISE_STEPS):
-        goal[2] += _LIFT / _RISE_STEPS
-        if not solve_near(robot, R, goal, speed, moved):
+def _can_rise(query: CollisionQuery, scratch: Scratch, base: Array, q: Array) -> bool:
+    """Whether the arm lifts the gripper straight up by `_RISE` without touching the robot."""
+    robot, up = query.robot, np.array((0.0, 0.0, 1.0))
+    path = track_line(robot, q, up, _RISE, _RISE_STEP, _RISE_JUMP, np.ones(q.shape[0]))
+    if path.shape[0] < math.ceil(_RISE / _RISE_STEP - 1e-9) + 1:
+        return False
+    for k in range(path.shape[0] - 1, 0, -3):
+        if configuration_hits(query, query.active & _SELF, scratch, base, path[k]) != _NONE:
             return False
     return True
 
 
 @njit(cache=True)
 def _quality(robot: RobotArrays, q: Array, home: Array) -> float:
-    """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration.
-
-    Minus infinity for a configuration that is of no use.
-    """
+    """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration."""
     n = q.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     headroom = min(robot.upper[0] - q[0], _LIFT)
-    if robot.upper[0] == robot.lower[0] and not _can_rise(robot, q, R[n].copy(), p[n]):
-        return -np.inf
     arm_jacobian(robot.axes, R, p, J)
     travel = 0.0
     for joint in range(1, n):
@@ -216,10 +213,10 @@ def _consider(
         return
     if _is_dominated(memory.kept, hits, _CAPACITY):
         return
-    if configuration_hits(query, query.active & _SELF, memory.scratch, base, q) == _NONE:
-        quality = _quality(query.robot, q, home)
-        if quality > -np.inf:
-            _insert(memory.kept, q, pair, hits, quality)
+    if configuration_hits(query, query.active & _SELF, memory.scratch, base, q) != _NONE:
+        return
+    if query.robot.upper[0] > query.robot.lower[0] or _can_rise(query, memory.scratch, base, q):
+        _insert(memory.kept, q, pair, hits, _quality(query.robot, q, home))
 
 
 @njit(cache=True)
