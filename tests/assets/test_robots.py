@@ -170,3 +170,36 @@ def test_a_spec_is_taken_as_it_is_and_from_its_fields() -> None:
     assert robot(json.loads(json.dumps(asdict(mine)))) == mine
     with pytest.raises(InvalidRobot, match=r"fields of a RobotSpec .*legs.*; its fields: name, mjcf"):
         robot({**asdict(mine), "legs": 2})
+
+
+def test_another_arm_becomes_active_and_back() -> None:
+    left = PR2.using("left")
+    assert left.tcp_site == "l_tcp"
+    assert left.arm_joints == PR2.idle_arms[0].joints
+    assert left.chain[0] == PR2.chain[0]
+    assert [arm.name for arm in left.arms] == ["left", "right"]
+    assert left.home[0] == PR2.home[0]
+    assert left.using("right") == PR2
+    assert PR2.using("right") == PR2
+    with pytest.raises(InvalidRobot, match="pr2 has no arm 'third'; its arms: 'left', 'right'"):
+        PR2.using("third")
+
+
+def test_still_joints_are_those_that_no_action_moves() -> None:
+    moved = (*PR2.drive_joints, *PR2.finger_joints)
+    model = mujoco.MjModel.from_xml_path(str(PR2.mjcf_path))
+    assert {model.joint(j).name for j in range(model.njnt)} == {*moved, *PR2.still_joints}
+    assert not {*moved} & {*PR2.still_joints}
+    assert FETCH.still_joints == FETCH.head_joints
+
+
+def test_the_arms_are_mirror_images() -> None:
+    left = PR2.using("left")
+    for mine, other in zip(PR2.chain[1:], left.chain[1:], strict=True):
+        turns = -1 if mine.axis in ("x", "z") else 1
+        assert mine.offset == (other.offset[0], -other.offset[1], other.offset[2])
+        assert sorted((turns * mine.lower, turns * mine.upper)) == pytest.approx([other.lower, other.upper])
+
+
+def test_a_robot_of_two_arms_survives_json() -> None:
+    assert robot(json.loads(json.dumps(asdict(PR2)))) == PR2
