@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.frames import frame_along
-from assets.robot_spec import InvalidRobot
+from assets.robot_parts import InvalidRobot
 
 __all__ = ["APPROACHES", "ModelArm", "body_number", "load_model", "read_arm"]
 

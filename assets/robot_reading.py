@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from assets import path as asset_path
 from assets.arm_reading import ModelArm, load_model, read_arm
-from assets.robot_spec import ChainLink, InvalidRobot, RobotSpec
+from assets.robot_parts import ChainLink, InvalidRobot
 
-__all__ = ["RobotPage", "read_robot"]
+__all__ = ["RobotPage", "page_of", "read_fields"]
 
 Floats = NDArray[np.float64]
 
@@ -63,8 +63,8 @@ class RobotPage:
     grasp_axis_offset: float = 0.0
 
 
-def read_robot(mjcf: str | Path, page: RobotPage) -> RobotSpec:
-    """The data of a robot; see `RobotSpec.from_mjcf`.
+def read_fields(mjcf: str | Path, page: RobotPage) -> dict[str, Any]:
+    """The fields of a robot's `RobotSpec`; see `RobotSpec.from_mjcf`.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -77,7 +77,7 @@ def read_robot(mjcf: str | Path, page: RobotPage) -> RobotSpec:
     if not arm.joints[0]:
         raise InvalidRobot(f"{mjcf}: between {base!r} and the arm there must be a lift: a slide along z with a range")
     arm_count = len(arm.joints) - 1
-    return RobotSpec(
+    return dict(
         name=page.name or arm.name,
         mjcf=str(file),
         base_body=base,

@@ -137,9 +137,9 @@ class RobotSpec:
             FileNotFoundError: there is no such file.
             InvalidRobot: the file lacks what the page names, or they do not describe a robot; the message says what.
         """
-        from assets.robot_reading import page_of, read_robot  # a function needs the simulator, the package does not
+        from assets.robot_reading import page_of, read_fields  # a function needs the simulator, the package does not
 
-        return read_robot(path, page_of(page))
+        return cls(**read_fields(path, page_of(page)))
 
     @property
     def mjcf_path(self) -> Path:

@@ -152,7 +152,7 @@ class ArmChain:
             chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
             rm = ReachabilityMap.build(chain)
         """
-        from irm.arm.mjcf import read_model  # a function needs the simulator, the package does not
+        from irm.arm.reading.mjcf import read_model  # a function needs the simulator, the package does not
 
         arm, self_collisions = read_model(model, base, tip, approach)
         arrays = (arm.offsets, arm.axes, arm.lower, arm.upper, arm.tip, np.empty(0))

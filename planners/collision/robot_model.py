@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain, fk_frames
-from irm.arm.solutions import SolverArrays, solver_arrays
+from irm.arm.general.solutions import SolverArrays, solver_arrays
 from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 

@@ -33,7 +33,9 @@ def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     figure = Figure(figsize=(13, 10))
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
     frames = _frames(robot)
-    above.suptitle(f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)")
+    above.suptitle(
+        f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)"
+    )
     for column, (elevation, azimuth) in enumerate(((18, -60), (0, -90))):
         axes: Any = above.add_subplot(1, 2, column + 1, projection="3d", proj_type="ortho")
         _draw_shapes(axes, robot_arrays(robot), frames)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT
 from irm.arm.kinematics import ArmChain, fk_frames
-from irm.arm.solutions import arm_solutions, free_angles, solver_arrays
+from irm.arm.general.solutions import arm_solutions, free_angles, solver_arrays
 from planners.collision.world import CollisionWorld
 from planners.scene import RobotState, Scene
 

@@ -14,7 +14,7 @@ from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
 from irm.arm.kinematics import ArmChain, forward
-from irm.arm.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
+from irm.arm.general.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
 from planners.collision.robot_model import GeometryError, robot_arrays
 from planners.grasping.gripper import gripper_clearances
 
@@ -127,7 +127,9 @@ def _home(robot: RobotSpec) -> list[str]:
     T = forward(ArmChain.from_robot(robot), robot.home)
     found = []
     if T[2, 2] < LEVEL or T[0, 0] < LEVEL:
-        found.append(f"home: the gripper is not level and straight ahead; its x axis is {np.round(T[:3, 0], 3).tolist()}")
+        found.append(
+            f"home: the gripper is not level and straight ahead; its x axis is {np.round(T[:3, 0], 3).tolist()}"
+        )
     if T[2, 3] < TABLE_HEIGHT + ABOVE_OBJECTS:
         found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {TABLE_HEIGHT + ABOVE_OBJECTS:.2f} m")
     if touched := touches_itself(robot):

@@ -8,7 +8,7 @@ import mujoco
 
 from assets.arm_reading import ModelArm, body_number, load_model, read_arm
 from assets.robots import InvalidRobot
-from irm.arm.collision_pairs import self_collision_pairs
+from irm.arm.reading.collision_pairs import self_collision_pairs
 from irm.errors import ChainError
 
 __all__ = ["read_model"]
