@@ -5,8 +5,8 @@
     clutter-env robot check my_robot.xml --page my_robot.json
 
 Says what is missing or inconsistent, and draws the collision shapes, the frames of the joints and where the level
-gripper reaches. The page of an MJCF file is a JSON object with the fields of `assets.robot_reading.RobotPage`. Without a `home`
-in it, configurations are suggested.
+gripper reaches. The page of an MJCF file is a JSON object with the fields of `assets.robot_reading.RobotPage`. Without
+a `home` in it, configurations are suggested.
 """
 
 from __future__ import annotations

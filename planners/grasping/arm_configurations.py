@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.arm.frames import pose_of
-from irm.arm.kinematics import ArmChain
 from irm.arm.general.solutions import free_angles, solver_arrays
+from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configuration_kernel import many_gripper_hits, scan
@@ -46,7 +46,8 @@ class ConfigurationGrid(NamedTuple):
 
     Attributes:
         torsos: (t,) heights of the torso [m].
-        rolls: (r,) angles of the arm's free joint [rad], Fetch's upper-arm roll; see `irm.arm.general.solutions.free_angles`.
+        rolls: (r,) angles of the arm's free joint [rad], Fetch's upper-arm roll; see
+            `irm.arm.general.solutions.free_angles`.
         nearest_home: of the configurations for one gripper pose only the one nearest to the home configuration counts.
             A robot that follows TCP poses ends up there, as its controller keeps the joints near home.
     """

@@ -31,7 +31,8 @@ _ROUND = 16
 def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     """Write one page: the robot at home from two sides, and the reach of its level gripper from above, by height."""
     figure = Figure(figsize=(13, 10))
-    above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    above, below = parts
     frames = _frames(robot)
     above.suptitle(
         f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)"
