@@ -17,7 +17,7 @@ from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.robot_model import RobotArrays
 from planners.collision.robot_pose_kernel import Scratch, make_scratch
-from planners.collision.straight_line_kernel import track_line
+from planners.grasping.rising_kernel import can_rise
 from planners.scene.masks import SELF_BIT, STATIC_BIT, bit_count
 
 __all__ = ["many_gripper_hits", "scan"]
@@ -45,9 +45,6 @@ _LIFT = 0.2
 """[m] of torso travel that is worth keeping: it lifts the gripper straight up in every configuration of the arm."""
 _LIFT_WORTH = 0.5
 """Manipulability that a metre of remaining torso travel is worth."""
-_RISE, _RISE_STEP, _RISE_JUMP = 0.19, 0.01, 0.15
-"""Where the torso stays, only configurations count from which the arm lifts the gripper so far straight up [m], in
-steps [m] in which no joint turns farther than this [rad]: it could not take the object away in others."""
 _LIFT_WEIGHT = 10.0
 """[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
 
@@ -117,19 +114,6 @@ def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int
             found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper) if turns else angle
         kept += 1
     return kept
-
-
-@njit(cache=True)
-def _can_rise(query: CollisionQuery, scratch: Scratch, base: Array, q: Array) -> bool:
-    """Whether the arm lifts the gripper straight up by `_RISE` without touching the robot."""
-    robot, up = query.robot, np.array((0.0, 0.0, 1.0))
-    path = track_line(robot, q, up, _RISE, _RISE_STEP, _RISE_JUMP, np.ones(q.shape[0]))
-    if path.shape[0] < math.ceil(_RISE / _RISE_STEP - 1e-9) + 1:
-        return False
-    for k in range(path.shape[0] - 1, 0, -3):
-        if configuration_hits(query, query.active & _SELF, scratch, base, path[k]) != _NONE:
-            return False
-    return True
 
 
 @njit(cache=True)
@@ -215,7 +199,7 @@ def _consider(
         return
     if configuration_hits(query, query.active & _SELF, memory.scratch, base, q) != _NONE:
         return
-    if query.robot.upper[0] > query.robot.lower[0] or _can_rise(query, memory.scratch, base, q):
+    if query.robot.upper[0] > query.robot.lower[0] or can_rise(query, memory.scratch, base, q):
         _insert(memory.kept, q, pair, hits, _quality(query.robot, q, home))
 
 
