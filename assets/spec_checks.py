@@ -16,6 +16,7 @@ _AXIS = "'x', 'y' or 'z', one of these with a minus sign, or a unit vector"
 
 
 def require(holds: bool, name: str, problem: str) -> None:
+    """Raise `InvalidRobot` with the name of a field and its problem, unless a condition holds."""
     if not holds:
         raise InvalidRobot(f"RobotSpec: {name} {problem}")
 
@@ -39,6 +40,7 @@ def check_chain(chain: object) -> None:
 
 
 def check_names(name: str, value: object, count: int) -> None:
+    """A field is a tuple of so many different names."""
     is_tuple = isinstance(value, tuple) and all(isinstance(entry, str) and entry for entry in value)
     require(is_tuple, name, f"must be a tuple of names, not {value!r}")
     assert isinstance(value, tuple)
@@ -46,6 +48,7 @@ def check_names(name: str, value: object, count: int) -> None:
 
 
 def check_numbers(name: str, value: object, count: int, positive: bool = False) -> None:
+    """A field is a tuple of so many finite, or positive, numbers."""
     is_tuple = isinstance(value, tuple) and all(isinstance(entry, Real) for entry in value)
     require(is_tuple, name, f"must be a tuple of numbers, not {value!r}")
     assert isinstance(value, tuple)
@@ -55,6 +58,7 @@ def check_numbers(name: str, value: object, count: int, positive: bool = False) 
 
 
 def check_unit(name: str, value: object, count: int) -> None:
+    """A field is a unit vector or quaternion of so many numbers."""
     check_numbers(name, value, count)
     assert isinstance(value, tuple)
     require(abs(math.hypot(*value) - 1.0) < _UNIT, name, f"must have length 1, not {value!r}")
