@@ -2,50 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from numbers import Real
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from assets import path
+from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, InvalidRobot, LinkMesh
+from assets.spec_checks import check_chain, check_names, check_numbers, check_unit, require
 
-__all__ = ["ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec"]
-
-
-class InvalidRobot(ValueError):
-    """The fields of a `RobotSpec` are not those of a robot; the message names the field."""
-
-
-class ChainLink(NamedTuple):
-    """One joint of the chain torso → arm.
-
-    `offset` [m] is the joint frame's origin in its parent's frame; `axis` is "x", "y" or "z";
-    `prismatic` joints move along it.
-    """
-
-    joint: str
-    offset: tuple[float, float, float]
-    axis: str
-    lower: float
-    upper: float
-    prismatic: bool = False
-
-
-class LinkMesh(NamedTuple):
-    """A visual mesh of one body, used only when the `[visuals]` extra is installed."""
-
-    body: str
-    file: str
-    rgba: tuple[float, float, float, float]
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+__all__ = ["NO_TURN", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec"]
 
 
 @dataclass(frozen=True)
 class RobotSpec:
     """A mobile manipulator: planar base (x, y, yaw), torso lift, arm, parallel gripper.
+
+    Of a robot with several arms one is active, and the fields describe it: `using` makes another one active. The others
+    stay in their home configuration with closed grippers; collision checks include them.
 
     Vectors over joints are ordered base x, base y, base yaw, torso, arm; an *arm configuration* `q` is torso and arm
     only, shape (1 + n,). Units are SI. The TCP frame has x along the approach, y along the finger motion.
@@ -98,30 +72,40 @@ class RobotSpec:
     meshes: tuple[LinkMesh, ...] = field(default=(), repr=False)
     mesh_package: str = ""
     mesh_folder: str = ""
+    tcp_quaternion: tuple[float, float, float, float] = NO_TURN
+    """wxyz, of the TCP in the last arm frame, as `ChainLink.quaternion`; beside `tcp_offset`."""
     closed_form_ik: str = ""
     """Name of a closed-form solver of `irm.arm.kinematics`, "" for the generic route."""
+    arm_name: str = ""
+    """Name of the active arm, of a robot with several."""
+    idle_arms: tuple[ArmSpec, ...] = ()
+    base_outline: tuple[tuple[float, float], ...] = ()
+    """Corners x, y [m] of the base's convex footprint, of a base that is not round."""
+    plans_torso: bool = True
+    """Whether plans move the torso; a slow one stays at the height of `home`."""
 
     def __post_init__(self) -> None:
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
             value = getattr(self, name)
-            _require(isinstance(value, str) and value != "", name, f"must be a non-empty string, not {value!r}")
-        _check_chain(self.chain)
+            require(isinstance(value, str) and value != "", name, f"must be a non-empty string, not {value!r}")
+        check_chain(self.chain)
         links = len(self.chain)
         for name, count in (("base_joints", 3), ("finger_joints", 2), ("finger_geoms", 2)):
-            _check_names(name, getattr(self, name), count)
+            check_names(name, getattr(self, name), count)
         for name in ("head_joints", "cameras"):
-            _check_names(name, getattr(self, name), len(getattr(self, name)))
-        _check_numbers("tcp_offset", self.tcp_offset, 3)
-        _check_numbers("head_configuration", self.head_configuration, len(self.head_joints))
-        _check_numbers("home", self.home, links)
-        _check_numbers("max_velocity", self.max_velocity, 3 + links, positive=True)
-        _check_numbers("max_acceleration", self.max_acceleration, 3 + links, positive=True)
-        _check_numbers("max_tcp_velocity", self.max_tcp_velocity, 2, positive=True)
+            check_names(name, getattr(self, name), len(getattr(self, name)))
+        check_numbers("tcp_offset", self.tcp_offset, 3)
+        check_unit("tcp_quaternion", self.tcp_quaternion, 4)
+        check_numbers("head_configuration", self.head_configuration, len(self.head_joints))
+        check_numbers("home", self.home, links)
+        check_numbers("max_velocity", self.max_velocity, 3 + links, positive=True)
+        check_numbers("max_acceleration", self.max_acceleration, 3 + links, positive=True)
+        check_numbers("max_tcp_velocity", self.max_tcp_velocity, 2, positive=True)
         for name in _POSITIVE:
-            _check_numbers(name, (getattr(self, name),), 1, positive=True)
+            check_numbers(name, (getattr(self, name),), 1, positive=True)
         for link, value in zip(self.chain, self.home, strict=True):
             is_inside = link.lower <= value <= link.upper
-            _require(is_inside, "home", f"holds {value}, outside {link.joint!r}'s range {link.lower} to {link.upper}")
+            require(is_inside, "home", f"holds {value}, outside {link.joint!r}'s range {link.lower} to {link.upper}")
 
     @classmethod
     def from_fields(cls, values: Mapping[str, Any]) -> RobotSpec:
@@ -133,11 +117,29 @@ class RobotSpec:
         parts = {name: _as_tuples(value) for name, value in values.items()}
         try:
             parts["chain"] = tuple(ChainLink(*link) for link in parts["chain"])
+            parts["idle_arms"] = tuple(_as_arm(arm) for arm in values.get("idle_arms", ()))
             parts["meshes"] = tuple(LinkMesh(*mesh) for mesh in parts.get("meshes", ()))
             return cls(**parts)
         except (KeyError, TypeError) as problem:
             known = ", ".join(entry.name for entry in fields(cls))
             raise InvalidRobot(f"these are not the fields of a RobotSpec ({problem}); its fields: {known}") from None
+
+    @classmethod
+    def from_mjcf(cls, path: str | Path, **page: Any) -> RobotSpec:
+        """The robot of an MJCF file: joints, frames, limits, gripper and footprint are read from it.
+
+        Args:
+            path: of the file; a path below `assets/` names a file of the package.
+            **page: what the file does not say, the fields of `assets.robot_reading.RobotPage`; needed are
+                `base_joints`, `tip`, `finger_joints` and `home`.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            InvalidRobot: the file lacks what the page names, or they do not describe a robot; the message says what.
+        """
+        from assets.robot_reading import page_of, read_fields  # a function needs the simulator, the package does not
+
+        return cls(**read_fields(path, page_of(page)))
 
     @property
     def mjcf_path(self) -> Path:
@@ -157,6 +159,42 @@ class RobotSpec:
     def arm_joints(self) -> tuple[str, ...]:
         """Names of the arm joints, shoulder first."""
         return tuple(link.joint for link in self.chain[1:])
+
+    @property
+    def arms(self) -> tuple[ArmSpec, ...]:
+        """All arms, the active one first."""
+        arm = {name: getattr(self, name) for name in _ARM_FIELDS} | {"name": self.arm_name}
+        arm |= {"chain": self.chain[1:], "home": self.home[1:]}
+        arm |= {name: getattr(self, name)[4:] for name in ("max_velocity", "max_acceleration")}
+        return (ArmSpec(**arm), *self.idle_arms)
+
+    def using(self, arm_name: str) -> RobotSpec:
+        """The same robot with the arm of that name active.
+
+        Raises:
+            InvalidRobot: there is no such arm; the message lists the arms.
+        """
+        arms = {arm.name: arm for arm in self.arms}
+        if arm_name not in arms:
+            raise InvalidRobot(f"{self.name} has no arm {arm_name!r}; its arms: {', '.join(sorted(map(repr, arms)))}")
+        chosen = arms.pop(arm_name)
+        parts: dict[str, Any] = {name: getattr(chosen, name) for name in _ARM_FIELDS}
+        parts |= {"chain": (self.chain[0], *chosen.chain), "home": (self.home[0], *chosen.home)}
+        for name in ("max_velocity", "max_acceleration"):
+            parts[name] = (*getattr(self, name)[:4], *getattr(chosen, name))
+        return replace(self, arm_name=arm_name, idle_arms=tuple(arms.values()), **parts)
+
+    @property
+    def still_joints(self) -> tuple[str, ...]:
+        """Joints that no action moves: the head's, those of idle arms, and the fingers of these."""
+        arms = (name for arm in self.idle_arms for name in (*arm.joints, *arm.finger_joints))
+        return (*self.head_joints, *arms)
+
+    @property
+    def still_configuration(self) -> tuple[float, ...]:
+        """Positions of `still_joints` [rad], [m]: arms at home, fingers closed."""
+        arms = (value for arm in self.idle_arms for value in (*arm.home, 0.0, 0.0))
+        return (*self.head_configuration, *arms)
 
     @property
     def drive_joints(self) -> tuple[str, ...]:
@@ -186,6 +224,9 @@ class RobotSpec:
         return [float((joint.damping.flat[0] - motor.biasprm[2]) / motor.gainprm[0]) for joint, motor in motors]
 
 
+_ARM_FIELDS = ("tcp_offset", "tcp_quaternion", "tcp_site", "gripper_body", "finger_joints", "finger_geoms")
+"""Fields that a `RobotSpec` and an `ArmSpec` have alike."""
+
 _POSITIVE = (
     "max_loaded_yaw_rate",
     "max_finger_velocity",
@@ -198,40 +239,9 @@ _POSITIVE = (
 """Fields that are one positive number."""
 
 
-def _require(holds: bool, name: str, problem: str) -> None:
-    if not holds:
-        raise InvalidRobot(f"RobotSpec: {name} {problem}")
-
-
-def _check_chain(chain: object) -> None:
-    """The chain is a prismatic torso lift and at least one revolute joint, each with an axis and a range."""
-    is_chain = isinstance(chain, tuple) and len(chain) >= 2 and all(isinstance(link, ChainLink) for link in chain)
-    _require(is_chain, "chain", "must be a tuple of ChainLink: a prismatic torso lift, then revolute arm joints")
-    assert isinstance(chain, tuple)
-    for index, link in enumerate(chain):
-        kind = "prismatic" if index == 0 else "revolute"
-        _require(link.prismatic == (index == 0), "chain", f"must have a {kind} joint as entry {index}: {link.joint!r}")
-        _require(link.axis in ("x", "y", "z"), "chain", f"{link.joint!r}: axis must be 'x', 'y' or 'z'")
-        _check_numbers(f"chain, offset of {link.joint!r}", link.offset, 3)
-        _check_numbers(f"chain, range of {link.joint!r}", (link.lower, link.upper), 2)
-        is_range = link.lower < link.upper or (index == 0 and link.lower == link.upper)
-        _require(is_range, "chain", f"{link.joint!r}: lower must be below upper (equal for a robot without a lift)")
-
-
-def _check_names(name: str, value: object, count: int) -> None:
-    is_tuple = isinstance(value, tuple) and all(isinstance(entry, str) and entry for entry in value)
-    _require(is_tuple, name, f"must be a tuple of names, not {value!r}")
-    assert isinstance(value, tuple)
-    _require(len(value) == count == len(set(value)), name, f"must be {count} different names, not {value!r}")
-
-
-def _check_numbers(name: str, value: object, count: int, positive: bool = False) -> None:
-    is_tuple = isinstance(value, tuple) and all(isinstance(entry, Real) for entry in value)
-    _require(is_tuple, name, f"must be a tuple of numbers, not {value!r}")
-    assert isinstance(value, tuple)
-    _require(len(value) == count, name, f"must have {count} numbers, not {len(value)}")
-    holds = all(math.isfinite(entry) and (entry > 0 or not positive) for entry in value)
-    _require(holds, name, f"must be {'positive' if positive else 'finite'}, not {value!r}")
+def _as_arm(values: Mapping[str, Any]) -> ArmSpec:
+    parts = {name: _as_tuples(value) for name, value in values.items()}
+    return ArmSpec(**{**parts, "chain": tuple(ChainLink(*link) for link in parts["chain"])})
 
 
 def _as_tuples(value: Any) -> Any:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
-from assets.robot_spec import ChainLink, InvalidRobot, LinkMesh, RobotSpec
+from assets.pr2 import PR2
+from assets.robot_spec import ArmSpec, ChainLink, InvalidRobot, LinkMesh, RobotSpec
 
-__all__ = ["FETCH", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
+__all__ = ["FETCH", "PR2", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
 
 
 class UnknownRobot(ValueError):
@@ -75,7 +77,20 @@ FETCH = RobotSpec(
     closed_form_ik="fetch",
 )
 
-_ROBOTS = {FETCH.name: FETCH}
+_ROBOTS = {spec.name: spec for spec in (FETCH, PR2)}
+
+_PAGES: dict[str, dict[str, Any]] = {
+    "panda_mobile": {
+        "base_joints": ("base_x", "base_y", "base_yaw"),
+        "tip": "tcp",
+        "finger_joints": ("finger_joint1", "finger_joint2"),
+        "home": (0.42, -1.558926, 1.035545, 1.238437, -2.647503, 2.776566, 2.026612, -0.08),
+        "max_velocity": (1.0, 1.0, 1.5, 0.1, 1.5, 1.5, 1.5, 1.5, 2.0, 2.0, 2.0),
+        "max_acceleration": (1.0, 1.0, 2.0, 0.5, 2.0, 2.0, 2.0, 2.0, 2.5, 2.5, 2.5),
+        "grasp_height": 0.08,
+    }
+}
+"""By name, what is said of a robot beside its MJCF file `mjcf/<name>.xml`; see `docs/add_a_robot.md`."""
 
 
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
@@ -89,7 +104,15 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
         return robot
     if isinstance(robot, Mapping):
         return RobotSpec.from_fields(robot)
+    if isinstance(robot, str) and robot in _PAGES:
+        return _read(robot)
     if not isinstance(robot, str) or robot not in _ROBOTS:
-        known = ", ".join(sorted(_ROBOTS))
+        known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
         raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.robots.RobotSpec")
     return _ROBOTS[robot]
+
+
+@cache
+def _read(name: str) -> RobotSpec:
+    """A robot that is described by its file and its page, read once."""
+    return RobotSpec.from_mjcf(f"mjcf/{name}.xml", name=name, **_PAGES[name])

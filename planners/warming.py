@@ -15,7 +15,7 @@ from numba.core import event
 from assets.robots import RobotSpec
 from irm.maps.cache import cache_file, is_map_at_hand
 from planners.clock import NO_DEADLINE, Deadline
-from planners.grasping.base_placement import MAP_PARAMETERS
+from planners.grasping.base_placement import map_parameters
 from planners.scene import Body, RobotState, Scene, StaticObstacle
 
 __all__ = ["warm_once"]
@@ -88,8 +88,9 @@ class _Loading:
         executor.shutdown(wait=False)
 
     def _load(self, robot: RobotSpec, exercise: Callable[[Scene, str], None]) -> None:
-        if not is_map_at_hand(robot, **MAP_PARAMETERS):
-            path = cache_file(robot, **MAP_PARAMETERS)
+        parameters = map_parameters(robot)
+        if not is_map_at_hand(robot, **parameters):
+            path = cache_file(robot, **parameters)
             _LOG.warning("building the reachability map of %s, once; kept in %s", robot.name, path)
         with event.install_listener("numba:compile", self._compilation):
             exercise(warmup_scene(robot), _TARGET)

@@ -32,7 +32,7 @@ from clutter_env.experiments.episodes.many import counts_text, play_many
 from clutter_env.reporting.json_file import write_json
 from clutter_env.scene.layout import LAYOUTS
 from irm.maps.cache import cache_folder, cached_map, is_map_at_hand
-from planners.grasping.base_placement import MAP_PARAMETERS
+from planners.grasping.base_placement import map_parameters
 from planners.strategies import find_strategy
 
 
@@ -87,9 +87,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
-    if not is_map_at_hand(FETCH, **MAP_PARAMETERS):
+    if not is_map_at_hand(FETCH, **map_parameters(FETCH)):
         print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
-        cached_map(FETCH, progress=True, **MAP_PARAMETERS)
+        cached_map(FETCH, progress=True, **map_parameters(FETCH))
     arguments.out.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.out / "report.json", arguments.json)):

@@ -20,6 +20,7 @@ COMMANDS = {
     "play": "play one episode of a policy, in a window or as a film",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
     "map": "build the reachability map of a robot",
+    "robot": "check the data of a robot, and draw it",
     "benchmark": "measure speed, memory and rendering of the environments",
     "warmup": "compile the planner's kernels, once on a machine",
 }

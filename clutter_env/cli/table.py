@@ -40,6 +40,8 @@ class Arguments:
     """Leave out scenes in which a level gripper takes the target at once."""
     seed: int = 100_000
     """First seed of the scenes."""
+    robot: str = "fetch"
+    """Name of the robot."""
     layout: str = "paper"
     """Layout of the table."""
     layouts: tuple[str, ...] = ()
@@ -84,6 +86,7 @@ def run(arguments: Arguments) -> None:
         strategies=(*arguments.strategies, *(ABLATIONS if arguments.ablations else ())),
         scenes=arguments.scenes,
         seed=arguments.seed,
+        robot=arguments.robot,
         layout=(*arguments.layouts, arguments.layout)[0],
         physics=arguments.physics,
         control_mode=arguments.control_mode,

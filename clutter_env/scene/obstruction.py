@@ -35,10 +35,6 @@ PADDING = 0.002
 """[m] that gripper and wrist keep from objects, as in the planner."""
 FINGER_GAP = 0.012
 """[m] between each finger and the object before the fingers close, as in the planner."""
-PALM_REACH = 0.045
-"""[m] that the object may extend from the TCP towards the palm, as in the planner."""
-PAD_HALF_HEIGHT = 0.0135
-"""[m] of a finger pad, which should not stick out above the object."""
 BACK = 0.10
 """[m] that the gripper backs off under a board before it moves straight out, as in the planner."""
 HELD_GAP = 0.002
@@ -70,12 +66,16 @@ class SideApproaches:
     Attributes:
         solids: outline of gripper and wrist.
         grasp_height: [m] of the TCP above the table, for objects that are high enough.
+        palm_reach: [m] that the object may extend from the TCP towards the palm.
+        pad_half_height: [m] of a finger pad, which should not stick out above the object.
         reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, YAWS): the
             table top is divided evenly into nx by ny cells.
     """
 
     solids: Solids
     grasp_height: float
+    palm_reach: float
+    pad_half_height: float
     reachable: dict[str, NDArray[np.bool_]]
 
     def is_reachable(self, layout: Layout, points: Array, yaws: Array) -> NDArray[np.bool_]:
@@ -112,6 +112,8 @@ def side_approaches(robot: str) -> SideApproaches:
     return SideApproaches(
         solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
         grasp_height=content["grasp_height"],
+        palm_reach=content["palm_reach"],
+        pad_half_height=content["pad_half_height"],
         reachable={name: _decoded(rows) for name, rows in content["layouts"].items()},
     )
 
@@ -137,9 +139,9 @@ def count_blockers(
     yaws, opening, is_offered = _grasps(scene, max_opening)
     approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
     depth = _half_extent(scene, approach)
-    tcp = scene.positions[:, None] - np.maximum(depth - PALM_REACH, 0.0)[..., None] * approach
+    tcp = scene.positions[:, None] - np.maximum(depth - approaches.palm_reach, 0.0)[..., None] * approach
     heights = 2 * scene.standing_extents[:, 2]
-    is_high = heights - PAD_HALF_HEIGHT >= approaches.grasp_height
+    is_high = heights - approaches.pad_half_height >= approaches.grasp_height
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
     own, direction = np.nonzero(is_offered)
     grasps = tcp[own, direction], approach[own, direction], opening[own, direction]

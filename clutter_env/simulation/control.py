@@ -102,8 +102,8 @@ class JointController:
         self._upper = np.array([BASE_RANGE, BASE_RANGE, math.inf, *(link.upper for link in chain)])
         self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
         self._feedforward = np.array(robot.velocity_feedforward(model))
-        self._head_command = np.zeros(model.nu)
-        self._head_command[index.head_actuators] = robot.head_configuration
+        self._still_command = np.zeros(model.nu)
+        self._still_command[index.still_actuators] = robot.still_configuration
         self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
 
     @property
@@ -208,14 +208,14 @@ class JointController:
 
     def _position_command(self) -> Vector:
         """Motor commands (nu,) of the present targets at rest."""
-        command = self._head_command.copy()
+        command = self._still_command.copy()
         command[self._index.drive_actuators] = self.state.target
         command[self._index.finger_actuators] = self.state.finger
         return command
 
     def _reference(self, velocity: Vector) -> Vector:
         """Feedforward (nu,) that is added to the motor commands while the targets move."""
-        command = np.zeros(len(self._head_command))
+        command = np.zeros(len(self._still_command))
         command[self._index.drive_actuators] = self._feedforward * velocity
         return command
 

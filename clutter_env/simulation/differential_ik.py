@@ -249,6 +249,6 @@ def _arm_model(robot: RobotSpec) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     for part in [*spec.actuators, *spec.equalities]:
         spec.delete(part)
-    for joint in (*robot.base_joints, *robot.head_joints, *robot.finger_joints):
+    for joint in (*robot.base_joints, *robot.still_joints, *robot.finger_joints):
         spec.delete(spec.joint(joint))
     return spec.compile()

@@ -65,8 +65,8 @@ class ModelIndex:
     finger_geoms: tuple[int, int]
     finger_couplings: NDArray[np.intp]
     """The equality constraints that make the fingers move alike."""
-    head_qpos: NDArray[np.intp]
-    head_actuators: NDArray[np.intp]
+    still_qpos: NDArray[np.intp]
+    still_actuators: NDArray[np.intp]
     object_bodies: slice
     object_geoms: slice
     object_bvh: NDArray[np.intp]
@@ -100,8 +100,8 @@ class ModelIndex:
             finger_actuators=actuators(robot.finger_joints),
             finger_geoms=(model.geom(robot.finger_geoms[0]).id, model.geom(robot.finger_geoms[1]).id),
             finger_couplings=_frozen(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
-            head_qpos=qpos(robot.head_joints),
-            head_actuators=actuators(robot.head_joints),
+            still_qpos=qpos(robot.still_joints),
+            still_actuators=actuators(robot.still_joints),
             object_bodies=slice(first, first + num_objects),
             object_geoms=slice(model.ngeom - num_objects, model.ngeom),
             object_bvh=_frozen(model.body_bvhadr[first : first + num_objects].tolist()),

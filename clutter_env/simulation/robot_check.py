@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from assets.frames import rotation_of
 from assets.robots import RobotSpec
 from clutter_env.errors import ConfigError
 
@@ -44,7 +45,7 @@ def _load(robot: RobotSpec) -> mujoco.MjModel:
 
 def _check_names(robot: RobotSpec, model: mujoco.MjModel) -> None:
     """Every name of the data is in the file, and every joint of the file is in the data."""
-    joints = (*robot.drive_joints, *robot.finger_joints, *robot.head_joints)
+    joints = (*robot.drive_joints, *robot.finger_joints, *robot.still_joints)
     wanted = {
         "body": (robot.base_body, robot.gripper_body, *(mesh.body for mesh in robot.meshes)),
         "joint": joints,
@@ -83,31 +84,35 @@ def _check_base(robot: RobotSpec, model: mujoco.MjModel) -> None:
 
 
 def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
-    """Offsets, axes, kinds and ranges of the chain; at zero no joint's frame is turned against the base's."""
+    """Places, axes, kinds and ranges of the chain's joints, and the pose of the TCP, with all joints at zero."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0
     mujoco.mj_kinematics(model, data)
-    previous, before = data.body(robot.base_body).xpos, robot.base_body
+    base = data.body(robot.base_body)
+    R, p, before = base.xmat.reshape(3, 3), base.xpos, robot.base_body
     for link in robot.chain:
         joint = model.joint(link.joint)
         kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
-        offset = data.xanchor[joint.id] - previous
-        axis = np.eye(3)["xyz".index(link.axis)]
+        previous, p, R = p, p + R @ link.offset, R @ rotation_of(link.quaternion)
+        axis, away = R @ link.direction, data.xanchor[joint.id] - p
         if int(joint.type[0]) != int(kind):
             raise _different(robot, link.joint, "has another kind", "prismatic" if link.prismatic else "revolute")
-        if np.abs(offset - link.offset).max() > OFFSET_TOLERANCE:
-            raise _different(robot, link.joint, f"is {_text(offset)} m from {before!r}", _text(link.offset))
+        if not link.prismatic and np.abs(away - axis * (axis @ away)).max() > OFFSET_TOLERANCE:
+            offset = data.xanchor[joint.id] - previous
+            raise _different(robot, link.joint, f"is {_text(offset)} m from {before!r}", _text(p - previous))
         if np.abs(data.xaxis[joint.id] - axis).max() > AXIS_TOLERANCE:
-            raise _different(robot, link.joint, f"has the axis {_text(data.xaxis[joint.id])}", link.axis)
-        if np.abs(joint.range - (link.lower, link.upper)).max() > RANGE_TOLERANCE:
+            raise _different(robot, link.joint, f"has the axis {_text(data.xaxis[joint.id])}", _text(axis))
+        if np.abs(joint.range - (link.lower, link.upper)).max() > RANGE_TOLERANCE and joint.limited[0]:
             raise _different(robot, link.joint, f"has the range {_text(joint.range)}", _text((link.lower, link.upper)))
-        previous, before = data.xanchor[joint.id], link.joint
-    site = data.site(robot.tcp_site)
-    offset = site.xpos - previous
-    if np.abs(offset - robot.tcp_offset).max() > OFFSET_TOLERANCE:
-        raise _different(robot, robot.tcp_site, f"is {_text(offset)} m from {before!r}", _text(robot.tcp_offset))
-    if np.abs(site.xmat.reshape(3, 3) - np.eye(3)).max() > AXIS_TOLERANCE:
-        raise _different(robot, robot.tcp_site, "is turned against the base at zero", "not turned")
+        before = link.joint
+    site, previous, p = data.site(robot.tcp_site), p, p + R @ robot.tcp_offset
+    if np.abs(site.xpos - p).max() > OFFSET_TOLERANCE:
+        offset = site.xpos - previous
+        raise _different(robot, robot.tcp_site, f"is {_text(offset)} m from {before!r}", _text(p - previous))
+    turn, wanted = site.xmat.reshape(3, 3), R @ rotation_of(robot.tcp_quaternion)
+    for name, found, said in zip("xy", turn.T, wanted.T, strict=False):
+        if np.abs(found - said).max() > AXIS_TOLERANCE:
+            raise _different(robot, robot.tcp_site, f"has its {name} axis along {_text(found)} at zero", _text(said))
 
 
 def _different(robot: RobotSpec, name: str, found: str, said: str) -> ConfigError:

@@ -92,7 +92,7 @@ class World:
         mujoco.mj_resetData(model, data)
         data.qpos[index.drive_qpos] = (*scene.base, *(self.robot.home if configuration is None else configuration))
         data.qpos[index.finger_qpos] = self.robot.max_finger_position
-        data.qpos[index.head_qpos] = self.robot.head_configuration
+        data.qpos[index.still_qpos] = self.robot.still_configuration
         self.controller.reset(data)
         mujoco.mj_forward(model, data)
 

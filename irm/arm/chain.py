@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import ChainLink, RobotSpec, UnknownRobot
+from assets.robot_spec import NO_TURN
+from assets.robots import RobotSpec, UnknownRobot
 from assets.robots import robot as robot_of
+from irm.arm.frames import PRISMATIC, frames_of
 from irm.errors import ChainError
 
 if TYPE_CHECKING:
@@ -20,9 +22,6 @@ __all__ = ["PRISMATIC", "ArmChain", "has_free_roll"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-PRISMATIC = 3
-"""Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
 
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 
@@ -108,19 +107,23 @@ class ArmChain:
         Raises:
             ChainError: its first joint is no vertical slide, or it names a closed form that does not fit it.
         """
-        axes = np.array([_axis_number(link) for link in robot.chain], dtype=np.int64)
-        if axes[0] != 2 + PRISMATIC:
+        offsets, axes, tip = frames_of(robot)
+        if axes[0] != 2 + PRISMATIC or robot.chain[0].quaternion != NO_TURN:
             raise ChainError(
                 f"{robot.name}: the first joint of the chain must slide along z (lower = upper for a robot without a "
                 f"lift), not {robot.chain[0]}"
             )
+        lower = np.array([link.lower for link in robot.chain], dtype=float)
+        upper = np.array([link.upper for link in robot.chain], dtype=float)
+        if not robot.plans_torso:
+            lower[0] = upper[0] = robot.home[0]
         chain = ArmChain(
-            robot.name,
-            np.array([link.offset for link in robot.chain], dtype=float),
+            _name(robot),
+            offsets,
             axes,
-            np.array([link.lower for link in robot.chain], dtype=float),
-            np.array([link.upper for link in robot.chain], dtype=float),
-            np.array(robot.tcp_offset, dtype=float),
+            lower,
+            upper,
+            tip,
             np.empty(0),
             tuple(link.joint for link in robot.chain),
             home_torso=float(robot.home[0]),
@@ -149,12 +152,17 @@ class ArmChain:
             chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
             rm = ReachabilityMap.build(chain)
         """
-        from irm.arm.mjcf import read_arm  # a function needs the simulator, the package does not
+        from irm.arm.reading.mjcf import read_model  # a function needs the simulator, the package does not
 
-        arm = read_arm(model, base, tip, approach)
+        arm, self_collisions = read_model(model, base, tip, approach)
         arrays = (arm.offsets, arm.axes, arm.lower, arm.upper, arm.tip, np.empty(0))
-        chain = ArmChain(arm.name, *arrays, arm.joints, arm.self_collisions)
+        chain = ArmChain(arm.name, *arrays, arm.joints, self_collisions)
         return _with_links(chain, _fetch_links(chain))
+
+
+def _name(robot: RobotSpec) -> str:
+    """The robot's name, with that of the arm if it has several."""
+    return f"{robot.name}_{robot.arm_name}" if robot.arm_name else robot.name
 
 
 def has_free_roll(chain: ArmChain) -> bool:
@@ -164,12 +172,6 @@ def has_free_roll(chain: ArmChain) -> bool:
     away = max(np.linalg.norm(np.cross(axis, approach)), np.linalg.norm(np.cross(axis, chain.tip[:3])))
     turn = chain.upper[-1] - chain.lower[-1]
     return bool(chain.axes[-1] < PRISMATIC and away < _ON_AXIS and turn >= 2 * np.pi - _FULL_TURN_ROUNDING)
-
-
-def _axis_number(link: ChainLink) -> int:
-    if link.axis not in ("x", "y", "z"):
-        raise ChainError(f"{link.joint}: axis {link.axis!r} is none of 'x', 'y', 'z'")
-    return "xyz".index(link.axis) + (PRISMATIC if link.prismatic else 0)
 
 
 def _with_links(chain: ArmChain, links: Floats) -> ArmChain:

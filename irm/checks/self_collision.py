@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.chain import ArmChain
-from irm.arm.collision_pairs import body_name
+from irm.arm.reading.collision_pairs import body_name
 
 __all__ = ["SelfCollision"]
 

@@ -3,7 +3,7 @@
 Orientations are R(γ, β, α) = Rz(yaw γ) Ry(pitch β) Rx(roll α) of the TCP, whose x axis is the approach. The approach
 axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and at the 2 poles; m = 3 gives the 62 of
 the paper. At a pole, yaw and roll turn about the same axis; there the map has one *yaw* sample for every roll, and
-roll 0.
+roll 0. A map of roll 0 alone has the yaws of the rings there, if its wrist does not roll freely.
 """
 
 from __future__ import annotations
@@ -56,11 +56,12 @@ class Orientations:
         """
         m = refinement(parameters.orientations)
         rolls = parameters.rolls or (1 if free_roll else 4)
+        pole_yaws = 4 * m if rolls == 1 and not free_roll else rolls
         groups: list[tuple[float, float, int]] = []
         for ring in _rings(m, parameters.pitches):
             pole = abs(ring) == m
             for k in range(1 if pole else rolls):
-                groups.append((ring * np.pi / (2 * m), signed(2 * np.pi * k / rolls), rolls if pole else 4 * m))
+                groups.append((ring * np.pi / (2 * m), signed(2 * np.pi * k / rolls), pole_yaws if pole else 4 * m))
         pitch, roll = np.array([group[0] for group in groups]), np.array([group[1] for group in groups])
         count = np.array([group[2] for group in groups], dtype=np.int64)
         start = np.concatenate([[0], np.cumsum(count)])

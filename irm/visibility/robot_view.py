@@ -52,7 +52,7 @@ class RobotView(NamedTuple):
 
 
 def read_view(robot: RobotSpec, camera: str, opening: float) -> RobotView:
-    """What a camera of the robot sees past, with the head in `robot.head_configuration`.
+    """What a camera of the robot sees past, with the head in `robot.still_configuration`.
 
     Every geom that is drawn counts. In place of a mesh or an ellipsoid its bounding box counts.
 
@@ -119,7 +119,7 @@ def _posed(model: mujoco.MjModel, robot: RobotSpec, opening: float) -> mujoco.Mj
     data = mujoco.MjData(model)
     positions = dict.fromkeys(robot.drive_joints, 0.0)
     positions |= dict.fromkeys(robot.finger_joints, robot.finger_position(opening))
-    positions |= dict(zip(robot.head_joints, robot.head_configuration, strict=True))
+    positions |= dict(zip(robot.still_joints, robot.still_configuration, strict=True))
     for name, position in positions.items():
         data.joint(name).qpos[0] = position
     mujoco.mj_kinematics(model, data)

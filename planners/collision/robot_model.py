@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
+from irm.arm.general.solutions import SolverArrays, solver_arrays
+from irm.arm.kinematics import ArmChain, fk_frames
 from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 
@@ -32,10 +33,12 @@ class RobotArrays(NamedTuple):
     """A robot for kernels: a chain of n joints and p collision solids, those of the gripper first. Lengths in metres.
 
     Attributes:
-        offsets: (n, 3), `axes` (n,), `tip` (3,), `links` (7,), `lower`, `upper` (n,): see `ArmChain`.
+        offsets: (n, 3 or 12), `axes` (n,), `tip` (3,), `lower`, `upper` (n,): see `ArmChain`.
+        ik: its inverse kinematics.
         core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
         bound: (p,) radius of the sphere about the solid's centre that contains it.
-        link: (p,) BASE, 0 (torso) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
+        link: (p,) BASE, 0 (torso with head and idle arms) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that
+            link's frame.
         slides: (p,) whether it is part of a finger; `slide` (p, 3) its motion in its link per metre of that.
         gap: opening of the closed gripper; `slide_end`: upper limit of the finger joints.
         self_pairs: (s, 2) solids checked for self-collision: those on links that are not neighbours.
@@ -47,7 +50,7 @@ class RobotArrays(NamedTuple):
     offsets: NDArray[np.float64]
     axes: NDArray[np.int64]
     tip: NDArray[np.float64]
-    links: NDArray[np.float64]
+    ik: SolverArrays
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     core: NDArray[np.int64]
@@ -68,44 +71,57 @@ class RobotArrays(NamedTuple):
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something, in the order from the gripper to the base."""
+    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
     base = model.body(robot.base_body).id
-    return [
+    idle = _idle_bodies(model, robot)
+    found = [
         geom
         for geom in reversed(range(model.ngeom))
         if int(model.body_rootid[model.geom_bodyid[geom]]) == base
         and (model.geom_contype[geom] or model.geom_conaffinity[geom])
     ]
+    return sorted(found, key=lambda geom: int(model.geom_bodyid[geom]) in idle)
+
+
+def _idle_bodies(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:
+    """The bodies of arms that are not active."""
+    found = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in found:
+            found.add(body)
+    return found
 
 
 @cache
 def robot_arrays(robot: RobotSpec) -> RobotArrays:
-    """The collision solids of a robot, with its head in `robot.head_configuration`; read once.
+    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once.
 
     Raises:
         GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
     """
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     data = mujoco.MjData(model)
-    for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+    data.qpos[:] = 0.0
+    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
         data.joint(joint).qpos = angle
     mujoco.mj_kinematics(model, data)
     geoms = collision_geoms(model, robot)
     links = link_of_body(model, robot)
     chain = ArmChain.from_robot(robot)
     link = np.array([links[int(model.geom_bodyid[geom])] for geom in geoms], dtype=np.int64)
-    poses = [_pose_in_link(model, data, robot, geom, index) for geom, index in zip(geoms, link, strict=True)]
+    frames = _Frames.of(chain, data.body(robot.base_body))
+    poses = [frames.pose_in(index, data.geom(geom)) for geom, index in zip(geoms, link, strict=True)]
     position = np.array([p for p, _ in poses])
     rotation = np.array([R for _, R in poses])
     core, half, radius, bound = _shapes(model, geoms)
-    slide = _finger_directions(model, data, robot, geoms, links)
+    slide = _finger_directions(model, data, robot, geoms, frames.R[chain.size - 1])
     reach = bound + robot.max_finger_position * (slide != 0).any(axis=1)
     last = np.array([chain.size - 1])
     return RobotArrays(
         offsets=chain.offsets,
         axes=chain.axes,
         tip=chain.tip,
-        links=chain.links,
+        ik=solver_arrays(chain),
         lower=chain.lower,
         upper=chain.upper,
         core=core,
@@ -122,27 +138,29 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         self_pairs=_pairs_of_distant_links(link),
         held_from=int(np.argmax(link < chain.size - 1)),
         reach=_reach(chain, link, position, reach),
-        tip_reach=_reach(chain, last, chain.tip[None], np.zeros(1)),
+        tip_reach=_reach(chain, last, chain.tip[None, :3], np.zeros(1)),
     )
 
 
-def _joint_bodies(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """The body that each joint of the chain moves."""
-    return [int(model.jnt_bodyid[model.joint(link.joint).id]) for link in robot.chain]
+class _Frames(NamedTuple):
+    """The frames of all links at zero, then that of the base, in the world: `R` (n + 1, 3, 3) and `p` (n + 1, 3)."""
 
+    R: NDArray[np.float64]
+    p: NDArray[np.float64]
 
-def _link_frame(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, link: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    body = model.body(robot.base_body).id if link == BASE else _joint_bodies(model, robot)[link]
-    return data.xpos[body], data.xmat[body].reshape(3, 3)
+    @classmethod
+    def of(cls, chain: ArmChain, base: Any) -> _Frames:
+        """Those of a chain on a base; `base` is a body's view of the data."""
+        R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
+        fk_frames(chain.offsets, chain.axes, chain.tip, np.zeros(chain.size), R, p)
+        R[BASE], p[BASE] = np.eye(3), 0.0
+        turn = base.xmat.reshape(3, 3)
+        return cls(turn @ R, base.xpos + p @ turn.T)
 
-
-def _pose_in_link(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geom: int, link: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    origin, frame = _link_frame(model, data, robot, link)
-    return frame.T @ (data.geom_xpos[geom] - origin), frame.T @ data.geom_xmat[geom].reshape(3, 3)
+    def pose_in(self, link: int, geom: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position (3,) and orientation (3, 3) in a link, or the base, of a geom; `geom` is its view of the data."""
+        R = self.R[link]
+        return R.T @ (geom.xpos - self.p[link]), R.T @ geom.xmat.reshape(3, 3)
 
 
 def _shapes(
@@ -170,16 +188,18 @@ def _shapes(
 
 
 def _finger_directions(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: list[int], links: list[int]
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: list[int], gripper: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Motion of each geom in its link per metre of the finger joint, (p, 3); 0 for geoms that are not on a finger."""
-    bodies = {int(model.jnt_bodyid[model.joint(name).id]): model.joint(name).id for name in robot.finger_joints}
+    """Motion of each geom in the last link per metre of the finger joint, (p, 3); 0 for geoms not on a finger.
+
+    `gripper` (3, 3) is the orientation of the last link.
+    """
+    joints = {int(model.jnt_bodyid[joint]): joint for joint in (model.joint(name).id for name in robot.finger_joints)}
     slide = np.zeros((len(geoms), 3))
     for row, geom in enumerate(geoms):
         body = int(model.geom_bodyid[geom])
-        if body in bodies:
-            _, frame = _link_frame(model, data, robot, links[body])
-            slide[row] = frame.T @ data.xmat[body].reshape(3, 3) @ model.jnt_axis[bodies[body]]
+        if body in joints:
+            slide[row] = gripper.T @ data.xaxis[joints[body]]
     return slide
 
 
@@ -206,6 +226,6 @@ def _leg_length(
     chain: ArmChain, joint: int, axis: int, link: int, position: NDArray[np.float64], bound: float
 ) -> float:
     """[m] from the axis of a joint to the farthest point of a sphere on a later link, with the arm stretched out."""
-    legs = [*chain.offsets[joint + 1 : link + 1], position]
+    legs = [*chain.offsets[joint + 1 : link + 1, :3], position]
     across = np.delete(np.arange(3), axis)
     return float(np.linalg.norm(legs[0][across]) + sum(np.linalg.norm(leg) for leg in legs[1:]) + bound)

@@ -108,8 +108,8 @@ class _Motors:
         self._feedforward = np.array(robot.velocity_feedforward(model))
         self._last = self._joints.read(data)
         self._finger = float(np.mean([data.joint(name).qpos[0] for name in robot.finger_joints]))
-        head = [model.actuator(name).id for name in robot.head_joints]
-        data.ctrl[head] = robot.head_configuration
+        head = [model.actuator(name).id for name in robot.still_joints]
+        data.ctrl[head] = robot.still_configuration
 
     def move_to(self, command: Command) -> None:
         """Step the simulation for one control step towards a command."""

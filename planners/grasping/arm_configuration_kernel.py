@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import arm_jacobian, fk_frames, ik_arm
+from irm.arm.general.solutions import CLOSED_FORM, arm_solutions
+from irm.arm.kinematics import arm_jacobian, fk_frames
 from irm.arm.manipulability import condition
 from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
@@ -15,6 +16,7 @@ from planners.collision.configuration_kernel import CollisionQuery, configuratio
 from planners.collision.references import by_reference
 from planners.collision.robot_model import RobotArrays
 from planners.collision.rows import copy_row
+from planners.grasping.rising_kernel import can_rise
 from planners.grasping.scan_memory import CAPACITY, Kept, Memory
 from planners.scene.masks import SELF_BIT, STATIC_BIT
 
@@ -32,8 +34,8 @@ _PER_MASK = np.int64(6)
 kernels are not compiled once more for the constant."""
 _TRAVEL_COST = 0.004
 """Manipulability given up per radian of joint travel from the home configuration: short motions are preferred."""
-_ELBOW = 4
-"""Link whose origin is the elbow."""
+_FULL_TURN = 2.0 * math.pi
+"""[rad] A joint with a wider range reaches one orientation at several angles."""
 _HIGH_ELBOW = 0.35
 """[m] above the TCP: an elbow that high carries the forearm over what stands on the table."""
 _ELBOW_WORTH = 0.4
@@ -69,19 +71,19 @@ def _nearest_turn(angle: float, wanted: float, lower: float, upper: float) -> fl
 
 @leaf_kernel
 def _unwrapped(found: Array, count: int, home: Array, robot: RobotArrays) -> int:
-    """Keep the solutions with a positive elbow, their roll joints turned to near home; how many.
+    """Turn joints that go round to near home, and leave out solutions that are mirrored; how many are kept.
 
-    The others have the same links at the same places: elbow and two rolls are mirrored.
+    Those of Fetch's closed form with a negative elbow have the same links at the same places as others: elbow and two
+    rolls are mirrored.
     """
     kept = 0
     for k in range(count):
-        if found[k, 4] < 0.0:
+        if robot.ik.kind == CLOSED_FORM and found[k, robot.ik.elbow] < 0.0:
             continue
-        for joint in (3, 5, 7):
+        for joint in range(home.shape[0]):
             angle, lower, upper = found[k, joint], robot.lower[joint], robot.upper[joint]
-            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper)
-        for joint in (0, 1, 2, 4, 6):
-            found[kept, joint] = found[k, joint]
+            turns = upper - lower > _FULL_TURN
+            found[kept, joint] = _nearest_turn(angle, home[joint], lower, upper) if turns else angle
         kept += 1
     return kept
 
@@ -91,12 +93,12 @@ def _quality(robot: RobotArrays, memory: Memory, q: Array, home: Array) -> float
     """Manipulability; more for a high elbow and torso travel upwards, less per radian from the home configuration."""
     n, R, p, J = q.shape[0], memory.R, memory.p, memory.J
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
+    headroom = min(robot.upper[0] - q[0], _LIFT)
     arm_jacobian(robot.axes, R, p, J)
     travel = 0.0
     for joint in range(1, n):
         travel += abs(q[joint] - home[joint])
-    headroom = min(robot.upper[0] - q[0], _LIFT)
-    raised = min(max(p[_ELBOW, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
+    raised = min(max(p[robot.ik.elbow, 2] - p[n, 2], 0.0), _HIGH_ELBOW)
     mu = condition(J, memory.A, memory.d, memory.e)
     return mu + _ELBOW_WORTH * raised + _LIFT_WORTH * headroom - _TRAVEL_COST * travel
 
@@ -158,7 +160,9 @@ def _consider(
         return
     if _is_dominated(memory.kept, hits, CAPACITY):
         return
-    if configuration_hits(query, query.active & _SELF, base, q) == _NONE:
+    if configuration_hits(query, query.active & _SELF, base, q) != _NONE:
+        return
+    if query.robot.upper[0] > query.robot.lower[0] or can_rise(query, base, q):
         _insert(memory.kept, q, pair, hits, _quality(query.robot, memory, q, home))
 
 
@@ -205,7 +209,7 @@ def _scan_pair(
         if _is_dominated(memory.kept, by_gripper, _PER_MASK):
             break
         for roll in rolls:
-            solutions = ik_arm(robot.links, R, p, torso, roll, robot.lower, robot.upper, found)
+            solutions = arm_solutions(robot.ik, R, p, torso, roll, found)
             for k in range(_unwrapped(found, solutions, home, robot)):
                 q = found[k]
                 if not nearest_home:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from irm.arm.frames import pose_of
+from irm.arm.general.solutions import free_angles, solver_arrays
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.robot_pose_kernel import make_scratch
@@ -22,6 +24,8 @@ __all__ = ["ArmConfigurations", "ConfigurationGrid", "GripperPoses", "gripper_hi
 
 Array = NDArray[np.float64]
 
+_ABOUT_HOME = 24
+"""Angles of the free joint about home in a full turn: 15° apart."""
 _HEIGHT_AND_PITCH = (5, 1)
 """Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.arm.kinematics.ArmChain`."""
 
@@ -44,7 +48,8 @@ class ConfigurationGrid(NamedTuple):
 
     Attributes:
         torsos: (t,) heights of the torso [m].
-        rolls: (r,) angles of the upper-arm roll joint [rad].
+        rolls: (r,) angles of the arm's free joint [rad], Fetch's upper-arm roll; see
+            `irm.arm.general.solutions.free_angles`.
         nearest_home: of the configurations for one gripper pose only the one nearest to the home configuration counts.
             A robot that follows TCP poses ends up there, as its controller keeps the joints near home.
     """
@@ -55,10 +60,9 @@ class ConfigurationGrid(NamedTuple):
 
     @classmethod
     def over(cls, chain: ArmChain, torsos: int, rolls: int) -> ConfigurationGrid:
-        """Evenly spaced torso heights, off the limits, and upper-arm rolls."""
-        heights = np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1]
-        angles = -np.pi + (np.arange(rolls) + 0.5) * (2 * np.pi / rolls)
-        return cls(np.asarray(heights, np.float64), np.asarray(angles, np.float64))
+        """Evenly spaced torso heights, off the limits, and angles of the free joint."""
+        heights = np.unique(np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1])
+        return cls(np.asarray(heights, np.float64), free_angles(chain, rolls))
 
     @classmethod
     def near_home(cls, chain: ArmChain, torsos: int = 10, rolls: int = 36) -> ConfigurationGrid:
@@ -67,16 +71,24 @@ class ConfigurationGrid(NamedTuple):
 
     @classmethod
     def about_home(cls, chain: ArmChain, home: Sequence[float], torso_step: float = 0.05) -> ConfigurationGrid:
-        """Torso heights and upper-arm rolls that include those of the home configuration; `nearest_home` is set.
+        """Torso heights and angles of the free joint that include those of the home configuration; `nearest_home` set.
 
-        Heights are `torso_step` [m] apart, those off the limits by less than half of it left out; rolls 15° apart.
+        Heights are `torso_step` [m] apart, those off the limits by less than half of it left out; angles 15° apart.
         """
         steps = np.arange(-np.ceil((chain.upper[0] - chain.lower[0]) / torso_step), 0) * torso_step
         heights = home[0] + np.concatenate(([0.0], np.column_stack((steps, -steps))[::-1].ravel()))
         inside = (heights >= chain.lower[0] + torso_step / 2) & (heights <= chain.upper[0] - torso_step / 2)
-        turns = np.arange(1, 12) * np.radians(15.0)
-        rolls = home[3] + np.concatenate(([0.0], np.column_stack((turns, -turns)).ravel(), [np.pi]))
-        return cls(np.asarray(heights[inside], np.float64), np.asarray(rolls, np.float64), nearest_home=True)
+        return cls(np.asarray(heights[inside], np.float64), _angles_about(chain, home), nearest_home=True)
+
+
+def _angles_about(chain: ArmChain, home: Sequence[float]) -> Array:
+    """Angles of the free joint [rad] 15° apart, that at home first; what else `free_angles` gives for other arms."""
+    free = solver_arrays(chain).free
+    if free < 0:
+        return free_angles(chain, _ABOUT_HOME)
+    turns = np.arange(1, _ABOUT_HOME // 2) * (2 * np.pi / _ABOUT_HOME)
+    angles = home[free] + np.concatenate(([0.0], np.column_stack((turns, -turns)).ravel(), [np.pi]))
+    return np.asarray(angles[(angles >= chain.lower[free]) & (angles <= chain.upper[free])], np.float64)
 
 
 class ArmConfigurations(NamedTuple):
@@ -114,7 +126,7 @@ def scan_configurations(
     manipulability, more for a high elbow, less for travel from the home configuration.
 
     Args:
-        world: the scene, compiled; its robot's arm must have a closed form.
+        world: the scene, compiled.
         poses: pairs of base pose and gripper pose to try.
         grid: free parameters to try for each.
         opening: of the gripper [m].
@@ -172,6 +184,7 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
     """The gripper as a robot of its own: its base pose is x, y and yaw of the TCP, its joints are height and pitch."""
     arrays = robot_arrays(robot)
     last = arrays.link == len(robot.chain) - 1
+    T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
     offsets, axes, tip = np.zeros((2, 3)), np.array(_HEIGHT_AND_PITCH, dtype=np.int64), np.zeros(3)
     for array in (offsets, axes, tip):
         array.setflags(write=False)
@@ -184,9 +197,9 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
         radius=arrays.radius[last],
         bound=arrays.bound[last],
         link=np.ones(int(last.sum()), dtype=np.int64),
-        position=arrays.position[last] - arrays.tip,
-        rotation=arrays.rotation[last],
-        slide=arrays.slide[last],
+        position=arrays.position[last] @ T_tcp_link[:3, :3].T + T_tcp_link[:3, 3],
+        rotation=T_tcp_link[:3, :3] @ arrays.rotation[last],
+        slide=arrays.slide[last] @ T_tcp_link[:3, :3].T,
         slides=arrays.slides[last],
         self_pairs=np.empty((0, 2), dtype=np.int64),
         held_from=int(last.sum()),

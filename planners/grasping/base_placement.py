@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -12,25 +12,31 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
+from irm.arm.kinematics import ArmChain
 from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
 from irm.visibility.map import VisibilityMap
 from planners.collision.robot_model import BASE, robot_arrays
+from planners.grasping.footprint import fits, inner_radius
 from planners.scene import Scene, StaticObstacle
 
-__all__ = ["MAP_PARAMETERS", "MapPlacer", "farthest_reach", "free_floor", "inverse_map"]
+__all__ = ["MapPlacer", "farthest_reach", "free_floor", "inverse_map", "map_parameters"]
 
 Array = NDArray[np.float64]
 
-MAP_PARAMETERS: dict[str, Any] = {"torso_margin": 0.02375}
-"""Parameters of the planner's reachability map. The torso stays off the ends of its lift [m], so that it can still
-raise the gripper: with bases for these ends, lookahead needed more clearances than the minimum in 3 of 20 scenes."""
+TORSO_MARGIN = 0.02375
+"""[m] The torso stays so far off the ends of its lift in the planner's reachability map that it can still raise the
+gripper: with bases for these ends, lookahead needed more clearances than the minimum in 3 of 20 scenes."""
+_DOWNWARD = (0.0, math.pi / 6, math.pi / 3, math.pi / 2)
+"""[rad] Rings of the map for arms without the closed form, which are slower to map: no grasp points up."""
 
 FLOOR_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
 FLOOR_SIZE = 2.5
 """[m] from the centre of the support to the edges of the floor that is used."""
+_SPARE = 6
+"""Base poses looked at for each one wanted, of a base that is not round."""
 WALL_HEIGHT = 0.5
 """[m] above the support: across an obstacle as tall as that no arm reaches it."""
 
@@ -38,13 +44,21 @@ WALL_HEIGHT = 0.5
 @cache
 def inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
     """The robot's inverse reachability map with the planner's parameters, from the cache on disk."""
-    return InverseReachabilityMap(cached_map(robot, **MAP_PARAMETERS))
+    return InverseReachabilityMap(cached_map(robot, **map_parameters(robot)))
+
+
+def map_parameters(robot: RobotSpec) -> dict[str, Any]:
+    """Parameters of the planner's reachability map: fingers close along a level line, so that roll 0 is enough."""
+    if ArmChain.from_robot(robot).has_closed_form:
+        return {"torso_margin": TORSO_MARGIN}
+    return {"torso_margin": TORSO_MARGIN, "rolls": 1, "pitches": _DOWNWARD}
 
 
 def free_floor(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     """The floor around the support where the base may stand: clear of the outlines of static obstacles.
 
-    Obstacles that are lower than the base, such as a slab that is the floor, and those above the robot do not count.
+    Obstacles that are lower than the base, such as a slab that is the floor, and those above the robot do not count. Of
+    a base that is not round, the largest circle in its outline is clear of them; `fits` says whether all of it is.
 
     Args:
         scene: its static obstacles.
@@ -53,12 +67,17 @@ def free_floor(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     Raises:
         SceneError: the scene has no support.
     """
-    low, high = _trunk_heights(scene.robot)
-    obstacles = [one for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
+    obstacles = _beside_base(scene)
     outlines = [_shadow(scene, one) if with_shadows and _is_wall(scene, one) else one.outline for one in obstacles]
     x, y = scene.support.position[:2]
     bounds = (x - FLOOR_SIZE, y - FLOOR_SIZE, x + FLOOR_SIZE, y + FLOOR_SIZE)
-    return FreeSpace.from_polygons(outlines, scene.robot.base_radius + FLOOR_MARGIN, bounds)
+    return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + FLOOR_MARGIN, bounds)
+
+
+def _beside_base(scene: Scene) -> list[StaticObstacle]:
+    """The static obstacles at heights of the base, the torso or the head."""
+    low, high = _trunk_heights(scene.robot)
+    return [one for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
 
 
 def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
@@ -110,6 +129,8 @@ class MapPlacer:
         per_gripper_pose: base poses returned for each gripper pose at most.
         yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
         prefer: a visibility map by which base poses of about the same μ are ordered; None for μ alone.
+        robot: whose outline must fit too, None for a round one.
+        outlines: corners (v, 2) of the obstacles that it must fit between.
     """
 
     map: InverseReachabilityMap
@@ -118,11 +139,16 @@ class MapPlacer:
     per_gripper_pose: int = 3
     yaw_tolerance: float = 1e-6
     prefer: VisibilityMap | None = None
+    robot: RobotSpec | None = None
+    outlines: tuple[Array, ...] = ()
 
     @classmethod
     def of_scene(cls, inverse_map: InverseReachabilityMap, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
         """Base poses among the static obstacles of a scene."""
-        return cls(inverse_map, free_floor(scene), free_floor(scene, with_shadows=True), per_gripper_pose)
+        placer = cls(inverse_map, free_floor(scene), free_floor(scene, with_shadows=True), per_gripper_pose)
+        if not scene.robot.base_outline:
+            return placer
+        return replace(placer, robot=scene.robot, outlines=tuple(one.outline for one in _beside_base(scene)))
 
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
         """As `BasePlacer.bases`."""
@@ -140,16 +166,22 @@ class MapPlacer:
 
         An object that has slipped in the gripper may have to be released a little beyond straight down.
         """
-        yaws = gripper_poses[:, 3]
+        yaws, wanted = gripper_poses[:, 3], max(self.per_gripper_pose, most)
         ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
         found = self.map.query_batch(
             gripper_poses[:, :3],
             yaw_ranges=ranges,
-            pitch=min(max(pitch, -math.pi / 2), math.pi / 2),
+            pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
             free_space=self.open_floor if pitch else self.floor,
-            k=max(self.per_gripper_pose, most),
+            k=wanted if self.robot is None else _SPARE * wanted,
             prefer=self.prefer,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)
-        return found.poses[index, rank], index
+        if self.robot is None:
+            return found.poses[index, rank], index
+        fitting = fits(self.robot, found.poses[index, rank], self.outlines, FLOOR_MARGIN)
+        index, rank = index[fitting], rank[fitting]
+        first = np.searchsorted(index, index)
+        kept = np.arange(len(index)) - first < wanted
+        return found.poses[index[kept], rank[kept]], index[kept]

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
+from irm.arm.kinematics import ArmChain, fk_frames
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits
 from planners.grasping.base_placement import MapPlacer, farthest_reach
 from planners.grasping.candidates import OFF_TABLE, GraspCandidate, GraspCandidates, Stage, gripper_poses
@@ -31,22 +34,34 @@ _WORSE = 100.0
 """Quality lost by looking further: more than all other terms together."""
 _YAW_COST, _TORSO_COST = 0.5, 3.0
 """Cost of a radian of the base's yaw and of a metre of the torso from home; one of the pan and the rolls is 1."""
+_ACROSS = 0.7
+"""Cosine of the angle between a joint's axis and the robot's y axis from which on it bends the arm in its plane."""
 _DECIMALS = 6
 """Of a quality: differences by rounding decide nothing."""
 
 
-def canonical_quality(base: Array, q: Array, home: tuple[float, ...]) -> float:
+def canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:
     """Less for a base that is turned, an arm out of its vertical plane and a torso away from home.
 
     Args:
         base: (3,) x [m], y [m], yaw [rad].
-        q: (8,) torso [m] and arm [rad].
-        home: the robot's home configuration.
+        q: (1 + n,) torso [m] and arm [rad].
+        robot: whose home configuration.
     """
-    turns = np.remainder(q[[1, 3, 5, 7]] - np.array(home)[[1, 3, 5, 7]] + np.pi, 2 * np.pi) - np.pi
+    home, turning = robot.home, _turning_joints(robot)
+    turns = np.remainder(q[turning] - np.array(home)[turning] + np.pi, 2 * np.pi) - np.pi
     yaw = np.remainder(base[2] + np.pi, 2 * np.pi) - np.pi
     cost = _YAW_COST * abs(yaw) + np.abs(turns).sum() + _TORSO_COST * abs(q[0] - home[0])
     return -round(float(cost), _DECIMALS)
+
+
+@cache
+def _turning_joints(robot: RobotSpec) -> list[int]:
+    """The joints that turn the arm out of its vertical plane: at home their axes are not across the robot."""
+    chain = ArmChain.from_robot(robot)
+    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
+    fk_frames(chain.offsets, chain.axes, chain.tip, np.array(robot.home), R, p)
+    return [k for k in range(1, chain.size) if abs(R[k, 1, chain.axes[k]]) < _ACROSS]
 
 
 @dataclass
@@ -58,8 +73,8 @@ class CanonicalGrasps(GraspCandidates):
 
     def _of_stage(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
         found = super()._of_stage(scene, body, stage) if stage.bases == _MAP else self._facing(scene, body, stage)
-        worse, home = _WORSE * self._stages().index(stage), scene.robot.home
-        return [replace(grasp, quality=canonical_quality(grasp.base, grasp.q, home) - worse) for grasp in found]
+        worse, robot = _WORSE * self._stages().index(stage), scene.robot
+        return [replace(grasp, quality=canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def free_straight(self, scene: Scene, name: str, family: GraspFamily) -> Iterator[GraspCandidate]:
         """All straight grasps of an object in which nothing is hit, one for each direction; none of a held object."""

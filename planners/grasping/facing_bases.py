@@ -19,8 +19,8 @@ STRAIGHT = (0.0,)
 """[rad] The gripper's yaw is the base's."""
 TURNED = tuple(math.radians(degrees) for degrees in (20, -20, 40, -40, 60, -60))
 """[rad] Other yaws of the gripper relative to the base."""
-_STANDOFF = 0.75
-"""[m] from the base's centre to the TCP, where the arm reaches well."""
+_STANDOFF = 0.648
+"""Share of the arm's reach, from the base's centre to the TCP, at which it moves well; 0.75 m for Fetch."""
 _STEP, _FINER = 0.01, 64
 """[m] between distances tried, and into how many parts the last step is cut to find the edge of the free floor."""
 _YAW_COST = 0.5
@@ -31,7 +31,7 @@ _YAW_COST = 0.5
 class FacingPlacer:
     """For every gripper pose the base poses that face it at given relative yaws, those that turn least first.
 
-    The distance is `_STANDOFF`, or where the free floor begins behind that.
+    The distance is `standoff`, or where the free floor begins behind that.
 
     Attributes:
         placer: the free floors of the scene.
@@ -42,6 +42,11 @@ class FacingPlacer:
     placer: MapPlacer
     reach: float
     turns: tuple[float, ...] = STRAIGHT
+
+    @property
+    def standoff(self) -> float:
+        """[m] from the base's centre to the TCP, in whole centimetres."""
+        return round(_STANDOFF * self.reach, 2)
 
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:  # noqa: ARG002  always all
         """As `BasePlacer.bases`; those of all gripper poses in one order, the least cost first."""
@@ -62,7 +67,7 @@ class FacingPlacer:
 
     def _distance(self, floor: FreeSpace, gripper_poses: Array, yaw: Array) -> Array:
         """[m] behind gripper poses (k, 5) along yaws (k, t) where the base may stand: (k, t), infinite for none."""
-        steps = np.tile(np.arange(_STANDOFF, self.reach, _STEP), (*yaw.shape, 1))
+        steps = np.tile(np.arange(self.standoff, self.reach, _STEP), (*yaw.shape, 1))
         x, y = gripper_poses[:, 0, None, None], gripper_poses[:, 1, None, None]
         cosine, sine = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
         is_any = np.ones(yaw.shape, np.bool_)
@@ -70,7 +75,7 @@ class FacingPlacer:
             free = floor.are_free(x - steps * cosine, y - steps * sine)
             is_any &= free.any(axis=-1)
             first = np.take_along_axis(steps, free.argmax(axis=-1)[..., None], axis=-1)
-            steps = np.maximum(first - _STEP * np.arange(_FINER)[::-1] / _FINER, _STANDOFF)
+            steps = np.maximum(first - _STEP * np.arange(_FINER)[::-1] / _FINER, self.standoff)
         return np.asarray(np.where(is_any, first[..., 0], np.inf))
 
 

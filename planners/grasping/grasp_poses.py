@@ -12,44 +12,15 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.grasping.families import SIDE, GraspFamily
+from planners.grasping.gripper import FINGER_GAP, GripperClearances, gripper_clearances
 from planners.scene import Body
 
-__all__ = ["GraspPose", "GripperClearances", "even_yaws", "generate_grasps", "gripper_opening"]
+__all__ = ["GraspPose", "even_yaws", "generate_grasps", "gripper_opening"]
 
 Array: TypeAlias = NDArray[np.float64]
 
 _STRAIGHT_DOWN = 1e-6
 """Cosine of a pitch below which the gripper points straight down."""
-
-
-@dataclass(frozen=True)
-class GripperClearances:
-    """Lengths of the gripper that grasps depend on [m].
-
-    Attributes:
-        finger_gap: between each finger and the object before the fingers close.
-        palm_reach: that the object may extend from the TCP towards the palm; Fetch's palm begins 47 mm behind.
-        palm_height: from the approach axis to the palm's lower face, and 2 mm.
-        fingertip_reach: that the fingers extend beyond the TCP, and 4 mm.
-        pad_half_height: of a finger pad, which should not extend above the object.
-        least_depth: of the TCP below the object's highest point, so that the pads hold it.
-    """
-
-    finger_gap: float = 0.012
-    palm_reach: float = 0.044
-    palm_height: float = 0.042
-    fingertip_reach: float = 0.028
-    pad_half_height: float = 0.0135
-    least_depth: float = 0.018
-
-    def above_support(self, pitch: float) -> float:
-        """[m] of the TCP above the support at least, for fingertips and palm at a pitch [rad] to stay clear of it."""
-        down, level = math.sin(pitch), math.cos(pitch)
-        fingertips = self.fingertip_reach * down + self.pad_half_height * level
-        return max(fingertips, self.palm_height * level - self.palm_reach * down)
-
-
-FETCH_GRIPPER = GripperClearances()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +49,6 @@ def generate_grasps(
     body: Body,
     robot: RobotSpec,
     families: Sequence[GraspFamily] = (SIDE,),
-    gripper: GripperClearances = FETCH_GRIPPER,
 ) -> tuple[GraspPose, ...]:
     """All grasps of an object, of some families, that fit between the fingers (section 3.3, Figs. 5 and 6).
 
@@ -86,7 +56,7 @@ def generate_grasps(
     can span. δ (TCP above the object's lowest point) and ε (TCP short of its main axis) are adapted to objects too low
     or too long for palm and fingertips.
     """
-    return tuple(grasp for family in families for grasp in _of_family(body, robot, family, gripper))
+    return tuple(grasp for family in families for grasp in _of_family(body, robot, family))
 
 
 def even_yaws(count: int) -> Array:
@@ -94,12 +64,13 @@ def even_yaws(count: int) -> Array:
     return _wrapped(np.linspace(0.0, 2 * math.pi, count, endpoint=False))
 
 
-def gripper_opening(robot: RobotSpec, half_span: float, gripper: GripperClearances = FETCH_GRIPPER) -> float:
+def gripper_opening(robot: RobotSpec, half_span: float) -> float:
     """Opening [m] with which to approach an object that is 2 `half_span` wide between the fingers."""
-    return min(2 * (float(half_span) + gripper.finger_gap), robot.max_opening)
+    return min(2 * (float(half_span) + FINGER_GAP), robot.max_opening)
 
 
-def _of_family(body: Body, robot: RobotSpec, family: GraspFamily, gripper: GripperClearances) -> list[GraspPose]:
+def _of_family(body: Body, robot: RobotSpec, family: GraspFamily) -> list[GraspPose]:
+    gripper = gripper_clearances(robot)
     yaws, half_spans = _yaws(body, family)
     return [
         GraspPose(

@@ -102,7 +102,7 @@ class MujocoCollisionChecker:
             [model.joint(name).qposadr[0] for name in (*robot.drive_joints, robot.finger_joints[0])]
         )
         self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
-        for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._data.joint(joint).qpos = angle
         self._tcp = model.site(robot.tcp_site).id
         self._gripper = _gripper_geoms(model, scene)

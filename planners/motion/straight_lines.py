@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.collision.straight_line_kernel import track_line
 from planners.collision.world import CollisionWorld
-from planners.motion.straight_line_kernel import track_line
 
 __all__ = ["trace_by_torso", "trace_straight"]
 

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from assets import path
-from assets.robots import FETCH, InvalidRobot, UnknownRobot, robot
+from assets.frames import rotation_of
+from assets.robots import FETCH, PR2, InvalidRobot, UnknownRobot, robot
 
-ROBOTS = [FETCH]
+ROBOTS = [FETCH, PR2, PR2.using("left"), robot("panda_mobile")]
 
 
-@pytest.fixture(params=ROBOTS, ids=lambda spec: spec.name)
+@pytest.fixture(params=ROBOTS, ids=lambda spec: spec.name + spec.arm_name)
 def spec_and_model(request):
     return request.param, mujoco.MjModel.from_xml_path(str(request.param.mjcf_path))
 
@@ -37,14 +38,10 @@ def test_every_name_exists(spec_and_model) -> None:
         model.body(mesh.body)
 
 
-def test_the_chain_is_that_of_the_model(spec_and_model) -> None:
+def test_the_joints_are_those_of_the_model(spec_and_model) -> None:
     spec, model = spec_and_model
-    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     for link in spec.chain:
         joint = model.joint(link.joint)
-        body = model.body(joint.bodyid[0])
-        assert np.allclose(body.pos, link.offset), link.joint
-        assert np.allclose(joint.axis, axes[link.axis])
         assert np.allclose(joint.range, (link.lower, link.upper), atol=1e-4)
         kind = mujoco.mjtJoint.mjJNT_SLIDE if link.prismatic else mujoco.mjtJoint.mjJNT_HINGE
         assert int(joint.type[0]) == int(kind)
@@ -62,16 +59,13 @@ def test_forward_kinematics_of_the_data_is_that_of_the_model(spec_and_model) -> 
         mujoco.mj_kinematics(model, data)
         point, turn = np.zeros(3), np.eye(3)
         for link, value in zip(spec.chain, q, strict=True):
-            point = point + turn @ link.offset
-            axis = np.eye(3)["xyz".index(link.axis)]
+            point, turn = point + turn @ link.offset, turn @ rotation_of(link.quaternion)
+            axis = np.array(link.direction)
             if link.prismatic:
                 point = point + turn @ axis * value
             else:
-                step = np.empty(9)
-                quaternion = np.array([math.cos(value / 2), *(math.sin(value / 2) * axis)])
-                mujoco.mju_quat2Mat(step, quaternion)
-                turn = turn @ step.reshape(3, 3)
-        point = point + turn @ spec.tcp_offset
+                turn = turn @ rotation_of((math.cos(value / 2), *(math.sin(value / 2) * axis)))
+        point, turn = point + turn @ spec.tcp_offset, turn @ rotation_of(spec.tcp_quaternion)
         assert np.allclose(data.site(spec.tcp_site).xpos, point, atol=1e-6)
         assert np.allclose(data.site(spec.tcp_site).xmat.reshape(3, 3), turn, atol=1e-6)
 
@@ -136,7 +130,7 @@ def test_pads_are_as_far_apart_as_the_data_say(spec_and_model) -> None:
         assert gap == pytest.approx(spec.finger_gap_closed + 2 * position, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["pr2", "", None, 3])
+@pytest.mark.parametrize("name", ["tiago", "", None, 3])
 def test_unknown_robots_list_the_known(name: object) -> None:
     with pytest.raises(UnknownRobot, match="fetch"):
         robot(name)
@@ -144,7 +138,7 @@ def test_unknown_robots_list_the_known(name: object) -> None:
 
 def test_unknown_assets_list_the_known() -> None:
     with pytest.raises(FileNotFoundError, match=r"mjcf/fetch\.xml"):
-        path("mjcf/pr2.xml")
+        path("mjcf/tiago.xml")
 
 
 @pytest.mark.parametrize(
@@ -176,3 +170,36 @@ def test_a_spec_is_taken_as_it_is_and_from_its_fields() -> None:
     assert robot(json.loads(json.dumps(asdict(mine)))) == mine
     with pytest.raises(InvalidRobot, match=r"fields of a RobotSpec .*legs.*; its fields: name, mjcf"):
         robot({**asdict(mine), "legs": 2})
+
+
+def test_another_arm_becomes_active_and_back() -> None:
+    left = PR2.using("left")
+    assert left.tcp_site == "l_tcp"
+    assert left.arm_joints == PR2.idle_arms[0].joints
+    assert left.chain[0] == PR2.chain[0]
+    assert [arm.name for arm in left.arms] == ["left", "right"]
+    assert left.home[0] == PR2.home[0]
+    assert left.using("right") == PR2
+    assert PR2.using("right") == PR2
+    with pytest.raises(InvalidRobot, match="pr2 has no arm 'third'; its arms: 'left', 'right'"):
+        PR2.using("third")
+
+
+def test_still_joints_are_those_that_no_action_moves() -> None:
+    moved = (*PR2.drive_joints, *PR2.finger_joints)
+    model = mujoco.MjModel.from_xml_path(str(PR2.mjcf_path))
+    assert {model.joint(j).name for j in range(model.njnt)} == {*moved, *PR2.still_joints}
+    assert not {*moved} & {*PR2.still_joints}
+    assert FETCH.still_joints == FETCH.head_joints
+
+
+def test_the_arms_are_mirror_images() -> None:
+    left = PR2.using("left")
+    for mine, other in zip(PR2.chain[1:], left.chain[1:], strict=True):
+        turns = -1 if mine.axis in ("x", "z") else 1
+        assert mine.offset == (other.offset[0], -other.offset[1], other.offset[2])
+        assert sorted((turns * mine.lower, turns * mine.upper)) == pytest.approx([other.lower, other.upper])
+
+
+def test_a_robot_of_two_arms_survives_json() -> None:
+    assert robot(json.loads(json.dumps(asdict(PR2)))) == PR2

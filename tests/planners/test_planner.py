@@ -13,7 +13,7 @@ from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solv
 from planners import planner as planner_module
 from planners.cause import Cause
 from planners.clearing.lookahead import grasped
-from planners.grasping.base_placement import MAP_PARAMETERS, MapPlacer
+from planners.grasping.base_placement import MapPlacer, map_parameters
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -208,7 +208,7 @@ def test_a_planner_that_prefers_visible_targets_plans_for_the_same_tasks(
     problem: tuple[Scene, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, target = problem
-    level = cached_map(FETCH, **MAP_PARAMETERS)
+    level = cached_map(FETCH, **map_parameters(FETCH))
     shares = np.random.default_rng(0).integers(0, 256, len(level)).astype(np.uint8)
     monkeypatch.setattr(planner_module, "_visibility_map", lambda _: VisibilityMap(level, "any", shares))
     plans = [replace(PLANNER, prefer_visible=prefer).solve(scene, target) for prefer in (False, True, False)]

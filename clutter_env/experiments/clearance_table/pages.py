@@ -50,10 +50,10 @@ def write_page(
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(
         f"# Clearance table ({kind})\n\n```sh\n{command}\n```\n\n"
-        f"Layout {settings.layout!r}, grasp set {settings.grasps!r}: plans and minimum numbers of clearances (floors) "
-        f"are for these grasps.{put} Each strategy is tried on the same scenes: resets of the environment, from seed "
-        f"{settings.seed} on{which}. Success rates have Wilson's 95% interval, all other means a "
-        "95% bootstrap interval over the scenes. How to read the columns: "
+        f"Robot {settings.robot!r}, layout {settings.layout!r}, grasp set {settings.grasps!r}: plans and minimum "
+        f"numbers of clearances (floors) are for these grasps.{put} Each strategy is tried on the same scenes: resets "
+        f"of the environment, from seed {settings.seed} on{which}. Success rates have Wilson's 95% interval, all other "
+        "means a 95% bootstrap interval over the scenes. How to read the columns: "
         "[planners.md](planners.md#reading-the-clearance-table).\n\n"
         f"![Clearance table]({picture.relative_to(page.parent)})\n\n{markdown(settings, scenes, rows)}"
     )

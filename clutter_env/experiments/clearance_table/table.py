@@ -30,6 +30,8 @@ _SOLVE_LIMITS = 6
 """A trial is killed after so many times the planner's own time limit."""
 _EPISODE_LIMITS = 60
 """An episode in physics is killed after so many times the planner's own time limit."""
+_DEFAULT_ROBOT = "fetch"
+"""That of tables that do not name one."""
 _RESETS_PER_SCENE = 50
 """Resets that are assessed for each obstructed scene wanted, before giving up."""
 
@@ -51,10 +53,11 @@ class TableSettings:
         grasps: name of the planner's grasp set; minimum numbers of clearances are for this set too.
         only_obstructed: leave out scenes in which nothing has to be cleared, or no clearance frees the target.
         supports: where objects may be put, as for `chosen_supports`; () leaves it to the grasp set.
+        robot: its name.
 
     Raises:
         ConfigError: a number that is not valid or more than the layout holds, or an unknown strategy, grasp set,
-            layout or support; the message lists the valid ones.
+            layout, robot or support; the message lists the valid ones.
     """
 
     objects: tuple[int, ...] = (15, 20, 25, 30, 35, 40, 50, 60)
@@ -69,6 +72,7 @@ class TableSettings:
     grasps: str = "side"
     only_obstructed: bool = True
     supports: tuple[str, ...] = ()
+    robot: str = _DEFAULT_ROBOT
 
     def __post_init__(self) -> None:
         if self.grasps not in GRASP_SETS:
@@ -79,21 +83,24 @@ class TableSettings:
         for count in self.objects:
             if not 1 <= count <= MAX_OBJECTS:
                 raise ConfigError(f"objects={count} is not valid; it must be from 1 to {MAX_OBJECTS}")
-            EnvConfig(num_objects=count, layout=self.layout)
+            EnvConfig(num_objects=count, layout=self.layout, robot=self.robot)
         chosen_supports(self.layout, self.supports)
         if self.scenes < 1:
             raise ConfigError(f"scenes={self.scenes} is not valid; it must be at least 1")
 
     def trial(self, objects: int, seed: int, name: str) -> Trial:
         """One trial under these settings."""
-        same = {key: value for key, value in self.of_trials.items() if key != "supports"}
-        return Trial(objects, seed, name, **same, supports=self.supports)
+        same = {key: value for key, value in self.of_trials.items() if key not in ("supports", "robot")}
+        return Trial(objects, seed, name, **same, supports=self.supports, robot=self.robot)
 
     @property
     def of_trials(self) -> dict[str, Any]:
         """The settings that all trials in one file have in common."""
         names = ("layout", "physics", "control_mode", "time_limit", "grasps")
-        return {**{name: getattr(self, name) for name in names}, "supports": " ".join(self.supports) or None}
+        common: dict[str, Any] = {name: getattr(self, name) for name in names}
+        common["supports"] = " ".join(self.supports) or None
+        common["robot"] = None if self.robot == _DEFAULT_ROBOT else self.robot
+        return common
 
 
 def run_trials(settings: TableSettings, records: Records, workers: int, retry_crashes: bool = False) -> None:

@@ -42,6 +42,7 @@ class Trial:
         time_limit: [s] of one solve.
         grasps: name of the planner's grasp set.
         supports: where objects may be put, as for `chosen_supports`; () leaves it to the grasp set.
+        robot: its name.
     """
 
     objects: int
@@ -53,6 +54,7 @@ class Trial:
     time_limit: float = 20.0
     grasps: str = "side"
     supports: tuple[str, ...] = ()
+    robot: str = "fetch"
 
     @property
     def key(self) -> tuple[int, int, str]:
@@ -150,7 +152,7 @@ class Attempt:
 
 def run_trial(trial: Trial) -> Assessment | Attempt:
     """Run a trial; the first one of a process first compiles and loads what all need."""
-    _warm_up(trial.layout, trial.control_mode, trial.grasps)
+    _warm_up(trial.layout, trial.control_mode, trial.grasps, trial.robot)
     if trial.strategy == ASSESSMENT:
         return _assess(trial)
     return _execute(trial) if trial.physics else _solve(trial)
@@ -206,7 +208,7 @@ def _solve(trial: Trial) -> Attempt:
 def _execute(trial: Trial) -> Attempt:
     """Let the expert execute its plans in physics."""
     planner, scene, target = _scene(trial)
-    env = _environment(trial.objects, trial.layout, trial.control_mode)
+    env = _environment(trial.objects, trial.layout, trial.control_mode, trial.robot)
     unwrapped: Any = env.unwrapped
     info = unwrapped.info
     before = time.perf_counter()
@@ -251,7 +253,7 @@ def _repeated(names: tuple[str, ...]) -> int:
 
 
 def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
-    env = _environment(trial.objects, trial.layout, trial.control_mode)
+    env = _environment(trial.objects, trial.layout, trial.control_mode, trial.robot)
     _, info = env.reset(seed=trial.seed)
     unwrapped: Any = env.unwrapped
     scene = Scene.from_mujoco(unwrapped.model, unwrapped.data, unwrapped.robot)
@@ -262,15 +264,15 @@ def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
 
 
 @cache
-def _environment(objects: int, layout: str, control_mode: str) -> gym.Env:
-    keywords: dict[str, Any] = {"num_objects": objects, "layout": layout, "control_mode": control_mode}
+def _environment(objects: int, layout: str, control_mode: str, robot: str) -> gym.Env:
+    keywords: dict[str, Any] = {"num_objects": objects, "layout": layout, "robot": robot, "control_mode": control_mode}
     keywords["max_episode_steps"] = time_limit(objects)
     return gym.make("clutter_env/Retrieve-o15-v0", disable_env_checker=True, **keywords)
 
 
 @cache
-def _warm_up(layout: str, control_mode: Literal["joint", "ee"], grasps: str) -> None:
-    trial = Trial(15, _WARM_UP_SEED, "lookahead", layout, control_mode, grasps=grasps)
+def _warm_up(layout: str, control_mode: Literal["joint", "ee"], grasps: str, robot: str) -> None:
+    trial = Trial(15, _WARM_UP_SEED, "lookahead", layout, control_mode, grasps=grasps, robot=robot)
     planner, scene, target = _scene(trial)
     planner.clearance_floor(scene, target)
     planner.solve(scene, target, time_limit=trial.time_limit)

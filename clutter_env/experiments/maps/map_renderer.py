@@ -79,7 +79,7 @@ class MapRenderer:
         self._columns = [self._model.joint(name).qposadr[0] for name in robot.drive_joints]
         for joint in robot.finger_joints:
             self._data.joint(joint).qpos = robot.max_finger_position
-        for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._data.joint(joint).qpos = angle
         self._model.stat.extent = 1.0
         self._model.vis.map.znear, self._model.vis.map.zfar = NEAR, FAR

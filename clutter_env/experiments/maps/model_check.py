@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.arm_reading import APPROACHES
 from assets.robots import RobotSpec, robot
 from irm.arm.kinematics import ArmChain, forward
-from irm.arm.mjcf import APPROACHES
 from irm.errors import ChainError
 
 __all__ = ["TipModel", "check_chain", "checked_arm", "compare_with_model", "robot_by_name"]
@@ -34,7 +34,7 @@ class TipModel:
         chain: its arm, for the names of the joints.
         base: body whose frame is the base frame.
         tip: site or body whose frame, turned by `R_tip_tcp`, is the TCP frame.
-        R_tip_tcp: (3, 3) see `irm.arm.mjcf.APPROACHES`.
+        R_tip_tcp: (3, 3) see `assets.arm_reading.APPROACHES`.
     """
 
     model: mujoco.MjModel

@@ -71,7 +71,7 @@ class PlanReplay:
         self._tcp = self._data.site(robot.tcp_site)
         self._held, self._T_tcp_object, self._least_finger = "", np.eye(4), 0.0
         self._scene = scene
-        for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._data.joint(joint).qpos = angle
         for body in scene.objects:
             self._data.joint(_OBJECT + body.name).qpos = [*body.position, *body.quaternion]

@@ -14,6 +14,7 @@ import clutter_env  # noqa: F401  registers the environments
 from assets.robots import RobotSpec
 from assets.robots import robot as find_robot
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
+from irm.arm.frames import pose_of
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import robot_arrays
 from planners.collision.world import CollisionWorld
@@ -22,6 +23,7 @@ from planners.grasping.candidates import SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import even_yaws, gripper_opening
+from planners.grasping.gripper import gripper_clearances
 from planners.planner import map_placer
 from planners.scene import Scene
 
@@ -31,6 +33,10 @@ CELL = 0.025
 """[m] Side of the cells of the table top."""
 RADIUS, HEIGHT = 0.03, 0.16
 """[m] of the object that is grasped: the means of the random cylinders."""
+PALM_SLACK = 0.001
+"""[m] that objects may extend farther towards the palm than the planner allows."""
+IN_LINE = 1e-3
+"""[m] A link whose origin is this near to the approach axis is in line with the gripper."""
 BASES_UNDER_A_BOARD = 8
 """Base poses for each gripper pose, as many as the planner tries there before it calls a target obstructed."""
 
@@ -46,15 +52,19 @@ def approach_table(robot: str, layouts: tuple[str, ...], tick: Callable[[], obje
         tick: called after every row of cells.
 
     Returns:
-        `solids`: gripper and wrist of a level gripper, rows (x0, x1, half width, radius, half height, moves with the
-        fingers) in metres, x along the approach from the TCP; `grasp_height` [m] of the TCP above the table;
-        `layouts`: for each name rows of cells along x, each cell a bit mask of the reachable yaws as six hexadecimal
+        `palm_reach`, `pad_half_height`: lengths [m] as in `planners.grasping.gripper`; `solids`: gripper and wrist of a
+        level gripper, rows (x0, x1, half width, radius, half height, moves with the fingers) in metres, x along the
+        approach from the TCP; `grasp_height` [m] of the TCP above the table; `layouts`: for each name rows of cells
+        along x, each cell a bit mask of the reachable yaws as six hexadecimal
         digits; bit k is a yaw of 2πk/24.
     """
     spec = find_robot(robot)
+    gripper = gripper_clearances(spec)
     return {
         "robot": robot,
         "grasp_height": spec.grasp_height,
+        "palm_reach": round(gripper.palm_reach + PALM_SLACK, 6),
+        "pad_half_height": gripper.pad_half_height,
         "solids": _solids(spec),
         "layouts": {name: _rows(spec, find_layout(name), tick) for name in layouts},
     }
@@ -112,17 +122,20 @@ def _centres(size: float) -> Array:
 
 
 def _solids(robot: RobotSpec) -> list[list[float]]:
-    """Outlines of what moves with the level gripper: the last link and the one before it, their joint at zero.
+    """Outlines of what moves with the level gripper: the last link, and the one before it if it is in line with it.
 
     The outer faces of the fingers lie beyond the pads by the half width that is given for them.
     """
     arrays = robot_arrays(robot)
     last = len(arrays.offsets) - 1
+    T_tcp_last = np.linalg.inv(pose_of(arrays.tip))
+    T_tcp_before = T_tcp_last @ np.linalg.inv(pose_of(arrays.offsets[last]))
+    is_in_line = float(np.abs(T_tcp_before[1:3, 3]).max()) < IN_LINE
     rows = []
-    for solid in np.flatnonzero(arrays.link >= last - 1):
-        shift = -arrays.tip[0] - (arrays.offsets[last, 0] if arrays.link[solid] == last - 1 else 0.0)
-        half = np.abs(arrays.rotation[solid]) @ arrays.half[solid]
-        x, y = arrays.position[solid, 0] + shift, arrays.position[solid, 1]
+    for solid in np.flatnonzero(arrays.link >= last - is_in_line):
+        T = T_tcp_last if arrays.link[solid] == last else T_tcp_before
+        half = np.abs(T[:3, :3] @ arrays.rotation[solid]) @ arrays.half[solid]
+        x, y = (T[:3, :3] @ arrays.position[solid] + T[:3, 3])[:2]
         is_finger = bool(arrays.slides[solid])
         width = abs(y) + half[1] - arrays.gap / 2 if is_finger else half[1]
         row = (x - half[0], x + half[0], width, arrays.radius[solid], half[2] + arrays.radius[solid])

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from irm.arm.frames import PRISMATIC, frames_of
 
 __all__ = ["ArmKinematics", "rotations_about"]
-
-_AXES = "xyz"
 
 
 class ArmKinematics:
     """Where the gripper is in the base's frame, for a batch of arm configurations."""
 
     def __init__(self, robot: RobotSpec) -> None:
+        offsets, axes, tip = frames_of(robot)
         self._chain = tuple(
-            (torch.tensor(link.offset, dtype=torch.float32), _AXES.index(link.axis), link.prismatic)
-            for link in robot.chain
+            (*_place(place), int(axis) % PRISMATIC, bool(axis >= PRISMATIC))
+            for place, axis in zip(offsets, axes, strict=True)
         )
-        self._tip = torch.tensor(robot.tcp_offset, dtype=torch.float32)
+        self._tip, self._tip_turn = _place(tip)
 
     def tcp(self, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Positions (k, 3) [m] and orientations (k, 3, 3) of the TCP at configurations (k, 8)."""
@@ -30,14 +32,22 @@ class ArmKinematics:
         """Origins (k, 9, 3) [m] of all joints and of the TCP, and orientations (k, 3, 3) of the TCP."""
         R = torch.eye(3).expand(len(q), 3, 3)
         p, origins = torch.zeros(len(q), 3), []
-        for joint, (offset, axis, prismatic) in enumerate(self._chain):
+        for joint, (offset, turn, axis, prismatic) in enumerate(self._chain):
             p = p + R @ offset
+            R = R if turn is None else R @ turn
             if prismatic:
                 p = p + R[:, :, axis] * q[:, joint, None]
             else:
                 R = R @ rotations_about(axis, q[:, joint])
             origins.append(p)
-        return torch.stack((*origins, p + R @ self._tip), dim=1), R
+        p = p + R @ self._tip
+        return torch.stack((*origins, p), dim=1), R if self._tip_turn is None else R @ self._tip_turn
+
+
+def _place(place: NDArray[np.float64]) -> tuple[torch.Tensor, torch.Tensor | None]:
+    """Offset (3,) and orientation (3, 3), None for none, of a row of `irm.arm.frames.frames_of`."""
+    numbers = torch.tensor(place, dtype=torch.float32)
+    return numbers[:3], numbers[3:].reshape(3, 3) if len(place) > 3 else None
 
 
 def rotations_about(axis: int, angle: torch.Tensor) -> torch.Tensor:

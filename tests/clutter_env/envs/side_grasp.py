@@ -44,10 +44,13 @@ def free_targets(env: RetrieveEnv) -> list[str]:
 
 
 class SideGrasp:
-    """Runs the script on a freshly reset environment in "ee" mode."""
+    """Runs the script on a freshly reset environment in "ee" mode.
 
-    def __init__(self, env: RetrieveEnv) -> None:
-        self.env = env
+    The base stops `standoff` [m] before the target, which is then `side` [m] to the left of its centre.
+    """
+
+    def __init__(self, env: RetrieveEnv, standoff: float = STANDOFF, side: float = 0.0) -> None:
+        self.env, self.standoff, self.side = env, standoff, side
         self.controller = env.world.controller
         self.base = self.controller.state.target[:3].copy()
         self.point = env.data.site_xpos[env.world.index.tcp_site].copy()
@@ -60,8 +63,8 @@ class SideGrasp:
         height = 2 * env.world.scene.half_extents[slot, 2]
         grasp = np.array([x, y, TABLE_HEIGHT + max(env.robot.grasp_height, GRASP_SHARE * height)])
         away = np.array([PRE_GRASP, 0, 0])
-        self.drive_to(np.array([self.base[0], y, 0.0]))
-        self.drive_to(np.array([x - STANDOFF, y, 0.0]))
+        self.drive_to(np.array([self.base[0], y - self.side, 0.0]))
+        self.drive_to(np.array([x - self.standoff, y - self.side, 0.0]))
         self.reach((grasp - away) + (0, 0, 0.25))
         self.reach(grasp - away)
         self.reach(grasp)

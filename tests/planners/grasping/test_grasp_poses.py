@@ -12,7 +12,8 @@ from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, UnknownGraspSet, find_grasp_set
-from planners.grasping.grasp_poses import GraspPose, GripperClearances, generate_grasps, gripper_opening
+from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_opening
+from planners.grasping.gripper import GripperClearances, gripper_clearances
 from planners.placing.locations import PlacementConfig, placement_grid, placement_levels, stand_at
 from planners.scene import Body, StaticObstacle
 from tests.planners.scenes import HEIGHT, table_scene
@@ -131,7 +132,7 @@ def test_a_box_is_grasped_across_faces_the_fingers_can_span() -> None:
 
 
 def test_a_toppled_cylinder_is_taken_by_its_ends_without_the_palm_touching_it() -> None:
-    body, gripper = toppled(), GripperClearances()
+    body, gripper = toppled(), gripper_clearances(FETCH)
     grasps = generate_grasps(body, FETCH)
     assert len(grasps) == 2
     for grasp in grasps:
@@ -181,3 +182,10 @@ def test_levels_get_finer_stay_within_the_margin_and_depend_on_the_seed_alone() 
 def test_a_table_smaller_than_its_margins_offers_its_centre() -> None:
     tiny = StaticObstacle("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.04, 0.04, 0.02]))
     np.testing.assert_allclose(placement_grid(tiny), 0.0)
+
+
+def test_the_lengths_of_the_gripper_are_read_from_its_solids():
+    wanted = GripperClearances(
+        palm_reach=0.044, palm_height=0.042, fingertip_reach=0.028, pad_half_height=0.0135, least_depth=0.018
+    )
+    assert gripper_clearances(FETCH) == wanted

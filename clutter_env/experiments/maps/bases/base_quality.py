@@ -112,7 +112,7 @@ class CollisionModel:
         self._columns = [self._model.joint(name).qposadr[0] for name in robot.drive_joints]
         for joint in robot.finger_joints:
             self._data.joint(joint).qpos = robot.max_finger_position
-        for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._data.joint(joint).qpos = angle
 
     def is_free(self, base: Floats, q: Floats) -> bool:

@@ -45,7 +45,7 @@ class CameraRays:
         self._model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
         self._data = mujoco.MjData(self._model)
         self._robot, self._camera = robot, camera
-        for name, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        for name, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._data.joint(name).qpos = angle
         for name in robot.finger_joints:
             self._data.joint(name).qpos = robot.finger_position(opening)

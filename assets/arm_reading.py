@@ -1,4 +1,4 @@
-"""The arm between two frames of a MuJoCo model: joint axes, limits, tool, and pairs of bodies that may collide.
+"""The arm between two frames of a MuJoCo model: joint axes, limits and tool.
 
 Everything is read at the joint positions 0, in the base frame: a line for the axis of each joint, and the pose of the
 tip. From these follow the frames of the chain: each has its origin on its joint's axis, and z along it.
@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.collision_pairs import self_collision_pairs
-from irm.errors import ChainError
+from assets.frames import frame_along
+from assets.robot_parts import InvalidRobot
 
-__all__ = ["APPROACHES", "ModelArm", "read_arm"]
+__all__ = ["APPROACHES", "ModelArm", "body_number", "load_model", "read_arm"]
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ APPROACHES = {
 
 @dataclass(frozen=True)
 class ModelArm:
-    """What a chain needs, named and shaped as in `irm.arm.chain.ArmChain`."""
+    """A chain of joints, named and shaped as in `irm.arm.chain.ArmChain`: its frames have z along the joints' axes."""
 
     name: str
     offsets: Floats
@@ -55,7 +55,6 @@ class ModelArm:
     upper: Floats
     tip: Floats
     joints: tuple[str, ...]
-    self_collisions: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -74,11 +73,15 @@ _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> ModelArm:
-    """The arm from `base` to `tip`; see `ArmChain.from_mjcf`."""
+    """The arm from `base` to `tip`; see `irm.arm.chain.ArmChain.from_mjcf`.
+
+    Raises:
+        InvalidRobot: no such file, body or site, or the joints between them are not those of an arm.
+    """
     name = ""
     if not isinstance(model, mujoco.MjModel):
-        name, model = Path(model).stem, _load(Path(model))
-    base_body = _body(model, base)
+        name, model = Path(model).stem, load_model(Path(model))
+    base_body = body_number(model, base)
     numbers = _joints_between(model, base_body, _tip_body(model, tip), (base, tip))
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
@@ -97,15 +100,15 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
         upper=np.array([joint.upper for joint in joints]),
         tip=tool,
         joints=tuple(joint.name for joint in joints),
-        self_collisions=self_collision_pairs(model, base_body),
     )
 
 
-def _load(path: Path) -> mujoco.MjModel:
+def load_model(path: Path) -> mujoco.MjModel:
+    """The compiled model of a file; raises `InvalidRobot` if it is none."""
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
-        raise ChainError(f"{path} cannot be read as an MJCF file: {problem}") from problem
+        raise InvalidRobot(f"{path} cannot be read as an MJCF file: {problem}") from problem
 
 
 def _model_name(model: mujoco.MjModel) -> str:
@@ -114,10 +117,11 @@ def _model_name(model: mujoco.MjModel) -> str:
     return "" if name == _UNNAMED else name
 
 
-def _body(model: mujoco.MjModel, name: str) -> int:
+def body_number(model: mujoco.MjModel, name: str) -> int:
+    """The number of a body; raises `InvalidRobot`, which lists the bodies, if there is none of that name."""
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if number < 0:
-        raise ChainError(f"there is no body {name!r}; there are {_listed(model, mujoco.mjtObj.mjOBJ_BODY)}")
+        raise InvalidRobot(f"there is no body {name!r}; there are {_listed(model, mujoco.mjtObj.mjOBJ_BODY)}")
     return int(number)
 
 
@@ -127,7 +131,7 @@ def _tip_body(model: mujoco.MjModel, name: str) -> int:
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if site < 0 and body < 0:
         sites, bodies = (_listed(model, kind) for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY))
-        raise ChainError(f"there is no site or body {name!r}; there are the sites {sites} and the bodies {bodies}")
+        raise InvalidRobot(f"there is no site or body {name!r}; there are the sites {sites} and the bodies {bodies}")
     return int(model.site_bodyid[site]) if site >= 0 else int(body)
 
 
@@ -153,7 +157,7 @@ def _pose(R: Floats, p: Floats) -> Floats:
 
 def _tool_rotation(approach: str) -> Floats:
     if approach not in APPROACHES:
-        raise ChainError(f"there is no approach axis {approach!r}; there are {', '.join(map(repr, APPROACHES))}")
+        raise InvalidRobot(f"there is no approach axis {approach!r}; there are {', '.join(map(repr, APPROACHES))}")
     return APPROACHES[approach]
 
 
@@ -163,7 +167,7 @@ def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str
     body = tip
     while body != base:
         if body == 0:
-            raise ChainError(f"{names[1]!r} is not attached to {names[0]!r}; choose a base among its parents")
+            raise InvalidRobot(f"{names[1]!r} is not attached to {names[0]!r}; choose a base among its parents")
         first = int(model.body_jntadr[body])
         found = list(range(first, first + int(model.body_jntnum[body]))) + found if first >= 0 else found
         body = int(model.body_parentid[body])
@@ -171,7 +175,7 @@ def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str
     wrong = [k for k in found if int(model.jnt_type[k]) not in known]
     if wrong or not found:
         listed = ", ".join(repr(model.joint(k).name) for k in wrong) or "no joint"
-        raise ChainError(
+        raise InvalidRobot(
             f"between {names[0]!r} and {names[1]!r} there is {listed}; an arm has hinges, and may have a lift"
         )
     return found
@@ -193,18 +197,18 @@ def _lift_and_hinges(joints: list[_Joint], names: tuple[str, str]) -> tuple[_Joi
     """The lift, one that does not move if the arm has none, and the joints of the arm.
 
     Raises:
-        ChainError: they are not those of an arm.
+        InvalidRobot: they are not those of an arm.
     """
     lifts, hinges = [joint for joint in joints if joint.slides], [joint for joint in joints if not joint.slides]
     if len(hinges) not in (6, 7) or len(lifts) > 1 or [*lifts, *hinges] != joints:
         what = ", ".join(f"{joint.name} ({'slide' if joint.slides else 'hinge'})" for joint in joints)
-        raise ChainError(
+        raise InvalidRobot(
             f"an arm has 6 or 7 hinges, after one vertical slide if it stands on a lift; between {names[0]!r} and "
             f"{names[1]!r} there are: {what}. Choose another base or tip"
         )
     lift = lifts[0] if lifts else _NO_LIFT
     if abs(lift.axis[2] - 1.0) > _PARALLEL or lift.lower <= -CONTINUOUS:
-        raise ChainError(f"the lift {lift.name} must slide along the base frame's z axis, up, and have limits")
+        raise InvalidRobot(f"the lift {lift.name} must slide along the base frame's z axis, up, and have limits")
     return lift, hinges
 
 
@@ -219,7 +223,7 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
     parallel = max(*away, np.abs(T_base_tip[:3, :3] - np.eye(3)).max()) < _PARALLEL
     frames = [np.eye(4), np.eye(4)]
     for joint, origin in zip(hinges, _origins(hinges), strict=True):
-        frames.append(_pose(np.eye(3) if parallel else _frame_along(joint.axis), origin))
+        frames.append(_pose(np.eye(3) if parallel else frame_along(joint.axis), origin))
     frames.append(T_base_tip)
     places = [np.linalg.inv(parent) @ frame for parent, frame in itertools.pairwise(frames)]
     rows = np.array([np.concatenate([T[:3, 3], T[:3, :3].ravel()]) for T in places])
@@ -246,10 +250,3 @@ def _origins(hinges: list[_Joint]) -> list[Floats]:
 def _nearest_on(joint: _Joint, point: Floats) -> Floats:
     """The point of a joint's axis that is nearest to a point."""
     return np.asarray(joint.point + joint.axis * float(joint.axis @ (point - joint.point)))
-
-
-def _frame_along(axis: Floats) -> Floats:
-    """A rotation (3, 3) with the given z axis."""
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])

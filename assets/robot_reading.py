@@ -1,0 +1,222 @@
+"""A robot's data from its MJCF file: what the model holds is read, the rest must be said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets import path as asset_path
+from assets.arm_reading import ModelArm, load_model, read_arm
+from assets.robot_parts import ChainLink, InvalidRobot
+
+__all__ = ["RobotPage", "page_of", "read_fields"]
+
+Floats = NDArray[np.float64]
+
+_BASE_LIMITS = (1.0, 1.0, 1.5)
+"""[m/s], [m/s], [rad/s] of the base if nothing else is said; per second, also its accelerations."""
+_LIFT_LIMITS = (0.1, 0.5)
+"""[m/s], [m/s²] of the lift."""
+_ARM_LIMITS = (1.5, 2.0)
+"""[rad/s], [rad/s²] of the arm's joints."""
+_ROUNDING = 9
+"""Decimals that are kept of what is computed."""
+
+
+@dataclass(frozen=True)
+class RobotPage:
+    """What must be said about a robot beside its MJCF file; fields as in `RobotSpec`.
+
+    Attributes:
+        base_joints: names of the joints that move the base along x, along y and about z; their body is the base.
+        tip: name of the TCP's site: x along the approach, y along the finger motion.
+        finger_joints: names of the two joints of the fingers; at 0 the gripper is closed.
+        home: configuration to start, drive and carry in, lift and arm.
+        name: "" for that of the file.
+        finger_geoms: names of the pads; () if each finger has one geom only.
+        head_joints, head_configuration: joints that are held still, and where.
+        max_velocity, max_acceleration: (4 + n,); () for slow ones: a model has no such limits.
+        max_loaded_yaw_rate, max_tcp_velocity, max_finger_velocity: as in `RobotSpec`.
+        grasp_height, grasp_axis_offset: the side grasp.
+    """
+
+    base_joints: tuple[str, str, str]
+    tip: str
+    finger_joints: tuple[str, str]
+    home: tuple[float, ...]
+    name: str = ""
+    finger_geoms: tuple[str, ...] = ()
+    head_joints: tuple[str, ...] = ()
+    head_configuration: tuple[float, ...] = ()
+    max_velocity: tuple[float, ...] = ()
+    max_acceleration: tuple[float, ...] = ()
+    max_loaded_yaw_rate: float = 0.6
+    max_tcp_velocity: tuple[float, float] = (0.3, 1.0)
+    max_finger_velocity: float = 0.05
+    grasp_height: float = 0.065
+    grasp_axis_offset: float = 0.0
+
+
+def read_fields(mjcf: str | Path, page: RobotPage) -> dict[str, Any]:
+    """The fields of a robot's `RobotSpec`; see `RobotSpec.from_mjcf`.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        InvalidRobot: the file lacks what the page names, or they do not describe a robot.
+    """
+    file = Path(mjcf).resolve() if Path(mjcf).is_file() else mjcf
+    model = load_model(asset_path(str(file)))
+    base = model.body(model.jnt_bodyid[_joint(model, page.base_joints[0])]).name
+    arm = read_arm(model, base, page.tip, "x")
+    if not arm.joints[0]:
+        raise InvalidRobot(f"{mjcf}: between {base!r} and the arm there must be a lift: a slide along z with a range")
+    arm_count = len(arm.joints) - 1
+    return dict(
+        name=page.name or arm.name,
+        mjcf=str(file),
+        base_body=base,
+        base_joints=page.base_joints,
+        chain=_chain(arm),
+        tcp_offset=_numbers(arm.tip[:3]),
+        tcp_quaternion=_quaternion(arm.tip),
+        tcp_site=page.tip,
+        gripper_body=model.body(model.site(page.tip).bodyid[0]).name,
+        finger_joints=page.finger_joints,
+        head_joints=page.head_joints,
+        head_configuration=page.head_configuration,
+        cameras=tuple(model.camera(number).name for number in range(model.ncam)),
+        home=page.home,
+        max_velocity=page.max_velocity or (*_BASE_LIMITS, _LIFT_LIMITS[0], *[_ARM_LIMITS[0]] * arm_count),
+        max_acceleration=page.max_acceleration or (*_BASE_LIMITS, _LIFT_LIMITS[1], *[_ARM_LIMITS[1]] * arm_count),
+        max_loaded_yaw_rate=page.max_loaded_yaw_rate,
+        max_tcp_velocity=page.max_tcp_velocity,
+        max_finger_velocity=page.max_finger_velocity,
+        grasp_height=page.grasp_height,
+        grasp_axis_offset=page.grasp_axis_offset,
+        **_gripper(model, page),
+        **_footprint(model, base),
+    )
+
+
+def _chain(arm: ModelArm) -> tuple[ChainLink, ...]:
+    """The chain with the frames that were read, their numbers rounded."""
+    links = []
+    for joint, place, axis, lower, upper in zip(arm.joints, arm.offsets, arm.axes, arm.lower, arm.upper, strict=True):
+        links.append(
+            ChainLink(
+                joint,
+                _numbers(place[:3]),
+                "xyz"[int(axis) % 3],
+                round(float(lower), _ROUNDING),
+                round(float(upper), _ROUNDING),
+                prismatic=bool(axis >= 3),
+                quaternion=_quaternion(place),
+            )
+        )
+    return tuple(links)
+
+
+def _numbers(values: Floats) -> Any:
+    """A tuple of rounded numbers, without minus zeros."""
+    return tuple(round(float(value), _ROUNDING) + 0.0 for value in values)
+
+
+def _quaternion(place: Floats) -> Any:
+    """wxyz of the orientation in a row of `ModelArm`."""
+    if place.size == 3:
+        return (1.0, 0.0, 0.0, 0.0)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, place[3:].copy())
+    return tuple(float(value) + 0.0 for value in quaternion)
+
+
+def _joint(model: mujoco.MjModel, name: str) -> int:
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+    if number < 0:
+        known = ", ".join(repr(model.joint(k).name) for k in range(model.njnt))
+        raise InvalidRobot(f"there is no joint {name!r}; there are {known}")
+    return int(number)
+
+
+def _gripper(model: mujoco.MjModel, page: RobotPage) -> dict[str, Any]:
+    """Pads, range and thickness of the fingers, and the gap between the pads of the closed gripper."""
+    joints = [_joint(model, name) for name in page.finger_joints]
+    geoms = page.finger_geoms or tuple(_only_geom(model, int(model.jnt_bodyid[joint])) for joint in joints)
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    numbers = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in geoms]
+    if min(numbers) < 0 or len(numbers) != 2:
+        raise InvalidRobot(f"finger_geoms must name the two pads; there are no geoms {geoms!r}")
+    along = data.xaxis[joints[0]]
+    halves = [_half_extent(model, data, number, along) for number in numbers]
+    apart = abs(float(along @ (data.geom_xpos[numbers[0]] - data.geom_xpos[numbers[1]])))
+    return {
+        "finger_geoms": geoms,
+        "max_finger_position": round(min(float(model.jnt_range[joint][1]) for joint in joints), _ROUNDING),
+        "finger_gap_closed": round(max(apart - sum(halves), 0.0), _ROUNDING),
+        "finger_thickness": round(2 * max(halves), _ROUNDING),
+    }
+
+
+def _only_geom(model: mujoco.MjModel, body: int) -> str:
+    """The name of the one geom of a body that can touch something."""
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    touching = [
+        geom for geom in range(first, first + count) if model.geom_contype[geom] or model.geom_conaffinity[geom]
+    ]
+    names = [str(model.geom(geom).name) for geom in touching]
+    if len(names) != 1 or not names[0]:
+        raise InvalidRobot(f"name the pads in finger_geoms: {model.body(body).name!r} has the geoms {names}")
+    return names[0]
+
+
+def _half_extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: Floats) -> float:
+    """[m] from a geom's centre to its end along a direction, of the box around it."""
+    return float(np.abs(along @ data.geom_xmat[geom].reshape(3, 3)) @ model.geom_aabb[geom, 3:])
+
+
+def _footprint(model: mujoco.MjModel, base: str) -> dict[str, float]:
+    """Radius and height of the cylinder about the base's axis that contains its geoms that can touch something.
+
+    Those count that reach farthest out: what stands on them is narrower.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    body = model.body(base).id
+    found = []
+    for geom in range(model.ngeom):
+        if int(model.geom_bodyid[geom]) == body and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+            centre = data.geom_xpos[geom] - data.xpos[body]
+            x, y, z = (_half_extent(model, data, geom, axis) for axis in np.eye(3))
+            is_round = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_CYLINDER) and x == y
+            radius = float(np.hypot(*centre[:2])) + x if is_round else float(np.hypot(*(np.abs(centre[:2]) + (x, y))))
+            found.append((radius, float(centre[2]) + z))
+    if not found:
+        raise InvalidRobot(f"the base {base!r} has no geom that can touch something")
+    radius, height = max(found)
+    return {"base_radius": round(radius, 6), "base_height": round(height, 6)}
+
+
+def page_of(fields: dict[str, Any]) -> RobotPage:
+    """The page with these fields, lists as tuples.
+
+    Raises:
+        InvalidRobot: an unknown or a missing field.
+    """
+    try:
+        return RobotPage(**{name: _as_tuple(value) for name, value in fields.items()})
+    except TypeError as problem:
+        known = ", ".join(RobotPage.__dataclass_fields__)
+        raise InvalidRobot(f"these do not describe a robot ({problem}); what can be said: {known}") from None
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value

@@ -1,0 +1,95 @@
+"""Check a robot's data, and draw the robot.
+
+    clutter-env robot check panda_mobile
+    clutter-env robot check my_package.robots:MINE
+    clutter-env robot check my_robot.xml --page my_robot.json
+
+Says what is missing or inconsistent, and draws the collision shapes, the frames of the joints and where the level
+gripper reaches. The page of an MJCF file is a JSON object with the fields of `assets.robot_reading.RobotPage`. Without
+a `home` in it, configurations are suggested.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from clutter_env.cli.command import run_command
+
+if TYPE_CHECKING:
+    from assets.robots import RobotSpec
+
+__all__ = ["main"]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Command line."""
+
+    robot: tyro.conf.Positional[str]
+    """Name of a robot, module:NAME of a RobotSpec, or an MJCF file."""
+    page: Path | None = None
+    """JSON file of what the MJCF file does not say."""
+    homes: bool = False
+    """Suggest home configurations; always done for a page without one."""
+    output: Path | None = None
+    """The picture; outputs/NAME.png if not given."""
+
+
+def run(arguments: Arguments) -> None:
+    """Report, draw, and end with an error if there is a problem."""
+    from clutter_env.experiments.robots.picture import draw_robot
+    from clutter_env.experiments.robots.reach import home_candidates
+    from clutter_env.experiments.robots.report import report_of
+
+    robot, has_home = _robot(arguments)
+    if arguments.homes or not has_home:
+        print("home, best first:")
+        for candidate in home_candidates(robot):
+            print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
+    if not has_home:
+        raise ValueError(f"{arguments.page} says no home; take one of these, or your own")
+    report = report_of(robot)
+    print(report.summary())
+    if report.reach is not None:
+        file = arguments.output or Path("outputs") / f"{robot.name}.png"
+        draw_robot(robot, report.reach, file)
+        print(f"  picture: {file}")
+    if report.problems:
+        sys.exit(1)
+
+
+def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
+    """The robot, and whether a home configuration was given: if not, it has the middle of the joints' ranges."""
+    from assets.arm_reading import load_model, read_arm
+    from assets.robots import RobotSpec
+    from clutter_env.experiments.maps.model_check import robot_by_name
+
+    if not arguments.robot.endswith(".xml"):
+        return robot_by_name(arguments.robot), True
+    if arguments.page is None:
+        raise ValueError("an MJCF file needs --page, a JSON file; see docs/add_a_robot.md")
+    path, page = Path(arguments.robot).resolve(), json.loads(arguments.page.read_text())
+    has_home = "home" in page
+    if not has_home:
+        model = load_model(path)
+        base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
+        arm = read_arm(model, base, page["tip"], "x")
+        page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
+    return RobotSpec.from_mjcf(path, **page), has_home
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command; `words` are its arguments, those of the process if not given."""
+    given = list(sys.argv[1:] if words is None else words)
+    if given[:1] == ["check"]:
+        given = given[1:]
+    elif given and not given[0].startswith("-"):
+        sys.exit(f"clutter-env robot: no command {given[0]!r}; there is: check")
+    run_command("robot check", Arguments, run, __doc__, given or ["--help"])

@@ -1,0 +1,1 @@
+"""What a robot's data lack, what the robot reaches, and pictures of it."""

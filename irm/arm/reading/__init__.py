@@ -1,0 +1,1 @@
+"""An arm read from a MuJoCo model."""

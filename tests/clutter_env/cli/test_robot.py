@@ -1,0 +1,73 @@
+"""`clutter-env robot check`: good robots have no problem, faults are named, a missing home is suggested."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from assets.robots import RobotSpec, robot
+from clutter_env.cli.robot import main
+from clutter_env.experiments.robots.reach import home_candidates
+from clutter_env.experiments.robots.report import report_of
+from irm.arm.chain import ArmChain
+from irm.arm.kinematics import forward
+
+PANDA = robot("panda_mobile")
+
+
+def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["check", "panda_mobile", "--output", str(tmp_path / "robot.png")])
+    text = capsys.readouterr().out
+    assert "no problem found" in text
+    assert "7 joints, closed form: three axes meet" in text
+    assert (tmp_path / "robot.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "hint"),
+    [
+        (' gravcomp="1">\n            <joint name="joint2"', '>\n            <joint name="joint2"', "without gravcomp"),
+        ('<joint name="finger_coupling"', '<joint active="true" name="finger_coupling"', ""),
+        ('joint1="finger_joint1" joint2="finger_joint2"', 'joint1="joint1" joint2="joint2"', "couples the fingers"),
+        ('condim="4"', 'condim="3"', "from which objects slip"),
+        ('type="box" size="0.032 0.10 0.034"', 'type="ellipsoid" size="0.032 0.10 0.034"', "is none of"),
+        ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', "geoms without contype"),
+    ],
+)
+def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: str) -> None:
+    text = PANDA.mjcf_path.read_text()
+    assert old in text
+    (tmp_path / "robot.xml").write_text(text.replace(old, new))
+    problems = report_of(replace(PANDA, mjcf=str(tmp_path / "robot.xml"))).problems
+    assert hint in "; ".join(problems)
+    assert bool(problems) == bool(hint)
+
+
+def test_a_bad_home_is_named() -> None:
+    low = replace(PANDA, home=(0.0, *PANDA.home[1:]))
+    assert any("the TCP is" in problem for problem in report_of(low).problems)
+    tilted = replace(PANDA, home=(*PANDA.home[:-1], 1.0))
+    assert any("not level" in problem for problem in report_of(tilted).problems)
+
+
+def test_suggested_homes_are_level_ahead_and_high() -> None:
+    found = home_candidates(PANDA)
+    assert found
+    for candidate in found:
+        T = forward(ArmChain.from_robot(PANDA), candidate.q)
+        assert T[0, 0] > 0.999
+        assert T[2, 2] > 0.999
+        assert T[2, 3] > 1.05
+
+
+def test_a_page_without_a_home_ends_with_suggestions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = {"base_joints": PANDA.base_joints, "tip": "tcp", "finger_joints": PANDA.finger_joints}
+    (tmp_path / "page.json").write_text(json.dumps(page))
+    with pytest.raises(SystemExit, match="says no home"):
+        main(["check", str(PANDA.mjcf_path), "--page", str(tmp_path / "page.json")])
+    line = capsys.readouterr().out.splitlines()[1]
+    home = json.loads(line[line.index("[") : line.index("]") + 1])
+    assert RobotSpec.from_mjcf(PANDA.mjcf_path, **page, home=tuple(home)).home == tuple(home)
