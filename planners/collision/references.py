@@ -97,7 +97,7 @@ def _offset(context: Any, target: BaseNamedTuple, index: int) -> int:
 
 @intrinsic
 def by_reference(_typing_context: Any, value: types.Type) -> tuple[Signature, Any]:
-    """The address of a named tuple, for kernels that this one calls; see the text above. A reference stays what it is."""
+    """The address of a named tuple, for kernels that this one calls; see the text above. A reference stays one."""
 
     def keep(_context: Any, _builder: Any, _signature: Signature, values: Any) -> Any:
         """Code for what is a reference already."""
