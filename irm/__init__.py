@@ -17,6 +17,7 @@ from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
 from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
 from irm.floor.robot_outline import robot_radius
+from irm.floor.solid_boxes import SolidBoxes
 from irm.maps.cache import cached_map, cached_table
 from irm.maps.certificate.table import CertificateTable
 from irm.maps.pose_tables import read_pose_table, read_reuleaux
@@ -38,6 +39,7 @@ __all__ = [
     "PlacementBatch",
     "ReachabilityError",
     "ReachabilityMap",
+    "SolidBoxes",
     "Status",
     "Verified",
     "VisibilityMap",

@@ -20,7 +20,7 @@ from irm.errors import QueryError
 if TYPE_CHECKING:
     import mujoco
 
-__all__ = ["robot_radius"]
+__all__ = ["geom_corners", "robot_radius"]
 
 Floats = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def _trunk(robot: RobotSpec) -> tuple[tuple[Floats, float, float], ...]:
         ancestors = _ancestors(model, int(model.geom_bodyid[geom]))
         collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
         if collides and base in ancestors and arm not in ancestors:
-            corners = _corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            corners = geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
             link = robot.chain[0]
             lifted = (link.lower, link.upper) if torso in ancestors else (0.0, 0.0)
             parts.append(((corners - origin) @ R, *lifted))
@@ -105,7 +105,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
     return found
 
 
-def _corners(model: mujoco.MjModel, geom: int) -> Floats:
+def geom_corners(model: mujoco.MjModel, geom: int) -> Floats:
     """(n, 3) points in the geom's frame whose convex hull contains the geom."""
     import mujoco  # see `_trunk`
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.errors import QueryError
 from irm.floor.free_space import FreeSpace
+from irm.floor.solid_boxes import SolidBoxes
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.arguments import (
     FULL_TURN,
@@ -169,6 +170,7 @@ class InverseReachabilityMap:
         waypoints: ArrayLike,
         *,
         target: Iterable[float] | None = None,
+        solids: SolidBoxes | None = None,
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
@@ -181,6 +183,7 @@ class InverseReachabilityMap:
                 frame (x along the approach's horizontal direction, y to its left, z up), such as
                 [(-0.1, 0, 0), (0, 0, 0), (0, 0, 0.1)] for approach, grasp and lift.
             target: (3,) in the world [m], or None.
+            solids: boxes, such as table tops, that gripper and wrist must not penetrate; None for none.
             yaw_range: as in `query`.
             **keywords: as in `query`.
 
@@ -191,11 +194,11 @@ class InverseReachabilityMap:
         Raises:
             QueryError: as in `query`, or a vertical approach comes with offsets that are not vertical.
         """
-        options = QueryOptions.of(keywords, "target", "yaw_range").without_preference("query_path")
+        options = QueryOptions.of(keywords, "target", "solids", "yaw_range").without_preference("query_path")
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
         if target is None:
-            return place_for_path(self._bases, points, bounds, options)
-        return place_for_path_at(self._bases, np.array(as_position(target)), points, bounds, options)
+            return place_for_path(self._bases, points, bounds, options, solids)
+        return place_for_path_at(self._bases, np.array(as_position(target)), points, bounds, options, solids)
 
     def query_multi(
         self,

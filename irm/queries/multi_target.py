@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.arm.angles import signed
+from irm.arm.kinematics import inverse
 from irm.errors import QueryError
+from irm.floor.solid_boxes import SolidBoxes
+from irm.maps.orientation_index import rotation
 from irm.queries.arguments import QueryOptions, as_yaw_ranges
 from irm.queries.exact_bases import SPARE_BASES
 from irm.queries.keyed_bases import KeyedBases
@@ -24,6 +28,10 @@ Floats = NDArray[np.float64]
 
 _BASES_AT_A_TIME = 16
 """Bases computed by one call of the kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
+
+
+_TORSOS, _ROLLS = 8, 36
+"""Torso heights and upper-arm rolls of the configurations whose wrist and forearm are tested against solid boxes."""
 
 
 class _Search(NamedTuple):
@@ -52,7 +60,11 @@ class _Found(NamedTuple):
 
 
 def place_for_path(
-    bases: KeyedBases, waypoints: Floats, yaw_range: tuple[float, float], options: QueryOptions
+    bases: KeyedBases,
+    waypoints: Floats,
+    yaw_range: tuple[float, float],
+    options: QueryOptions,
+    solids: SolidBoxes | None,
 ) -> BasePlacement:
     """`InverseReachabilityMap.query_path` for waypoints (m, 3) in the world."""
     keys = _keys(bases, waypoints, options)
@@ -64,11 +76,16 @@ def place_for_path(
     windows = np.tile(np.array([yaw_range]), (len(waypoints), 1))
     fixed = np.ones(len(waypoints), dtype=bool)
     search = _Search(keys, reference, turns, points, windows, True, fixed)
-    return _find(bases, search, options).with_first_yaw()
+    return _find_path(bases, search, options, solids, points)
 
 
 def place_for_path_at(
-    bases: KeyedBases, target: Floats, offsets: Floats, yaw_range: tuple[float, float], options: QueryOptions
+    bases: KeyedBases,
+    target: Floats,
+    offsets: Floats,
+    yaw_range: tuple[float, float],
+    options: QueryOptions,
+    solids: SolidBoxes | None,
 ) -> BasePlacement:
     """`InverseReachabilityMap.query_path` for offsets (m, 3) from a target (3,), in the approach frame."""
     keys = _keys(bases, target + offsets * (0, 0, 1), options)
@@ -88,7 +105,7 @@ def place_for_path_at(
     points = target + np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(turns), len(z)))], axis=2)
     windows = np.tile(np.array([yaw_range]), (len(offsets), 1))
     search = _Search(keys, reference, turns, points, windows, True, vertical)
-    return _find(bases, search, options).with_first_yaw()
+    return _find_path(bases, search, options, solids, np.broadcast_to(target, points.shape))
 
 
 def place_for_targets(
@@ -119,6 +136,66 @@ def _keys(bases: KeyedBases, points: Floats, options: QueryOptions) -> list[Key]
     found = [find_key(bases.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
     keys = [key for key in found if key is not None]
     return None if len(keys) < len(found) or options.floor.is_empty else keys
+
+
+def _find_path(
+    bases: KeyedBases, search: _Search, options: QueryOptions, solids: SolidBoxes | None, pivots: Floats
+) -> BasePlacement:
+    """`_find` at those turns at which gripper and wrist are in no solid box.
+
+    Args:
+        bases, search, options: as in `_find`.
+        solids: boxes, or None for none.
+        pivots: (n, m, 3) about which each position of the search turns with the approach yaw.
+    """
+    if solids is None:
+        return _find(bases, search, options).with_first_yaw()
+    n, m = search.points.shape[:2]
+    poses = _poses_of(search, options)
+    axes = pivots.reshape(-1, 3)[:, :2]
+    free = ~solids.block(poses, axes).reshape(n, m).any(axis=1)
+    if not free.any():
+        half = 0.5 * float(search.turns[1] - search.turns[0]) if n > 1 else 0.0
+        blocked = solids.block(poses, axes, half).reshape(n, m).any(axis=1)
+        is_no = blocked.all() or _is_out_of_reach(bases, search, options)
+        return _nothing(Status.NO if is_no else Status.UNKNOWN, m).with_first_yaw()
+    search = search._replace(turns=search.turns[free], points=search.points[free])
+    found = _find(bases, search, options).with_first_yaw()
+    poses = _poses_of(search, options).reshape(-1, m, 4, 4)
+    certain = found.certain.copy()
+    for rank in np.flatnonzero(certain):
+        turn = _turn_numbers(search, found.approach_yaw[rank : rank + 1])[0]
+        certain[rank] = _is_clear(bases, found.poses[rank], poses[turn], solids)
+    certain.setflags(write=False)
+    status = Status.UNKNOWN if found.status is Status.YES and not certain.any() else found.status
+    return replace(found, status=status, certain=certain)
+
+
+def _is_clear(bases: KeyedBases, base: Floats, T_world_tcp: Floats, solids: SolidBoxes) -> bool:
+    """Whether the open fingers are in no box at TCP poses (m, 4, 4), and wrist and forearm in some configuration."""
+    chain = bases.reachability_map.chain
+    T_base_world = np.eye(4)
+    T_base_world[:3, :3] = rotation(-float(base[2]), 0.0, 0.0)
+    T_base_world[:2, 3] = -T_base_world[:2, :2] @ base[:2]
+    if solids.block_open_fingers(T_world_tcp).any():
+        return False
+    for T in T_world_tcp[solids.may_block(T_world_tcp)]:
+        if chain is None or not chain.has_closed_form:
+            return False
+        torsos = np.linspace(*bases.grid.torso_range, _TORSOS)
+        q = inverse(chain, T_base_world @ T, torsos, np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False))
+        if not solids.are_clear(T, q).any():
+            return False
+    return True
+
+
+def _poses_of(search: _Search, options: QueryOptions) -> Floats:
+    """(n * m, 4, 4) T_world_tcp at each turn and position of a search for a path."""
+    T = np.tile(np.eye(4), (*search.points.shape[:2], 1, 1))
+    for turn, yaw in enumerate(search.turns + search.keys[search.reference].yaw_shift):
+        T[turn, :, :3, :3] = rotation(float(yaw), options.pitch, options.roll)
+    T[..., :3, 3] = search.points
+    return T.reshape(-1, 4, 4)
 
 
 def _find(bases: KeyedBases, search: _Search, options: QueryOptions) -> BasePlacement:
@@ -158,17 +235,17 @@ def _common_bases(bases: KeyedBases, search: _Search, options: QueryOptions, cou
 
 def _decided(bases: KeyedBases, search: _Search, options: QueryOptions, found: _Found) -> _Found:
     """Those of the bases that may reach all positions, with exact torso heights and certainty."""
-    points = _points_of(search, found.yaws[:, search.reference] - search.keys[search.reference].yaw_shift)
+    points = search.points[_turn_numbers(search, found.yaws[:, search.reference])]
     decided = bases.exact.decide(found.rows[:, :3], points, found.yaws, options)
     found.rows[:, 4] = decided.certain
     found.torsos[decided.certain] = decided.torso[decided.certain]
     return _Found(*(column[decided.may_reach] for column in found))
 
 
-def _points_of(search: _Search, turns: Floats) -> Floats:
-    """(k, m, 3) positions of the search at some of its turns (k,)."""
-    off = np.abs(signed(turns[:, None] - search.turns))
-    return np.asarray(search.points[off.argmin(axis=1)])
+def _turn_numbers(search: _Search, yaws: Floats) -> NDArray[np.int64]:
+    """(k,) which of a search's turns belong to the approach yaws (k,) of its reference."""
+    turns = yaws - search.keys[search.reference].yaw_shift
+    return np.asarray(np.abs(signed(turns[:, None] - search.turns)).argmin(axis=1))
 
 
 def _is_out_of_reach(bases: KeyedBases, search: _Search, options: QueryOptions) -> bool:

@@ -14,14 +14,15 @@ from tqdm import tqdm
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
-from irm.checks.verification import IsFree, Verified, tcp_poses, verify
+from irm.checks.verification import Verified, tcp_poses, verify
 from irm.floor.free_space import FreeSpace
+from irm.floor.solid_boxes import SolidBoxes
 from irm.maps.cache import cached_map
 from irm.queries.arguments import SEPARATION
 from irm.queries.inverse import InverseReachabilityMap
 from irm.queries.placement import BasePlacement
 
-__all__ = ["KINDS", "PATH", "CollisionModel", "QueryKind", "Targets", "floor_of", "measure_targets"]
+__all__ = ["KINDS", "PATH", "CollisionModel", "QueryKind", "Targets", "floor_of", "measure_targets", "solids_of"]
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ class Targets:
         verified_first: targets for which the best base is valid.
         verified: targets for which one of the best bases is valid.
         hopeless: answered targets for which none of the `TRIED` best bases is valid.
-        wrong: targets whose best base is certain, and no configurations reach from there, collisions apart.
+        wrong: targets whose best base is certain and not valid.
     """
 
     layout: str
@@ -144,6 +145,13 @@ def floor_of(robot: RobotSpec, layout: Layout) -> FreeSpace:
     return FreeSpace.from_boxes(boxes, robot.base_radius + FLOOR_MARGIN, bounds)
 
 
+def solids_of(robot: RobotSpec, layout: Layout) -> SolidBoxes:
+    """Table and other furniture, as obstacles of gripper and wrist."""
+    return SolidBoxes.of(
+        robot, [(*box.position, *(2 * half for half in box.half_extents)) for box in furniture(layout)]
+    )
+
+
 def measure_targets(robot: RobotSpec, layout_name: str, count: int, kind: QueryKind, seed: int) -> Targets:
     """Verify bases for TCP poses above the whole table, from grasp height to 0.25 m, each with one range of yaws.
 
@@ -152,7 +160,8 @@ def measure_targets(robot: RobotSpec, layout_name: str, count: int, kind: QueryK
     at all: the gripper of a pose itself, or its wrist, may be inside the table.
     """
     layout = LAYOUTS[layout_name]
-    model, floor, chain = CollisionModel(robot, layout), floor_of(robot, layout), ArmChain.from_robot(robot)
+    model, chain = CollisionModel(robot, layout), ArmChain.from_robot(robot)
+    around = floor_of(robot, layout), solids_of(robot, layout)
     is_level = kind.half_width == np.pi
     parameters: dict[str, Any] = {"orientations": 266, "pitches": (0.0,), "heights": (0.7, 1.2)} if is_level else {}
     inverse_map = InverseReachabilityMap(cached_map(robot, **parameters))
@@ -162,7 +171,7 @@ def measure_targets(robot: RobotSpec, layout_name: str, count: int, kind: QueryK
     for _ in tqdm(range(count), f"targets, {layout_name}, {kind.name}"):
         target = np.array([*rng.uniform(-half, half), TABLE_HEIGHT + rng.uniform(robot.grasp_height, HIGHEST)])
         yaw = 0.0 if is_level else rng.uniform(-np.pi, np.pi)
-        counts += _verify_target(chain, inverse_map, model, floor, target, (kind, yaw))
+        counts += _verify_target(chain, inverse_map, model, around, target, (kind, yaw))
     columns = ("answered", "verified_first", "verified", "hopeless", "wrong")
     return Targets(layout_name, kind.name, count, *(counts[column] for column in columns))
 
@@ -171,21 +180,23 @@ def _verify_target(
     chain: ArmChain,
     inverse_map: InverseReachabilityMap,
     model: CollisionModel,
-    floor: FreeSpace,
+    around: tuple[FreeSpace, SolidBoxes],
     target: Floats,
     how: tuple[QueryKind, float],
 ) -> Counter[str]:
     """The counts of one target, with the middle of its range of yaws."""
     kind, yaw = how
+    floor, solids = around
     keywords: dict[str, Any] = {"free_space": floor, "pitch": kind.pitch}
     keywords |= {"yaw_range": (yaw - kind.half_width, yaw + kind.half_width)}
 
     def place(k: int, separation: float) -> BasePlacement:
         if len(kind.offsets) > 1:
-            return inverse_map.query_path(kind.offsets, target=target, k=k, separation=separation, **keywords)
+            about: dict[str, Any] = {"target": target, "solids": solids}
+            return inverse_map.query_path(kind.offsets, k=k, separation=separation, **about, **keywords)
         return inverse_map.query(target, k=k, separation=separation, **keywords)
 
-    def valid_rank(placement: BasePlacement, limit: int, is_free: IsFree | None = model.is_free) -> int:
+    def valid_rank(placement: BasePlacement, limit: int) -> int:
         """The first valid one of the best bases, `limit` if none is."""
         yaws = placement.approach_yaw
 
@@ -193,7 +204,7 @@ def _verify_target(
             """T_world_tcp of the path from the base of that rank."""
             return tcp_poses(target + _turned(kind.offsets, yaws[rank]), yaws[rank], kind.pitch)
 
-        verified = verify(chain, placement, poses_of, is_free, limit=limit)
+        verified = verify(chain, placement, poses_of, model.is_free, limit=limit)
         return verified.rank if isinstance(verified, Verified) else limit
 
     placement = place(BEST, SEPARATION)
@@ -201,7 +212,7 @@ def _verify_target(
         return Counter()
     rank = valid_rank(placement, BEST)
     is_hopeless = rank == BEST and valid_rank(place(TRIED, CLOSE), TRIED) == TRIED
-    is_wrong = bool(placement.certain[0]) and rank > 0 and valid_rank(placement, 1, None) > 0
+    is_wrong = bool(placement.certain[0]) and rank > 0
     return Counter(answered=1, verified_first=rank == 0, verified=rank < BEST, hopeless=is_hopeless, wrong=is_wrong)
 
 
