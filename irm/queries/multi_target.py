@@ -159,7 +159,9 @@ def _find_path(
         blocked = solids.block(poses, axes, half).reshape(n, m).any(axis=1)
         is_no = blocked.all() or _is_out_of_reach(bases, search, options)
         return _nothing(Status.NO if is_no else Status.UNKNOWN, m).with_first_yaw()
-    search = search._replace(turns=search.turns[free], points=search.points[free])
+    turns = search.turns[free]
+    turns.setflags(write=False)  # as all turns, so that kernels are compiled only once
+    search = search._replace(turns=turns, points=search.points[free])
     found = _find(bases, search, options).with_first_yaw()
     poses = _poses_of(search, options).reshape(-1, m, 4, 4)
     certain = found.certain.copy()
