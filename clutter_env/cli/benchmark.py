@@ -14,11 +14,11 @@ from pathlib import Path
 
 import mujoco
 
-from clutter_env.cli.command import run_command
 from clutter_env.experiments.environments.batch_scaling import measure_batch
 from clutter_env.experiments.environments.resets import compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
 from clutter_env.experiments.environments.toppled import measure_toppled
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
 from clutter_env.reporting.progress import progress_bar
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 
 if TYPE_CHECKING:
     from clutter_env.learning.demonstrations.collect import JobRunner, Outcome

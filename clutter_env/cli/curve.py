@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.cli.command import command_line, run_command
+from clutter_env.reporting.command import command_line, run_command
 
 
 @dataclass(frozen=True)

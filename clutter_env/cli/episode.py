@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 import clutter_env
 from assets.robots import FETCH
-from clutter_env.cli.command import run_command
 from clutter_env.experiments.clearance_table.trials import Trial
 from clutter_env.experiments.episodes.episode import (
     PLANNING_S,
@@ -29,6 +28,7 @@ from clutter_env.experiments.episodes.episode import (
     play_episode,
 )
 from clutter_env.experiments.episodes.many import counts_text, play_many
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
 from clutter_env.scene.layout import LAYOUTS
 from irm.maps.cache import cache_folder, cached_map, is_map_at_hand

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.tables import markdown_table
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 from irm.maps.parameters import MapParameters
 
 if TYPE_CHECKING:

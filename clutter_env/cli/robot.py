@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 
 if TYPE_CHECKING:
     from assets.robots import RobotSpec
@@ -38,7 +38,7 @@ class Arguments:
     """JSON file of what the MJCF file does not say."""
     homes: bool = False
     """Suggest home configurations; always done for a page without one."""
-    output: Path | None = None
+    out: Path | None = None
     """The picture; outputs/NAME.png if not given."""
 
 
@@ -58,7 +58,7 @@ def run(arguments: Arguments) -> None:
     report = report_of(robot)
     print(report.summary())
     if report.reach is not None:
-        file = arguments.output or Path("outputs") / f"{robot.name}.png"
+        file = arguments.out or Path("outputs") / f"{robot.name}.png"
         draw_robot(robot, report.reach, file)
         print(f"  picture: {file}")
     if report.problems:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from clutter_env.cli.command import command_line, run_command
+from clutter_env.reporting.command import command_line, run_command
 
 if TYPE_CHECKING:
     from clutter_env.experiments.clearance_table.table import TableSettings

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 
 if TYPE_CHECKING:
     from clutter_env.learning.training.run import Run

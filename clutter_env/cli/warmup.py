@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)

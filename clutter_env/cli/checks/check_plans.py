@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 
 TOLERANCE = 0.001
 """[m] Penetration that a plan may have."""

@@ -16,9 +16,9 @@ from typing import Literal, ParamSpec, TypeVar
 import numpy as np
 from matplotlib.figure import Figure
 
-from clutter_env.cli.command import run_command
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
 from clutter_env.reporting.progress import progress_bar
 from irm.arm.kinematics import ArmChain

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.cli.command import run_command
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.spread import plan_scene, spread_table
 from clutter_env.experiments.plans.spread_figure import plot_spread
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.progress import progress_bar
 from planners.planner import Planner
 

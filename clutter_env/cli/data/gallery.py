@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import clutter_env
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.progress import progress_bar
 
 assert clutter_env  # registers the environments

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.cli.command import run_command
 from clutter_env.experiments.environments.layout_images import layout_column, save_columns
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 

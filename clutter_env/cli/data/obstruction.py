@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clutter_env.cli.command import run_command
 from clutter_env.experiments.suites.agreement import SCENE_SETS, agreement, agreement_table
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.progress import progress_bar
 
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.cli.command import run_command
 from clutter_env.experiments.suites.approaches import approach_table
+from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clutter_env.cli.command import run_command
 from clutter_env.experiments.maps.settings import BenchmarkSettings
+from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Literal
 
 import tyro
 
-from clutter_env.cli.command import run_command
+from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)
