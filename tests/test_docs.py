@@ -104,7 +104,7 @@ EXAMPLES = [
 
 def test_every_page_has_an_example() -> None:
     pages = [page.removeprefix("environments/") for page, _ in EXAMPLES]
-    assert pages == ["retrieve", "retrieve", "reach", "pick", "skill", "add_a_robot"]
+    assert pages == ["retrieve", "retrieve", "reach", "pick", "skill", "add_a_robot", "add_a_robot"]
 
 
 @pytest.mark.parametrize(("page", "code"), EXAMPLES, ids=[page for page, _ in EXAMPLES])
