@@ -19,7 +19,7 @@ PANDA = robot("panda_mobile")
 
 
 def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["check", "panda_mobile", "--output", str(tmp_path / "robot.png")])
+    main(["check", "panda_mobile", "--out", str(tmp_path / "robot.png")])
     text = capsys.readouterr().out
     assert "no problem found" in text
     assert "7 joints, closed form: three axes meet" in text

@@ -220,6 +220,6 @@ def test_more_objects_than_a_layout_holds_are_refused_before_any_trial(option: s
 
 @pytest.mark.parametrize("objects", [8, 15, 40])
 def test_a_trial_has_the_time_limit_of_its_number_of_objects(objects: int) -> None:
-    env = trials._environment(objects, "paper", "joint")
+    env = trials._environment(objects, "paper", "joint", "fetch")
     assert env.spec is not None
     assert env.spec.max_episode_steps == time_limit(objects)

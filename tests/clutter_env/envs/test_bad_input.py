@@ -21,7 +21,7 @@ WRONG_KEYWORDS = [
     ("reward_mode", 0, "sparse"),
     ("obs_mode", "pixels", "rgbd"),
     ("obs_mode", b"state", "state"),
-    ("robot", "pr2", "fetch"),
+    ("robot", "tiago", "fetch"),
     ("robot", 7, "fetch"),
     ("robot", None, "fetch"),
     ("shapes", "sphere", "cylinder"),

@@ -18,7 +18,7 @@ def queries(coarse_map, coarse_inverse):
     classical = ClassicalInverseReachabilityMap(coarse_map)
     return {
         "yaw_range": lambda **keywords: coarse_inverse.query(POSITION, **keywords),
-        "target, yaw_range": lambda **keywords: coarse_inverse.query_path([POSITION], **keywords),
+        "target, solids, yaw_range": lambda **keywords: coarse_inverse.query_path([POSITION], **keywords),
         "yaw_ranges": lambda **keywords: coarse_inverse.query_batch(POSITION, **keywords),
         "yaw_ranges, pitch": lambda **keywords: coarse_inverse.query_multi([POSITION], **keywords),
         "yaw_range, pitch": lambda **keywords: classical.query(POSITION, **keywords),

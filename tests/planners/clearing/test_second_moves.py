@@ -69,7 +69,7 @@ def test_plans_are_reproducible(scene: Scene) -> None:
 
 def test_the_search_is_bounded() -> None:
     """A table with no room at all ends with the cause, second moves or not."""
-    found = Planner(FETCH, grasps="side").solve(crowded(4, 13), "object_05", TWICE)
+    found = Planner(FETCH, grasps="side").solve(crowded(4, 16), "object_05", TWICE)
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.NO_CLEARANCE_LOCATION
 
