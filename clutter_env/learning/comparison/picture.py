@@ -54,7 +54,7 @@ def _draw_success(axes: Any, rows: Sequence[Row]) -> None:
     _draw(axes, [row.clean for row in rows], -0.13, _CLEAN, "clean", marker="o")
     axes.set_title("success", fontsize=10)
     axes.set_xlim(-0.03, 1.03)
-    axes.legend(loc="best", fontsize=8)
+    _key(axes)
 
 
 def _draw_by_floor(axes: Any, rows: Sequence[Row]) -> None:
@@ -67,13 +67,18 @@ def _draw_by_floor(axes: Any, rows: Sequence[Row]) -> None:
     axes.set_title("clean success, by minimum of clearances", fontsize=10)
     axes.set_xlim(-0.03, 1.03)
     if strata:
-        axes.legend(loc="best", fontsize=8)
+        _key(axes)
+
+
+def _key(axes: Any) -> None:
+    """What the marks are, below the panel: inside it hides intervals."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4, fontsize=8, frameon=False, columnspacing=1.0)
 
 
 def _draw_moved(axes: Any, rows: Sequence[Row]) -> None:
     _draw(axes, [row.moved_per_floor for row in rows], 0.0, _MOVED, "", marker="D")
     axes.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
-    axes.set_title("moved / minimum, solved scenes", fontsize=10)
+    axes.set_title("moved / minimum, solved", fontsize=9)
     axes.set_xlim(left=0)
 
 
