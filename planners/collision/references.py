@@ -97,17 +97,11 @@ def _offset(context: Any, target: BaseNamedTuple, index: int) -> int:
 
 @intrinsic
 def by_reference(_typing_context: Any, value: types.Type) -> tuple[Signature, Any]:
-    """The address of a named tuple, for kernels that this one calls; see the text above. A reference stays one."""
-
-    def keep(_context: Any, _builder: Any, _signature: Signature, values: Any) -> Any:
-        """Code for what is a reference already."""
-        return values[0]
+    """The address of a named tuple, for kernels that this one calls; see the text above."""
 
     def store(context: Any, builder: Any, _signature: Signature, values: Any) -> Any:
         """Code that stores it."""
         del context
         return builder.bitcast(cgutils.alloca_once_value(builder, values[0]), _BYTE.as_pointer())
 
-    if isinstance(value, Reference):
-        return value(value), keep
     return Reference(value)(value), store

@@ -14,7 +14,7 @@ from planners.collision.references import by_reference
 from planners.collision.robot_model import RobotArrays
 from planners.collision.rows import copy_row
 
-__all__ = ["solve_near", "track_line"]
+__all__ = ["follow_line", "solve_near", "track_line"]
 
 Array = NDArray[np.float64]
 
@@ -114,18 +114,25 @@ def track_line(
     Returns:
         the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
     """
+    return follow_line(by_reference(robot), q_start, direction, distance, step, jump, speed)
+
+
+@njit(cache=True)
+def follow_line(
+    robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
+) -> Array:
+    """As `track_line`, of a robot that comes by reference."""
     n = q_start.shape[0]
     parts = max(1, math.ceil(distance / step - 1e-9))
     path = np.empty((parts + 1, n))
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     fk_frames(robot.offsets, robot.axes, robot.tip, q_start, R, p)
     R_goal, origin, goal, q = R[n].copy(), p[n].copy(), np.empty(3), q_start.copy()
-    chain = by_reference(robot)
     copy_row(q_start, path[0])
     for i in range(1, parts + 1):
         for axis in range(3):
             goal[axis] = origin[axis] + direction[axis] * distance * i / parts
-        if not solve_near(chain, R_goal, goal, speed, q):
+        if not solve_near(robot, R_goal, goal, speed, q):
             return path[:i]
         for k in range(n):
             if abs(q[k] - path[i - 1, k]) > jump:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irm.compilation import njit
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
-from planners.collision.straight_line_kernel import track_line
+from planners.collision.straight_line_kernel import follow_line
 from planners.scene.masks import SELF_BIT
 
 __all__ = ["can_rise"]
@@ -26,7 +26,7 @@ steps [m] in which no joint turns farther than this [rad]: it could not take the
 def can_rise(query: CollisionQuery, base: Array, q: Array) -> bool:
     """Whether the arm lifts the gripper straight up by `_RISE` without touching the robot."""
     robot, up = query.robot, np.array((0.0, 0.0, 1.0))
-    path = track_line(robot, q, up, _RISE, _RISE_STEP, _RISE_JUMP, np.ones(q.shape[0]))
+    path = follow_line(robot, q, up, _RISE, _RISE_STEP, _RISE_JUMP, np.ones(q.shape[0]))
     if path.shape[0] < math.ceil(_RISE / _RISE_STEP - 1e-9) + 1:
         return False
     for k in range(path.shape[0] - 1, 0, -3):

@@ -47,11 +47,6 @@ def both_ways(outer: Outer) -> tuple[float, float]:
     return summary(outer), summary(by_reference(outer))
 
 
-@njit
-def twice(outer: Outer) -> float:
-    return summary(by_reference(by_reference(outer)))
-
-
 @leaf_kernel
 def fill(inner: Inner, value: float) -> None:
     inner.rows[0, 0] = value
@@ -75,10 +70,6 @@ OUTER = Outer(np.uint64(1 << 40), False, Inner(True, np.arange(6.0).reshape(2, 3
 def test_all_fields_are_those_of_the_tuple(is_set: bool, first_only: bool) -> None:
     by_value, by_address = both_ways(OUTER._replace(first_only=first_only, inner=OUTER.inner._replace(is_set=is_set)))
     assert by_address == by_value == 0.5 * 5.0 + 2 + 7000 + (1 << 40) * (is_set and not first_only)
-
-
-def test_a_reference_of_a_reference_is_the_reference() -> None:
-    assert twice(OUTER) == both_ways(OUTER)[0]
 
 
 def test_arrays_are_shared() -> None:
