@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from clutter_env.experiments.maps.posed_robot import PosedRobot
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import Box
 
@@ -74,13 +75,8 @@ class MapRenderer:
         _furnish(spec, boxes, cup)
         self._size = size[0] * SMOOTHING, size[1] * SMOOTHING
         spec.visual.global_.offwidth, spec.visual.global_.offheight = self._size
-        self._model = spec.compile()
-        self._data = mujoco.MjData(self._model)
-        self._columns = [self._model.joint(name).qposadr[0] for name in robot.drive_joints]
-        for joint in robot.finger_joints:
-            self._data.joint(joint).qpos = robot.max_finger_position
-        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-            self._data.joint(joint).qpos = angle
+        self._posed = PosedRobot(spec, robot)
+        self._model, self._data = self._posed.model, self._posed.data
         self._model.stat.extent = 1.0
         self._model.vis.map.znear, self._model.vis.map.zfar = NEAR, FAR
         self._fovy = float(self._model.vis.global_.fovy)
@@ -110,7 +106,7 @@ class MapRenderer:
         Returns:
             (height, width, 4) uint8 RGBA; pixels without a shape are transparent.
         """
-        self._data.qpos[self._columns] = np.concatenate([base, q])
+        self._posed.put(base, q)
         mujoco.mj_forward(self._model, self._data)
         self._model.vis.global_.fovy = view.height or self._fovy
         scene, option, camera = mujoco.MjvScene(self._model, maxgeom=MAX_GEOMS), mujoco.MjvOption(), mujoco.MjvCamera()

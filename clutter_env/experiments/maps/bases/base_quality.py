@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
+from clutter_env.experiments.maps.posed_robot import PosedRobot
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
 from irm.arm.kinematics import ArmChain
@@ -107,20 +108,15 @@ class CollisionModel:
         world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **bits)
         for box in furniture(layout):
             world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.position, size=box.half_extents, **bits)
-        self._model = spec.compile()
-        self._data = mujoco.MjData(self._model)
-        self._columns = [self._model.joint(name).qposadr[0] for name in robot.drive_joints]
-        for joint in robot.finger_joints:
-            self._data.joint(joint).qpos = robot.max_finger_position
-        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-            self._data.joint(joint).qpos = angle
+        self._posed = PosedRobot(spec, robot)
 
     def is_free(self, base: Floats, q: Floats) -> bool:
         """Whether a base pose (3,) with a configuration (1 + n,) touches nothing, itself included."""
-        self._data.qpos[self._columns] = np.concatenate([base, q])
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_collision(self._model, self._data)
-        return not self._data.ncon or float(self._data.contact.dist.min()) > -TOUCH
+        model, data = self._posed.model, self._posed.data
+        self._posed.put(base, q)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        return not data.ncon or float(data.contact.dist.min()) > -TOUCH
 
 
 def _let_neighbours_touch(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
