@@ -52,3 +52,7 @@ def _version() -> str:
     from importlib import metadata
 
     return f"clutter-env {metadata.version('clutter-env')}"
+
+
+if __name__ == "__main__":
+    main()

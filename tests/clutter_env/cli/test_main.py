@@ -52,6 +52,14 @@ def test_all_commands_spell_an_option_alike(command: str) -> None:
     assert not names & {"output", "output_dir", "jobs", "processes", "num_workers"}
 
 
+@pytest.mark.parametrize("module", ["clutter_env", "clutter_env.cli.main"])
+def test_the_console_command_is_a_module_too(module: str) -> None:
+    """Without a module of that name Python found none; the command's own module ended without a word."""
+    result = subprocess.run([sys.executable, "-m", module, "table", "--help"], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("usage: clutter-env table")
+
+
 def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     main([])
     text = capsys.readouterr().out
