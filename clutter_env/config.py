@@ -31,7 +31,7 @@ SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd")
 IK_ROUTES = ("direct", "mink")
 SCENE_CAMERAS = ("scene", "top")
-"""Cameras of every scene; the robot brings its own."""
+"""Views of every scene: all of it, and from above; the robot brings its own cameras."""
 IMAGE_SIZE_RANGE = (16, 2048)
 """Pixels."""
 

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
+from clutter_env.rendering.framing import ACROSS, FRAMED_CAMERA, whole_scene
 from clutter_env.rendering.renderer import Renderer
 from clutter_env.rendering.window import Window
 from clutter_env.simulation.world import World
@@ -38,13 +39,13 @@ class EnvRenderer:
 
     def render(self, world: World) -> NDArray[Any] | None:
         """What `render()` returns in this configuration's mode; see `BaseEnv.render`."""
-        mode, camera = self._config.render_mode, self._config.camera
+        mode = self._config.render_mode
         if mode is None:
             return None
         if mode == "human":
             self._show(world)
             return None
-        renderer = self._renderer(world, self._config.width, self._config.height)
+        renderer, camera = self._renderer(world, self._config.width, self._config.height), self._view(world)
         return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
     def observation(self, world: World) -> dict[str, NDArray[Any]]:
@@ -88,6 +89,12 @@ class EnvRenderer:
         if (width, height) not in self._renderers:
             self._renderers[width, height] = Renderer(world.model, width, height)
         return self._renderers[width, height]
+
+    def _view(self, world: World) -> str | mujoco.MjvCamera:
+        """The camera of `render()`."""
+        if self._config.camera != FRAMED_CAMERA:
+            return self._config.camera
+        return whole_scene(world.model, self._layout, ACROSS, self._config.width / self._config.height)
 
     def _show(self, world: World) -> None:
         self._use(world)

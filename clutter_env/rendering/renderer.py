@@ -107,7 +107,7 @@ class Renderer:
         self._draw(data, camera, picture, None)
         return np.ascontiguousarray(picture[::-1])
 
-    def depth(self, data: mujoco.MjData, camera: str) -> NDArray[np.float32]:
+    def depth(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.float32]:
         """(height, width) distance along the camera's axis [m]; the far plane where nothing is."""
         width, height = self._size
         buffer = np.empty((height, width), np.float32)

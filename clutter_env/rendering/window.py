@@ -9,14 +9,12 @@ from typing import Any
 import mujoco
 
 from clutter_env.errors import RenderingUnavailable
-from clutter_env.rendering.framing import ACROSS, whole_scene
+from clutter_env.rendering.framing import ACROSS, FRAMED_CAMERA, whole_scene
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
 
-__all__ = ["FRAMED_CAMERA", "Window"]
+__all__ = ["Window"]
 
-FRAMED_CAMERA = "scene"
-"""The name of the view that the mouse can move; any other camera of the model stays where it is."""
 _ASPECT = 1.5
 """Width over height of MuJoCo's window before its user changes it, a little less."""
 _MOST_LAG = 0.1
@@ -70,7 +68,7 @@ def _open_viewer(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
 
 
 def _aim(view: mujoco.MjvCamera, model: mujoco.MjModel, layout: Layout, camera: str) -> None:
-    """Look through a camera of the model; "scene" is a view of robot and table that the mouse can move."""
+    """Look through a camera of the model, or at the whole scene: this view the mouse can move."""
     if camera != FRAMED_CAMERA:
         view.type = mujoco.mjtCamera.mjCAMERA_FIXED
         view.fixedcamid = model.camera(camera).id

@@ -39,8 +39,6 @@ _OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
 """Of furniture that a layout brings itself."""
 _SHELF_BOARDS_ALPHA = 0.2
 """Boards above objects are drawn transparent: what they share, seen from above."""
-_SCENE_EYE, _SCENE_POINT = (-2.55, 1.85, 2.35), (-0.45, 0.02, 0.70)
-"""[m] where the camera "scene" stands and looks: from behind the robot's left shoulder."""
 _TOP_X = -0.45
 """[m] of the camera "top": between the table and where the robot starts."""
 _FLOOR_SIZE = 15.0
@@ -210,7 +208,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             conaffinity=conaffinity,
         )
     _declare_supports(spec, layout)
-    _add_lights_and_cameras(spec, layout)
+    _add_lights_and_camera(spec, layout)
 
 
 def _declare_supports(spec: mujoco.MjSpec, layout: Layout) -> None:
@@ -224,8 +222,8 @@ def _declare_supports(spec: mujoco.MjSpec, layout: Layout) -> None:
     )
 
 
-def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
-    """Soft light, a pale sky, the cameras "scene" (from the robot's left, behind it) and "top"."""
+def _add_lights_and_camera(spec: mujoco.MjSpec, layout: Layout) -> None:
+    """Soft light, a pale sky, the camera "top"."""
     spec.visual.quality.offsamples = 0
     spec.visual.quality.numslices, spec.visual.quality.numstacks = _SLICES, _STACKS
     spec.stat.extent, spec.stat.center = _EXTENT, [0.0, 0.0, TABLE_HEIGHT]
@@ -250,19 +248,8 @@ def _add_lights_and_cameras(spec: mujoco.MjSpec, layout: Layout) -> None:
         diffuse=[0.45, 0.45, 0.45],
         castshadow=False,
     )
-    world.add_camera(
-        name="scene", pos=_SCENE_EYE, xyaxes=_look_at(np.array(_SCENE_EYE), np.array(_SCENE_POINT)), fovy=40
-    )
     height = TABLE_HEIGHT + 1.2 * (max(layout.width, layout.depth) + 1.0)
     world.add_camera(name="top", pos=[_TOP_X, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=45)
-
-
-def _look_at(eye: NDArray[np.float64], point: NDArray[np.float64]) -> list[float]:
-    """The camera's x and y axes (6 numbers) that make it look from `eye` at `point`, upright."""
-    back = (eye - point) / np.linalg.norm(eye - point)
-    right = np.cross((0.0, 0.0, 1.0), back)
-    right /= np.linalg.norm(right)
-    return [*right, *np.cross(back, right)]
 
 
 def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:

@@ -1,4 +1,4 @@
-"""One image of every layout through the cameras "scene" and "top"."""
+"""One image of every layout: the whole scene, and the table from above."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.experiments.environments.layout_images import layout_column, save_columns
+from clutter_env.experiments.environments.layout_images import layout_image, save_images
 from clutter_env.reporting.command import run_command
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
@@ -20,8 +20,8 @@ class Arguments:
     """Objects on every table."""
     shapes: str = "mixed"
     """Shapes of the objects: "cylinder", "box" or "mixed"."""
-    size: int = 360
-    """Pixels along each side of one image."""
+    size: int = 440
+    """Pixels of one layout's width."""
     seed: int = 1
     """Random seed of the scenes."""
     out: Path = Path("outputs/layouts.png")
@@ -30,11 +30,11 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Render every layout, join the images, save."""
-    columns = [
-        layout_column(layout, arguments.objects, arguments.shapes, arguments.seed, arguments.size)
+    images = [
+        layout_image(layout, arguments.objects, arguments.shapes, arguments.seed, arguments.size)
         for layout in progress_bar(LAYOUTS, desc="rendering", unit="layout")
     ]
-    save_columns(columns, arguments.out)
+    save_images(images, arguments.out)
     print(f"image: {arguments.out}")
 
 

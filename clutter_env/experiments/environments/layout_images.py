@@ -1,53 +1,62 @@
-"""Every layout through the cameras "scene" and "top", side by side."""
+"""Every layout, its whole scene above its table from above, side by side in rows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from clutter_env.config import SCENE_CAMERAS
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.rendering.framing import ABOVE, ACROSS, whole_scene, whole_table
+from clutter_env.rendering.renderer import Renderer
 
-__all__ = ["layout_column", "save_columns"]
+__all__ = ["layout_image", "save_images"]
 
-LABEL_COLOUR = (40, 44, 52)
+Picture = NDArray[np.uint8]
+
+COLUMNS = 4
+"""Layouts in one row."""
+LABEL_COLOUR, PAPER = (40, 44, 52), 255
+GAP = 8
+"""Pixels of white between two layouts."""
 
 
-def layout_column(layout: str, objects: int, shapes: str, seed: int, size: int) -> NDArray[np.uint8]:
-    """One layout through both cameras, one image above the other: (2 size, size, 3).
+def layout_image(layout: str, objects: int, shapes: str, seed: int, size: int) -> Picture:
+    """One layout: its scene, as wide as high, above its table, twice as wide as high: (3/2 size, size, 3).
 
     Raises:
         ConfigError: an unknown layout or set of shapes, or more objects than fit.
         RenderingUnavailable: this machine cannot render.
     """
-    return np.vstack([_image(layout, objects, shapes, seed, size, camera) for camera in SCENE_CAMERAS])
-
-
-def _image(layout: str, objects: int, shapes: str, seed: int, size: int, camera: str) -> NDArray[np.uint8]:
-    env = RetrieveEnv(
-        num_objects=objects,
-        layout=layout,
-        shapes=shapes,
-        render_mode="rgb_array",
-        camera=camera,
-        width=size,
-        height=size,
-    )
+    env = RetrieveEnv(num_objects=objects, layout=layout, shapes=shapes, render_mode="rgb_array")
     env.reset(seed=seed)
-    image = env.render()
-    assert image is not None
+    views = ((whole_scene, ACROSS, size, size), (whole_table, ABOVE, size, size // 2))
+    pictures = []
+    for view, direction, width, height in views:
+        renderer = Renderer(env.model, width, height)
+        pictures.append(renderer.colour(env.data, view(env.model, env.layout, direction, width / height)))
+        renderer.close()
     env.close()
-    page = Image.fromarray(image)
-    if camera == SCENE_CAMERAS[0]:
-        ImageDraw.Draw(page).text((10, 8), layout, fill=LABEL_COLOUR, font_size=20)
+    return _labelled(np.vstack(pictures), layout)
+
+
+def _labelled(picture: Picture, text: str) -> Picture:
+    page = Image.fromarray(picture)
+    draw = ImageDraw.Draw(page)
+    draw.text((10, 8), text, fill=LABEL_COLOUR, font_size=max(len(picture) // 24, 8))
     return np.asarray(page)
 
 
-def save_columns(columns: Iterable[NDArray[np.uint8]], file: Path) -> None:
-    """Join columns from left to right and save them; missing directories are made."""
+def save_images(images: Sequence[Picture], file: Path) -> None:
+    """Join images of one size in rows and save them; missing directories are made."""
+    height, width = images[0].shape[:2]
+    columns, rows = min(COLUMNS, len(images)), -(-len(images) // COLUMNS)
+    page = np.full((rows * (height + GAP) - GAP, columns * (width + GAP) - GAP, 3), PAPER, np.uint8)
+    for index, image in enumerate(images):
+        top, left = index // COLUMNS * (height + GAP), index % COLUMNS * (width + GAP)
+        page[top : top + height, left : left + width] = image
     file.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.hstack(list(columns))).save(file, optimize=True)
+    Image.fromarray(page).save(file, optimize=True)

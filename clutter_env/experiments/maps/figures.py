@@ -31,6 +31,8 @@ COLOURS = "turbo_r"
 BLACK = np.array([0.05, 0.05, 0.05, 1.0])
 COARSE: dict[str, Any] = {"voxel": 0.15, "orientations": 26}
 """The map of Fig. 1: coarse, so that the arrows do not hide each other."""
+SLICE = 0.15
+"""[m] Thickness of the slice of Fig. 1b."""
 PANEL = (480, 440)
 """Size of one picture of Fig. 1 in pixels."""
 SIDE, PIXELS = 2.4, 640
@@ -95,16 +97,14 @@ def _rotations(rm: ReachabilityMap) -> Floats:
 
 
 def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
-    """T_base = T_eff⁻¹ around one TCP pose, drawn in the air; the half in front of it is left out."""
+    """T_base = T_eff⁻¹ around one TCP pose: a slice through it from the side, as most bases lean or are in the air."""
     R_base, place = inverse_reachability(_rotations(rm), rm.positions)
-    far = place[:, 1] > 0
+    sliced = np.abs(place[:, 1]) < SLICE / 2
     tcp = Arrows(np.zeros((1, 3)), np.eye(3)[:1], BLACK[None], 0.4, 0.03)
-    bases = Arrows(place[far], R_base[far, :, 0], colours[far], 0.12, 0.009)
-    return _Bases((_raised(bases), _raised(tcp)), View((-0.1, 0.3, 1.2), 5.0, 110.0, -14.0))
-
-
-def _raised(arrows: Arrows) -> Arrows:
-    return arrows._replace(tails=arrows.tails + (0.0, 0.0, 1.6))
+    bases = Arrows(place[sliced], R_base[sliced, :, 0], colours[sliced], 0.13, 0.011)
+    low, high = bases.tails.min(axis=0), bases.tails.max(axis=0)
+    view = View((*(low + high) / 2,), 5.0, 90.0, 0.0, float(1.1 * (high - low).max()))
+    return _Bases((bases, tcp), view)
 
 
 def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
@@ -127,7 +127,7 @@ def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
 def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
     titles = (
         "(a) reachability map (equation 3):\nTCP poses, the half on the robot's left",
-        "(b) inverse map (equation 4):\nbases around one TCP pose (black)",
+        "(b) inverse map (equation 4): slice of the\nbases around one TCP pose (black), from the side",
         "(c) inverse map (equation 5):\nbases on the floor, TCP poses (black)",
     )
     figure = Figure(figsize=(13.2, 4.4), layout="constrained")

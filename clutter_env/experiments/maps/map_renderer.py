@@ -13,6 +13,7 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.maps.posed_robot import PosedRobot
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import Box
+from clutter_env.simulation.meshes import add_meshes, has_visuals
 
 __all__ = ["Arrows", "Cup", "MapRenderer", "View"]
 
@@ -72,6 +73,8 @@ class MapRenderer:
         self, robot: RobotSpec, size: tuple[int, int], boxes: Sequence[Box] = (), cup: Cup | None = None
     ) -> None:
         spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        if has_visuals(robot):
+            add_meshes(spec, robot)
         _furnish(spec, boxes, cup)
         self._size = size[0] * SMOOTHING, size[1] * SMOOTHING
         spec.visual.global_.offwidth, spec.visual.global_.offheight = self._size
@@ -110,7 +113,7 @@ class MapRenderer:
         mujoco.mj_forward(self._model, self._data)
         self._model.vis.global_.fovy = view.height or self._fovy
         scene, option, camera = mujoco.MjvScene(self._model, maxgeom=MAX_GEOMS), mujoco.MjvOption(), mujoco.MjvCamera()
-        option.geomgroup[:] = (show_floor, 0, show_robot, 0, 0, 0)
+        option.geomgroup[:] = (show_floor, show_robot, show_robot, 0, 0, 0)
         option.sitegroup[:] = 0
         camera.lookat[:] = view.target
         camera.orthographic = view.height > 0

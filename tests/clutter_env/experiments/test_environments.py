@@ -16,7 +16,7 @@ from clutter_env.errors import ConfigError
 from clutter_env.experiments.environments import endurance
 from clutter_env.experiments.environments.batch_scaling import BatchScaling, measure_batch
 from clutter_env.experiments.environments.endurance import IDS, EnduranceError, run_endurance
-from clutter_env.experiments.environments.layout_images import layout_column, save_columns
+from clutter_env.experiments.environments.layout_images import layout_image, save_images
 from clutter_env.experiments.environments.resets import ResetTimes, compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed
 from clutter_env.scene.layout import LAYOUTS
@@ -85,7 +85,7 @@ def test_the_benchmark_leaves_the_plotting_library_out_of_its_processes() -> Non
 
 @pytest.mark.usefixtures("needs_gl")
 def test_layouts_are_rendered_side_by_side(tmp_path: Path) -> None:
-    columns = [layout_column(layout, 3, "mixed", 1, 48) for layout in ("paper", "island")]
-    assert not np.array_equal(*columns)
-    save_columns(columns, tmp_path / "new" / "layouts.png")
-    assert Image.open(tmp_path / "new" / "layouts.png").size == (96, 96)
+    images = [layout_image(layout, 3, "mixed", 1, 48) for layout in ("paper", "island")]
+    assert not np.array_equal(*images)
+    save_images([*images, *images, images[1]], tmp_path / "new" / "layouts.png")
+    assert Image.open(tmp_path / "new" / "layouts.png").size == (4 * 48 + 3 * 8, 2 * 72 + 8)
