@@ -5,55 +5,21 @@ Zhao, Kumar, Levine & Finn, "Learning fine-grained bimanual manipulation with lo
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import torch
-from torch import nn
+from torch.nn.functional import l1_loss
 
 from clutter_env.learning.chunking.examples import ROW, STEPS, ChunkExamples
+from clutter_env.learning.chunking.network import ChunkConfig, ScaledChunks
+from clutter_env.learning.regression.descent import Report, descend
 
-__all__ = ["ChunkConfig", "ChunkNetwork", "fit_chunks"]
-
-
-@dataclass(frozen=True)
-class ChunkConfig:
-    """Settings of the regression.
-
-    Attributes:
-        steps: gradient steps.
-        batch: examples in each step.
-        learning_rate: the first one; it falls to zero along a cosine.
-        width: of the hidden layers.
-        seed: random seed.
-    """
-
-    steps: int = 4000
-    batch: int = 256
-    learning_rate: float = 1e-3
-    width: int = 256
-    seed: int = 0
+__all__ = ["ChunkNetwork", "fit_chunks"]
 
 
-class ChunkNetwork(nn.Module):
-    """From the features of a situation to the next steps; outputs are scaled by their spread in the data."""
-
-    mean: torch.Tensor
-    spread: torch.Tensor
+class ChunkNetwork(ScaledChunks):
+    """From the features of a situation to the next steps."""
 
     def __init__(self, num_features: int, width: int = 256) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(STEPS, ROW))
-        self.register_buffer("spread", torch.ones(STEPS, ROW))
-        self.layers = nn.Sequential(
-            nn.Linear(num_features, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, STEPS * ROW),
-        )
+        super().__init__(num_features, width)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """Scaled chunks (k, STEPS, ROW) of features (k, f)."""
@@ -61,14 +27,10 @@ class ChunkNetwork(nn.Module):
 
     def chunk(self, features: torch.Tensor) -> torch.Tensor:
         """The next steps (STEPS, ROW) of one situation (f,)."""
-        return self.mean + self.spread * self(features[None])[0]
+        return self.unscaled(self(features[None])[0])
 
 
-def fit_chunks(
-    examples: ChunkExamples,
-    config: ChunkConfig = ChunkConfig(),
-    report: Callable[[int, float], None] = lambda *_: None,
-) -> ChunkNetwork:
+def fit_chunks(examples: ChunkExamples, config: ChunkConfig, report: Report = lambda *_: None) -> ChunkNetwork:
     """A network fitted to examples by the mean absolute error.
 
     Args:
@@ -78,19 +40,13 @@ def fit_chunks(
     """
     torch.manual_seed(config.seed)
     features = torch.tensor(examples.features, dtype=torch.float32)
-    chunks = torch.tensor(examples.chunks, dtype=torch.float32)
     network = ChunkNetwork(features.shape[1], config.width)
-    network.mean[:], network.spread[:] = chunks.mean(0), chunks.std(0) + 1e-2
-    wanted = (chunks - network.mean) / network.spread
-    optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
-    for step in range(config.steps):
+    wanted = network.scale_to(torch.tensor(examples.chunks, dtype=torch.float32))
+
+    def loss(_: int) -> torch.Tensor:
+        """Of a random batch."""
         chosen = torch.randint(len(features), (config.batch,))
-        loss = nn.functional.l1_loss(network(features[chosen]), wanted[chosen])
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        if step % 500 == 0 or step == config.steps - 1:
-            report(step, loss.item())
+        return l1_loss(network(features[chosen]), wanted[chosen])
+
+    descend(torch.optim.Adam(network.parameters(), lr=config.learning_rate), config.steps, loss, report)
     return network

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from clutter_env.learning.decisions.examples import ContactExamples
 from clutter_env.learning.decisions.network import ContactBatch, ContactNetwork
 from clutter_env.learning.errors import LearningError
+from clutter_env.learning.regression.descent import Report, descend
 
 __all__ = ["Accuracy", "FitConfig", "accuracy", "batch_of", "fit"]
 
@@ -62,7 +62,7 @@ def fit(
     examples: ContactExamples,
     config: FitConfig = FitConfig(),
     network: ContactNetwork | None = None,
-    report: Callable[[int, float], None] = lambda *_: None,
+    report: Report = lambda *_: None,
 ) -> ContactNetwork:
     """Fit a network; half of the batches are mirrored left to right, which changes no label.
 
@@ -80,22 +80,18 @@ def fit(
     reached = np.flatnonzero(examples.is_reached)
     if not len(reached):
         raise LearningError("no contact of the examples is reached: there is nothing to learn from")
-    network = ContactNetwork(config.width) if network is None else network
-    optimiser = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
-    for step in range(config.steps):
+    fitted = ContactNetwork(config.width) if network is None else network
+
+    def loss(step: int) -> torch.Tensor:
+        """Of a random batch."""
         is_mirrored = bool(step % 2)
-        loss = _loss(network, examples, rng.choice(reached, config.batch), is_mirrored)
-        loss = loss + _reach_loss(
-            network, examples, rng.integers(len(examples), size=_REACH_SHARE * config.batch), is_mirrored
-        )
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        if step % 500 == 0 or step == config.steps - 1:
-            report(step, loss.item())
-    return network
+        of_blockers = _loss(fitted, examples, rng.choice(reached, config.batch), is_mirrored)
+        rows = rng.integers(len(examples), size=_REACH_SHARE * config.batch)
+        return of_blockers + _reach_loss(fitted, examples, rows, is_mirrored)
+
+    optimiser = torch.optim.AdamW(fitted.parameters(), lr=config.learning_rate, weight_decay=1e-4)
+    descend(optimiser, config.steps, loss, report)
+    return fitted
 
 
 def accuracy(network: ContactNetwork, examples: ContactExamples, most: int = 20_000) -> Accuracy:

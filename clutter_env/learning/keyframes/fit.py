@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from clutter_env.learning.keyframes.examples import Examples
 from clutter_env.learning.keyframes.features import CENTRE, POSE, POSTURE, POSTURE_JOINTS, POSTURE_SIZE, REACH
 from clutter_env.learning.keyframes.kinematics import ArmKinematics, rotations_about
 from clutter_env.learning.keyframes.network import KeyframeNetwork, Prediction
+from clutter_env.learning.regression.descent import Report, descend
 
 __all__ = ["FitConfig", "fit_keyframes"]
 
@@ -58,7 +58,7 @@ def fit_keyframes(
     robot: RobotSpec,
     examples: Examples,
     config: FitConfig = FitConfig(),
-    report: Callable[[int, float], None] = lambda *_: None,
+    report: Report = lambda *_: None,
 ) -> KeyframeNetwork:
     """A network fitted to examples.
 
@@ -78,9 +78,9 @@ def fit_keyframes(
     network, kinematics = KeyframeNetwork(robot.home, *limits, config.width), ArmKinematics(robot)
     network.seen[np.unique(examples.phase)] = True
     data = _Tensors(examples, kinematics)
-    optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
-    for step in range(config.steps):
+
+    def total_loss(_: int) -> torch.Tensor:
+        """Of a random batch."""
         chosen = torch.multinomial(data.weights, config.batch, replacement=True)
         near = torch.multinomial(data.weights * data.at_contact, config.batch, replacement=True)
         moved, R, p, posture = data.moved(near, config)
@@ -90,14 +90,10 @@ def fit_keyframes(
         loss = loss + smooth_l1_loss(prediction.offset[config.batch :] / _LENGTH, data.offset[near] / _LENGTH)
         free = prediction.q[config.batch :, list(POSTURE_JOINTS)]
         loss = loss + smooth_l1_loss(free / _JOINT, posture / _JOINT)
-        loss = loss + config.tcp_weight * (prediction.excess / _JOINT).mean()
-        optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), _MOST_GRADIENT)
-        optimiser.step()
-        schedule.step()
-        if step % 500 == 0 or step == config.steps - 1:
-            report(step, loss.item())
+        return loss + config.tcp_weight * (prediction.excess / _JOINT).mean()
+
+    optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
+    descend(optimiser, config.steps, total_loss, report, _MOST_GRADIENT)
     return network
 
 

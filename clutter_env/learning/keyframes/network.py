@@ -15,6 +15,7 @@ from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.keyframes.features import NUM_FEATURES
 from clutter_env.learning.keyframes.ground import Ground
 from clutter_env.learning.keyframes.phases import NUM_PHASES, phase_index
+from clutter_env.learning.regression.perceptron import perceptron
 from clutter_env.reporting.json_file import write_atomically
 
 __all__ = ["KeyframeNetwork", "Prediction", "load_arrays", "save_arrays"]
@@ -67,15 +68,7 @@ class KeyframeNetwork(nn.Module):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
         self.register_buffer("seen", torch.zeros(NUM_PHASES, dtype=torch.bool))
         self.register_buffer("closed", torch.zeros((2, 2), dtype=torch.float64))
-        self.layers = nn.Sequential(
-            nn.Linear(NUM_FEATURES, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, sum(_SIZES)),
-        )
+        self.layers = perceptron(NUM_FEATURES, width, sum(_SIZES))
 
     def forward(self, features: torch.Tensor) -> Prediction:
         """Keyframes of features (k, f)."""

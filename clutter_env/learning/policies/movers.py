@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from torch import nn
 
 from assets.robots import RobotSpec
-from clutter_env.learning.chunking.chunks import ChunkConfig, ChunkNetwork, fit_chunks
+from clutter_env.learning.chunking.chunks import ChunkNetwork, fit_chunks
 from clutter_env.learning.chunking.examples import chunk_examples
-from clutter_env.learning.chunking.flow import FlowConfig, FlowNetwork, fit_flow
+from clutter_env.learning.chunking.flow import FlowNetwork, fit_flow
 from clutter_env.learning.chunking.mover import ChunkMover
+from clutter_env.learning.chunking.network import ChunkConfig
 from clutter_env.learning.contacts.protocols import Mover
 from clutter_env.learning.keyframes.examples import examples_of
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes
@@ -21,11 +22,9 @@ from clutter_env.learning.keyframes.ground import closed_ground
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.mover import KeyframeMover
 from clutter_env.learning.keyframes.network import KeyframeNetwork, load_arrays
+from clutter_env.learning.regression.descent import Report
 
-__all__ = ["FittedMover", "Report", "fit_mover", "load_mover"]
-
-Report: TypeAlias = Callable[[int, float], None]
-"""Called with the gradient step and the loss."""
+__all__ = ["FittedMover", "fit_mover", "load_mover"]
 
 
 class FittedMover(NamedTuple):
@@ -57,7 +56,7 @@ def _chunks(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings) ->
 
 
 def _flow(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings) -> FittedMover:
-    config = FlowConfig(steps=settings.steps, seed=settings.seed)
+    config = ChunkConfig(steps=settings.steps, seed=settings.seed)
     network = fit_flow(chunk_examples(robot, motions), config, settings.report)
     return FittedMover(ChunkMover(network), network)
 

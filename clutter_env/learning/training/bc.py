@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.policies.features import feature_vector
 from clutter_env.learning.policies.policy import Policy
+from clutter_env.learning.regression.descent import Report, descend
 
 __all__ = ["CloneConfig", "Examples", "clone", "examples_of"]
 
@@ -69,7 +70,7 @@ def clone(
     examples: Examples,
     config: CloneConfig = CloneConfig(),
     policy: Policy | None = None,
-    report: Callable[[int, float], None] = lambda *_: None,
+    report: Report = lambda *_: None,
 ) -> Policy:
     """Fit a policy to examples.
 
@@ -81,17 +82,12 @@ def clone(
     """
     torch.manual_seed(config.seed)
     features, actions = torch.from_numpy(examples.features), torch.from_numpy(examples.actions)
-    if policy is None:
-        policy = Policy(features.shape[1], actions.shape[1], config.width)
-    optimiser = torch.optim.Adam(policy.parameters(), lr=config.learning_rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
-    for step in range(config.steps):
+    fitted = Policy(features.shape[1], actions.shape[1], config.width) if policy is None else policy
+
+    def loss(_: int) -> torch.Tensor:
+        """Of a random batch."""
         chosen = torch.randint(len(features), (config.batch,))
-        loss = torch.nn.functional.smooth_l1_loss(policy(features[chosen]), actions[chosen], beta=0.1)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        if step % 500 == 0 or step == config.steps - 1:
-            report(step, loss.item())
-    return policy
+        return torch.nn.functional.smooth_l1_loss(fitted(features[chosen]), actions[chosen], beta=0.1)
+
+    descend(torch.optim.Adam(fitted.parameters(), lr=config.learning_rate), config.steps, loss, report)
+    return fitted

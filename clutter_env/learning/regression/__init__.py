@@ -1,0 +1,1 @@
+"""What the learners share that fit a network to examples."""
