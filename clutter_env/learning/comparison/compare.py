@@ -139,12 +139,12 @@ def evaluate_all(
 
 
 def make_rows(comparison: Comparison, results: Mapping[EvaluationJob, Result]) -> list[Row]:
-    """One row per set of scenes and policy; runs that differ in their seed alone form one row."""
+    """One row per set of scenes and policy; runs, and pairs of runs, that differ in their seeds alone form one row."""
     rows = []
     for scenes in comparison.scene_sets:
         own = {(job.policy, job.index): result for job, result in results.items() if job.scenes == scenes}
         contenders = comparison.contenders(scenes)
-        names = {policy: policy for policy in contenders} | run_names(comparison.runs)
+        names = {policy: policy for policy in contenders} | run_names(contenders)
         groups: dict[str, list[str]] = {}
         for policy in contenders:
             groups.setdefault(names[policy], []).append(policy)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 from clutter_env.learning.policies.runs import DECISION_LEARNERS, MOVER_LEARNERS, RUN_FILE, load_run
@@ -28,30 +28,38 @@ def run_task(directory: Path) -> Task:
     return Task(task["env_id"], task["keywords"])
 
 
-def run_names(directories: Sequence[Path]) -> dict[str, str]:
-    """The name of the policy of each run, by its directory: the algorithm and what it acts by.
+def run_names(policies: Iterable[str]) -> dict[str, str]:
+    """The name in a table of each policy that is made of runs (`run_directories`), by its own name.
 
-    Runs of one algorithm that differ in more than their seed also have the name of their directory.
+    It is the algorithms and what they act by. Policies of the same algorithms that differ in more than their seeds also
+    have the names of their directories; other policies are left out.
     """
-    groups: dict[str, list[Path]] = {}
-    for directory in directories:
-        record = {name: value for name, value in load_run(directory).items() if name != "seed"}
-        groups.setdefault(json_text(record), []).append(directory)
-    plain = [_name(group[0]) for group in groups.values()]
+    groups: dict[str, list[str]] = {}
+    runs = {policy: run_directories(policy) for policy in policies}
+    for policy, directories in runs.items():
+        if directories:
+            records = [
+                {key: value for key, value in load_run(directory).items() if key != "seed"} for directory in directories
+            ]
+            groups.setdefault(json_text(records), []).append(policy)
+    plain = [_name(runs[group[0]]) for group in groups.values()]
     names: dict[str, str] = {}
     for name, group in zip(plain, groups.values(), strict=True):
-        chosen = name if plain.count(name) == 1 else f"{name}, {_folder(group[0])}"
-        names |= {str(directory): chosen for directory in group}
+        folders = " + ".join(map(_folder, runs[group[0]]))
+        chosen = name if plain.count(name) == 1 else f"{name}, {folders}"
+        names |= dict.fromkeys(group, chosen)
     return names
 
 
-def _name(directory: Path) -> str:
-    algorithm = load_run(directory)["algorithm"]
-    if algorithm in DECISION_LEARNERS:
-        return f"{algorithm} (planner's motions)"
-    if algorithm in MOVER_LEARNERS:
-        return f"{algorithm} (planner's decisions)"
-    return f"{algorithm} ({'skills' if run_task(directory).family == 'skill' else 'actions'})"
+def _name(directories: tuple[Path, ...]) -> str:
+    algorithms = [str(load_run(directory)["algorithm"]) for directory in directories]
+    if len(algorithms) > 1:
+        return f"{' + '.join(algorithms)} (all learned)"
+    if algorithms[0] in DECISION_LEARNERS:
+        return f"{algorithms[0]} (planner's motions)"
+    if algorithms[0] in MOVER_LEARNERS:
+        return f"{algorithms[0]} (planner's decisions)"
+    return f"{algorithms[0]} ({'skills' if run_task(directories[0]).family == 'skill' else 'actions'})"
 
 
 def _folder(directory: Path) -> str:

@@ -193,8 +193,8 @@ def test_runs_have_one_name_if_they_differ_in_their_seed_alone(tmp_path: Path) -
     for name, seed, steps in (("a", 0, 10), ("a", 1, 10), ("b", 0, 20)):
         Run(Task("clutter_env/Reach-v0"), "sac", steps, tmp_path / name / f"seed-{seed}", seed).write_record()
     one, other, longer = sorted(tmp_path.glob("*/*"))
-    assert set(run_names([one, other]).values()) == {"sac (actions)"}
-    assert run_names([one, longer])[str(longer)] == "sac (actions), b"
+    assert set(run_names([str(one), str(other)]).values()) == {"sac (actions)"}
+    assert run_names([str(one), str(longer)])[str(longer)] == "sac (actions), b"
     comparison = Comparison((REACH, O15), runs=(one,))
     assert comparison.contenders(REACH) == [str(one), "random"]
     with pytest.raises(LearningError, match="cannot play any of these scenes: o15 obstructed"):

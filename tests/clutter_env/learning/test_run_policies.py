@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,9 @@ import pytest
 pytest.importorskip("torch")
 
 import assets
-from clutter_env.learning.comparison.compare import Comparison, make_jobs
-from clutter_env.learning.comparison.evaluation import DrawnScene, play_scene
+from clutter_env.learning.comparison.compare import Comparison, make_jobs, make_rows
+from clutter_env.learning.comparison.evaluation import DrawnScene, Score, play_scene
+from clutter_env.learning.comparison.jobs import EvaluationJob
 from clutter_env.learning.comparison.played import play_policy, played_task
 from clutter_env.learning.comparison.run_names import run_directories, run_names
 from clutter_env.learning.comparison.scene_sets import SceneSet
@@ -25,9 +27,9 @@ from clutter_env.learning.training.run import Run
 O15 = Task("clutter_env/Retrieve-o15-v0", {"obstructed": True})
 
 
-def written(directory: Path, algorithm: str, weights: str, name: str) -> Path:
+def written(directory: Path, algorithm: str, weights: str, name: str, seed: int = 0) -> Path:
     """A run with the weights that come with the package."""
-    Run(O15, algorithm, 10, directory).write_record()
+    Run(O15, algorithm, 10, directory, seed).write_record()
     shutil.copy(assets.path(f"policies/{weights}"), directory / name)
     return directory
 
@@ -53,13 +55,37 @@ def test_two_runs_joined_are_one_policy_that_retrieves(decisions: Path, motions:
 
 
 def test_runs_of_decisions_and_of_motions_play_alone(decisions: Path, motions: Path) -> None:
-    names = run_names([decisions, motions])
+    names = run_names(map(str, (decisions, motions)))
     assert names[str(decisions)] == "decisions_dagger (planner's motions)"
     assert names[str(motions)] == "keyframes (planner's decisions)"
     scenes = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=1)
     playing = {job.policy for job in make_jobs(Comparison((scenes,), runs=(decisions, motions)))}
     assert {str(decisions), str(motions)} <= playing
     assert all(isinstance(load_policy(str(run), 0), HierarchicalPolicy) for run in (decisions, motions))
+
+
+def test_pairs_of_runs_that_differ_in_their_seeds_are_one_row(tmp_path: Path) -> None:
+    seeds = (0, 1)
+    pairs = [
+        "+".join(
+            (
+                str(written(tmp_path / f"dec/seed-{seed}", "decisions", "decisions-side.npz", DECISIONS_FILE, seed)),
+                str(written(tmp_path / f"key/seed-{seed}", "keyframes", "keyframes-side.npz", MOVER_FILE, seed)),
+            )
+        )
+        for seed in seeds
+    ]
+    scenes = SceneSet(env_id="clutter_env/Retrieve-o1-v0", count=2)
+    comparison = Comparison((scenes,), policies=pairs)
+    scores = {
+        EvaluationJob(scenes, index, pair): replace(Score.of_crash(scene.seed, ""), clean=bool(seed))
+        for seed, pair in zip(seeds, pairs, strict=True)
+        for index, scene in enumerate(scenes.scenes)
+    }
+    rows = {row.policy: row for row in make_rows(comparison, scores)}
+    row = rows["decisions + keyframes (all learned)"]
+    assert (row.runs, row.episodes, row.clean.mean) == (2, 4, 0.5)
+    assert not set(pairs) & set(rows)
 
 
 def test_runs_that_do_not_fit_together_are_refused(decisions: Path, tmp_path: Path) -> None:
