@@ -30,6 +30,7 @@ from clutter_env.experiments.episodes.episode import (
 from clutter_env.experiments.episodes.many import counts_text, play_many
 from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 from irm.maps.cache import cache_folder, cached_map, is_map_at_hand
 from planners.grasping.base_placement import map_parameters
@@ -89,7 +90,7 @@ def run(arguments: Arguments) -> None:
     """Play one episode or many."""
     if not is_map_at_hand(FETCH, **map_parameters(FETCH)):
         print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
-        cached_map(FETCH, progress=True, **map_parameters(FETCH))
+        cached_map(FETCH, progress=progress_bar, **map_parameters(FETCH))
     arguments.out.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.out / "report.json", arguments.json)):

@@ -103,19 +103,19 @@ def run(arguments: Arguments) -> None:
     if not arguments.report_only:
         print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
         run_trials(settings, records, arguments.workers, arguments.retry_crashes)
-    scenes, rows = summarise_table(settings, records)
-    if not rows:
+    summary = summarise_table(settings, records)
+    if not summary.rows:
         print(f"no trials of these strategies and numbers of objects in {arguments.out}")
         return
-    print(f"\n{markdown(settings, scenes, rows)}")
+    print(f"\n{markdown(settings, summary)}")
     for path in filter(None, (arguments.out / "table.json", arguments.json)):
-        write_json(path, {"settings": settings.of_trials, "scenes": scenes, "rows": rows})
+        write_json(path, {"settings": settings.of_trials, **vars(summary)})
     leave_out = ("workers", "retry_crashes", "report_only", "out", "json")
     command = command_line("table", arguments, leave_out)
     for page in filter(None, (arguments.out / "table.md", arguments.markdown)):
-        write_page(settings, command, scenes, rows, page)
+        write_page(settings, command, summary, page)
     print(f"tables, figures and plots: {arguments.out}")
-    if crashed := sum(row.crashed for row in rows) + sum(scene.crashed for scene in scenes):
+    if crashed := sum(row.crashed for row in summary.rows) + sum(scene.crashed for scene in summary.scenes):
         print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")
 
 

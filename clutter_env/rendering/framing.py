@@ -16,8 +16,8 @@ __all__ = ["ABOVE", "ACROSS", "FRAMED_CAMERA", "whole_scene", "whole_table"]
 FRAMED_CAMERA = "scene"
 """Name of the view of the whole scene; all other cameras are in the model and stay where they are."""
 ACROSS = (55.0, -34.0)
-"""[deg] azimuth and elevation: across the table from the robot's right, and from in front of boards; neither the arm
-nor the head hides the gripper for long."""
+"""[deg] azimuth and elevation: across the table from the robot's right and in front of boards; neither the arm nor the
+head hides the gripper for long."""
 ABOVE = (0.0, -90.0)
 """[deg] azimuth and elevation: straight down, the robot below the table."""
 _ROBOT_RADIUS = 0.40

@@ -19,6 +19,7 @@ from irm.maps.certificate.table import CertificateTable, table_key
 from irm.maps.grid import MapParameters
 from irm.maps.map_file import map_key
 from irm.maps.reachability import ReachabilityMap
+from irm.progress import ProgressBar
 
 __all__ = [
     "cache_file",
@@ -65,14 +66,16 @@ def table_file(robot: RobotSpec | ArmChain | str, **parameters: Any) -> Path:
     return cache_folder() / f"{chain.robot}-table-{table_key(chain, TableParameters(**parameters))}.npz"
 
 
-def cached_map(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
+def cached_map(
+    robot: RobotSpec | ArmChain | str, *, progress: ProgressBar | None = None, **parameters: Any
+) -> ReachabilityMap:
     """The map of a robot, from the package or the cache if it is there.
 
     A damaged file in the cache, or one of another robot, is replaced.
 
     Args:
         robot: see `ReachabilityMap.build`.
-        progress: show a progress bar while building.
+        progress: shows how far building is, such as `tqdm.tqdm`.
         **parameters: the fields of `MapParameters`.
     """
     shipped = shipped_file(robot, **parameters)
@@ -93,7 +96,9 @@ def is_map_at_hand(robot: RobotSpec | ArmChain | str, **parameters: Any) -> bool
     return shipped_file(robot, **parameters).exists() or cache_file(robot, **parameters).exists()
 
 
-def cached_table(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> CertificateTable:
+def cached_table(
+    robot: RobotSpec | ArmChain | str, *, progress: ProgressBar | None = None, **parameters: Any
+) -> CertificateTable:
     """The certificate table of a robot, as `cached_map`; `parameters` are the fields of `TableParameters`.
 
     Raises:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
@@ -22,6 +21,7 @@ from irm.maps.grid import MapGrid, MapParameters, Orientations
 from irm.maps.map_file import StoredMap, content_key, load_map, map_key, save_map
 from irm.maps.orientation_index import as_poses, nearest_orientation
 from irm.maps.sampled_field import sampled_layers
+from irm.progress import ProgressBar, watched
 
 __all__ = ["CERTAIN_IN_HEIGHT", "CERTAIN_IN_PITCH", "ReachabilityMap"]
 
@@ -64,13 +64,15 @@ class ReachabilityMap:
     chain: ArmChain | None = None
 
     @staticmethod
-    def build(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> ReachabilityMap:
+    def build(
+        robot: RobotSpec | ArmChain | str, *, progress: ProgressBar | None = None, **parameters: Any
+    ) -> ReachabilityMap:
         """The map of a robot.
 
         Args:
             robot: of this project, or the chain of any other arm (`ArmChain.from_mjcf`). If it has the structure of
                 Fetch's arm, the closed form is used; otherwise sampling and numerical inverse kinematics.
-            progress: show a progress bar.
+            progress: shows how far it is, such as `tqdm.tqdm`.
             **parameters: the fields of `MapParameters`, such as `voxel=0.05` and `orientations=62`.
 
         Raises:
@@ -81,7 +83,7 @@ class ReachabilityMap:
         grid = MapGrid.of(chain, wanted)
         heights = _heights_without_torso(grid)
         field = closed_form_layers if chain.has_closed_form else sampled_layers(wanted)
-        layers = tqdm(field(chain, grid, heights), "reachability map", heights.size, disable=not progress)
+        layers = watched(field(chain, grid, heights), "reachability map", heights.size, progress)
         best, torso = _merge_torso_heights(layers, grid)
         columns = _columns(best, torso, grid.orientations)
         return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)

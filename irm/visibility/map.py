@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
 from irm.arm.chain_arrays import chain_arrays
@@ -18,6 +17,7 @@ from irm.maps.archive import read_archive, write_archive
 from irm.maps.cache import cache_folder, cached
 from irm.maps.orientation_index import nearest_orientation, rotations
 from irm.maps.reachability import ReachabilityMap
+from irm.progress import ProgressBar, watched
 from irm.visibility.robot_view import RobotView, read_view
 from irm.visibility.sight_kernel import FULL_SHARE, fill_shares
 
@@ -65,7 +65,11 @@ class VisibilityMap:
 
     @staticmethod
     def build(
-        reachability_map: ReachabilityMap, robot: RobotSpec, camera: str = "head", *, progress: bool = False
+        reachability_map: ReachabilityMap,
+        robot: RobotSpec,
+        camera: str = "head",
+        *,
+        progress: ProgressBar | None = None,
     ) -> VisibilityMap:
         """The visibility map of a robot.
 
@@ -73,7 +77,7 @@ class VisibilityMap:
             reachability_map: of the same robot.
             robot: with a model; its arm has the structure of Fetch's arm.
             camera: name of a camera of the model.
-            progress: show a progress bar.
+            progress: shows how far it is, such as `tqdm.tqdm`.
 
         Raises:
             QueryError: the model has no such camera, or the arm has no closed form.
@@ -84,7 +88,8 @@ class VisibilityMap:
         R = rotations(*reachability_map.grid.orientations.angles.T)
         positions, torso = reachability_map.positions, reachability_map.torso
         shares, target, arm = np.empty(len(reachability_map), dtype=np.uint8), np.array(TARGET), chain_arrays(chain)
-        for first in tqdm(range(0, len(shares), _CELLS_AT_A_TIME), "visibility map", disable=not progress):
+        starts = range(0, len(shares), _CELLS_AT_A_TIME)
+        for first in watched(starts, "visibility map", len(starts), progress):
             some = slice(first, first + _CELLS_AT_A_TIME)
             poses = R, orientation[some], positions[some], torso[some]
             fill_shares(arm, view, *poses, _ROLLS, target, shares[some])
@@ -155,7 +160,7 @@ class VisibilityMap:
 
 
 def cached_visibility(
-    reachability_map: ReachabilityMap, robot: RobotSpec, camera: str = "head", *, progress: bool = False
+    reachability_map: ReachabilityMap, robot: RobotSpec, camera: str = "head", *, progress: ProgressBar | None = None
 ) -> VisibilityMap:
     """The visibility map from the user's cache, built at the first call; arguments as of `VisibilityMap.build`."""
     key = _key(reachability_map, _view_of(reachability_map, robot, camera))

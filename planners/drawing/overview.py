@@ -6,10 +6,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyArrowPatch, Polygon
+from matplotlib.patches import Circle, Polygon
 
 from planners.drawing.drawn_plan import DrawnPlan
-from planners.drawing.region import COLOURS, outline
+from planners.drawing.region import COLOURS, join, outline
 from planners.scene import Body, Scene
 
 __all__ = ["draw_overview"]
@@ -60,25 +60,14 @@ def _draw_obstacles(axes: Axes, scene: Scene) -> None:
 
 
 def _draw_clearances(axes: Axes, solution: DrawnPlan) -> None:
-    """A numbered arrow for each clearance, from where the object stands to where it is put."""
+    """For each clearance the outline of the object where it is put, numbered, joined with where it stood."""
     for number, action in enumerate((a for a in solution.actions if a.is_clearance), start=1):
         placed = action.released
         if placed is None:
             continue
         axes.add_patch(outline(placed, "none"))
         _write(axes, placed, str(number), COLOURS["location"])
-        arrow = FancyArrowPatch(
-            _place(action.scene.body(action.target)),
-            _place(placed),
-            connectionstyle="arc3,rad=0.2",
-            arrowstyle="-|>",
-            mutation_scale=12,
-            shrinkA=6,
-            shrinkB=6,
-            color=COLOURS["location"],
-            zorder=9,
-        )
-        axes.add_patch(arrow)
+        join(axes, _place(action.scene.body(action.target)), _place(placed))
 
 
 def _place(body: Body) -> tuple[float, float]:

@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, Patch, Polygon, Rectangle
+from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
 
-__all__ = ["COLOURS", "ClearancePicture", "DrawnSurface", "draw_clearance", "draw_legend", "outline"]
+__all__ = ["COLOURS", "ClearancePicture", "DrawnSurface", "draw_clearance", "draw_legend", "join", "outline"]
 
 COLOURS = {
     "table": "#faf6ef",
@@ -36,6 +36,10 @@ COLOURS = {
 }
 _RANKED = 9
 """Candidates that get their rank as a number."""
+_UNKNOWN_RADIUS = 0.03
+"""[m] drawn for an object that is in the gripper and not among the bodies."""
+_SAME_PLACE = 0.005
+"""[m] below which two base positions get one mark."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +148,9 @@ def draw_legend(figure: Figure, columns: int = 6) -> None:
         "NGR1: taking the target": Patch(color=COLOURS["NGR1"], alpha=0.55),
         "NGR2: clearing the others": Patch(color=COLOURS["NGR2"], alpha=0.55),
         "outside R_work": Patch(facecolor="none", edgecolor=COLOURS["outside"], hatch="////", linewidth=0),
-        "robot in front, to take / to put": dot(COLOURS["moved"], marker="^", **edge),
+        "place chosen for it": dot(COLOURS["cleared"], markeredgecolor=COLOURS["location"], markeredgewidth=1.4),
+        "robot in front, takes | puts": Line2D([], [], **_stand(COLOURS["moved"], COLOURS["location"])),
+        "robot in front, takes the target": Line2D([], [], **_stand(COLOURS["target"], COLOURS["target"])),
         "no room for its centre": Line2D([], [], color=COLOURS["ink"], linewidth=0.8, linestyle=":"),
         "candidate, in order": dot(COLOURS["location"], markersize=6),
         "refused candidate": dot(COLOURS["refused"], marker="x", markersize=5),
@@ -175,55 +181,69 @@ def _draw_surface(axes: Axes, surface: DrawnSurface) -> None:
         axes.contour(surface.grown.astype(float), levels=[0.5], extent=extent, zorder=2, **style)
 
 
+def join(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Join where an object stands and where it is put, in the picture's axes: under the objects, as it is no path."""
+    axes.plot(*zip(start, end, strict=True), color=COLOURS["moved"], linewidth=1.2, dashes=(2, 2), zorder=3, gid="move")
+
+
 def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
+    """Candidates with their ranks; the one chosen as the object's outline, its rank above it."""
     allowed = {(x, y) for x, y in picture.ordered}
     refused = np.array([p for p in picture.candidates if tuple(p) not in allowed]).reshape(-1, 2)
     axes.scatter(refused[:, 1], refused[:, 0], s=14, marker="x", linewidths=0.9, color=COLOURS["refused"], zorder=7)
-    axes.scatter(picture.ordered[:, 1], picture.ordered[:, 0], s=20, color=COLOURS["location"], zorder=7)
+    is_chosen = [picture.chosen is not None and np.allclose(place, picture.chosen) for place in picture.ordered]
+    others = picture.ordered[~np.array(is_chosen, dtype=bool)]
+    axes.scatter(others[:, 1], others[:, 0], s=20, color=COLOURS["location"], zorder=7)
     for rank, (x, y) in enumerate(picture.ordered[:_RANKED], start=1):
         style: dict[str, Any] = {"color": COLOURS["location"], "fontsize": 7, "fontweight": "bold", "zorder": 8}
-        axes.annotate(str(rank), (y, x), xytext=(4, 3), textcoords="offset points", **style)
+        above = (y, x + _radius(picture)) if is_chosen[rank - 1] else (y, x)
+        offset = (0, 2) if is_chosen[rank - 1] else (4, 3)
+        axes.annotate(str(rank), above, xytext=offset, textcoords="offset points", **style)
 
 
 def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
-    """Draw an arrow from the object to the location chosen for it."""
+    """Draw where the object is put, and join it with where it stands."""
     if picture.chosen is None:
         return
-    x, y = picture.chosen
-    ring = {"fill": False, "edgecolor": COLOURS["location"], "linewidth": 1.8, "zorder": 8}
-    moved = next((body for body in picture.bodies if body.name == picture.moved), None)
-    axes.add_patch(Circle((y, x), 0.03 if moved is None else moved.radius, **ring))
-    if moved is None:
-        return
-    arrow = FancyArrowPatch(
-        (moved.position[1], moved.position[0]),
-        (y, x),
-        connectionstyle="arc3,rad=0.2",
-        arrowstyle="-|>",
-        mutation_scale=12,
-        shrinkA=6,
-        shrinkB=6,
-        color=COLOURS["location"],
-        linewidth=1.5,
-        zorder=9,
-    )
-    axes.add_patch(arrow)
+    x, y = (float(value) for value in picture.chosen)
+    ghost = {"facecolor": COLOURS["cleared"], "edgecolor": COLOURS["location"], "linestyle": "--", "linewidth": 1.6}
+    axes.add_patch(Circle((y, x), _radius(picture), alpha=0.8, zorder=6, gid="put", **ghost))
+    number = picture.moved.removeprefix("object_")
+    axes.annotate(number, (y, x), ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=7)
+    moved = _moved(picture)
+    if moved is not None:
+        join(axes, (float(moved.position[1]), float(moved.position[0])), (y, x))
+
+
+def _moved(picture: ClearancePicture) -> Body | None:
+    return next((body for body in picture.bodies if body.name == picture.moved), None)
+
+
+def _radius(picture: ClearancePicture) -> float:
+    """[m] of the object that is put aside."""
+    moved = _moved(picture)
+    return _UNKNOWN_RADIUS if moved is None else moved.radius
 
 
 def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
-    """Mark the base positions in front of the table at the picture's lower edge."""
+    """Mark the base positions at the lower edge, in front of the table; one that serves for both has both colours."""
     x_low, _, y_low, y_high = picture.extent
-    colours = (COLOURS["moved"], COLOURS["location"]) if len(picture.stands) > 1 else (COLOURS["target"],)
-    for (_, y), colour in zip(picture.stands, colours, strict=False):
+    take, put = COLOURS["moved"], COLOURS["location"]
+    if len(picture.stands) < 2:
+        marks = [(place, COLOURS["target"], COLOURS["target"]) for place in picture.stands]
+    elif np.linalg.norm(picture.stands[0] - picture.stands[1]) < _SAME_PLACE:
+        marks = [(picture.stands[0], take, put)]
+    else:
+        marks = [(picture.stands[0], take, take), (picture.stands[1], put, put)]
+    for (_, y), left, right in marks:
         at = float(np.clip(y, y_low, y_high))
-        style: dict[str, Any] = {
-            "marker": "^",
-            "markersize": 11,
-            "color": colour,
-            "markeredgecolor": COLOURS["ink"],
-            "zorder": 10,
-        }
-        axes.plot([at], [x_low], clip_on=False, **style)
+        axes.plot([at], [x_low], clip_on=False, zorder=10, gid="stand", **_stand(left, right))
+
+
+def _stand(left: str, right: str) -> dict[str, Any]:
+    """The mark of a base position: a triangle, its halves in the colours of what the robot does from there."""
+    edge = {"markeredgecolor": COLOURS["ink"], "linestyle": ""}
+    return {"marker": "^", "markersize": 11, "fillstyle": "left", "color": left, "markerfacecoloralt": right, **edge}
 
 
 def outline(body: Body, colour: str) -> Ellipse | Polygon:

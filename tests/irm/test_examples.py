@@ -42,7 +42,7 @@ def test_the_examples_of_other_arms_and_maps_run(tmp_path, monkeypatch, capsys):
     arm, foreign = re.findall(r"```py\n(.*?)```", PAGE.read_text(), re.DOTALL)
     names: dict = {}
     monkeypatch.chdir(ROOT)
-    exec(arm.replace("progress=True", COARSE), names)
+    exec(arm.replace("progress=tqdm", COARSE), names)
     assert capsys.readouterr().out == "[2 0]\n"
     assert len(names["bases"]) == 5
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""The clearance table as a Markdown page and as plots."""
+"""The clearance table as a Markdown page."""
 
 from __future__ import annotations
 
@@ -6,44 +6,31 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 
-from clutter_env.experiments.clearance_table.statistics import Row, Scenes
-from clutter_env.experiments.clearance_table.table import TableSettings
-from clutter_env.experiments.clearance_table.variants import ABLATIONS
-from clutter_env.reporting.statistics import Interval, Times
+from clutter_env.experiments.clearance_table.paper import PAPER, PAPER_OBJECTS
+from clutter_env.experiments.clearance_table.picture import plot
+from clutter_env.experiments.clearance_table.statistics import Row, Scenes, Shared
+from clutter_env.experiments.clearance_table.table import Summary, TableSettings
+from clutter_env.reporting.statistics import Times
 from clutter_env.reporting.tables import NOTHING, markdown_section, number_text
 
-__all__ = ["PAPER", "PAPER_OBJECTS", "markdown", "plot", "write_page"]
-
-PAPER_OBJECTS = (15, 20, 25, 30, 35, 40)
-PAPER = {
-    "clearances": {"srivastava": (3.4, 6.6, 7.5, 8.2, 10.7, 11.2), "ngr": (3.0, 5.0, 5.0, 6.0, 6.0, 6.0)},
-    "duplicated": {"srivastava": (0.3, 0.7, 1.2, 1.6, 2.3, 3.0), "ngr": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
-}
-"""Table 1 of Lee & Kim 2019, by strategy, for `PAPER_OBJECTS`."""
-COLOURS = {"lookahead": "#0072b2", "ngr": "#009e73", "dogar": "#cc79a7", "srivastava": "#d55e00"}
-COLOURS |= dict(zip(ABLATIONS, ("#56b4e9", "#e69f00", "#f0e442", "#999999"), strict=False))
-"""Of the palette of Okabe & Ito (2008), which colour-blind readers can tell apart as well."""
-GREY = "#777777"
+__all__ = ["markdown", "write_page"]
 
 
-def markdown(settings: TableSettings, scenes: Sequence[Scenes], rows: Sequence[Row]) -> str:
+def markdown(settings: TableSettings, summary: Summary) -> str:
     """All tables, one after another."""
+    rows = summary.rows
     strategies = list(dict.fromkeys(row.strategy for row in rows))
     parts = [_table_1(rows, strategies), _success(rows, settings.physics), _paired(rows, strategies[0], settings.cap)]
-    parts += [_planning_time(rows, settings.physics), _causes(rows), _scene_table(scenes)]
+    parts += [_shared(summary.shared), _planning_time(rows, settings.physics), _causes(rows)]
+    parts.append(_scene_table(summary.scenes))
     return "\n".join(parts)
 
 
-def write_page(
-    settings: TableSettings, command: str, scenes: Sequence[Scenes], rows: Sequence[Row], page: Path
-) -> None:
+def write_page(settings: TableSettings, command: str, summary: Summary, page: Path) -> None:
     """Write the Markdown page; its picture is at `picture_path(page)`."""
     picture = picture_path(page)
-    plot(scenes, rows, picture)
+    plot(summary, picture)
     kind = f'in physics, "{settings.control_mode}" mode' if settings.physics else "plans only"
     put = f" Objects may be put on: {' '.join(settings.supports)}." if settings.supports else ""
     which = ", whose target no level grasp reaches at once" if settings.only_obstructed else ""
@@ -55,7 +42,7 @@ def write_page(
         f"of the environment, from seed {settings.seed} on{which}. Success rates have Wilson's 95% interval, all other "
         "means a 95% bootstrap interval over the scenes. How to read the columns: "
         "[planners.md](planners.md#reading-the-clearance-table).\n\n"
-        f"![Clearance table]({picture.relative_to(page.parent)})\n\n{markdown(settings, scenes, rows)}"
+        f"![Clearance table]({picture.relative_to(page.parent)})\n\n{markdown(settings, summary)}"
     )
 
 
@@ -130,6 +117,19 @@ def _paired(rows: Sequence[Row], reference: str, cap: int) -> str:
     return markdown_section(f"Paired with {reference}, scene by scene", head, lines)
 
 
+def _shared(shared: Sequence[Shared]) -> str:
+    """What the picture shows of the clearances: every strategy, and the floor, on the same scenes."""
+    strategies = list(dict.fromkeys(entry.strategy for entry in shared))
+    cells = {(entry.objects, entry.strategy): entry for entry in shared}
+    lines = []
+    for objects in dict.fromkeys(entry.objects for entry in shared):
+        own = [cells[objects, name] for name in strategies]
+        figures = [f"{entry.clearances} ({entry.duplicated.mean:.2f})" for entry in own]
+        lines.append([str(objects), str(own[0].scenes), f"{own[0].floor:.2f}", *figures])
+    title = "Scenes that every strategy solves: objects cleared (twice or more)"
+    return markdown_section(title, ["N", "scenes", "floor", *strategies], lines)
+
+
 def _planning_time(rows: Sequence[Row], is_physics: bool) -> str:
     """CPU times in milliseconds; in physics only the sum over all plans of an episode is known."""
     figures: dict[str, Callable[[Row], Times]] = {"whole solve": lambda row: row.total}
@@ -181,52 +181,3 @@ def _scene_table(scenes: Sequence[Scenes]) -> str:
 
 def _times(value: Times) -> str:
     return NOTHING if np.isnan(value.median) else f"{1e3 * value.median:.3g} ({1e3 * value.p95:.3g})"
-
-
-def plot(scenes: Sequence[Scenes], rows: Sequence[Row], path: Path) -> None:
-    """Draw success, clearances, repeated clearances and planning time over the number of objects."""
-    figure = Figure(figsize=(11, 7.6), layout="constrained")
-    success, clearances, duplicated, seconds = figure.subplots(2, 2).flat
-    for strategy in dict.fromkeys(row.strategy for row in rows):
-        own = sorted((row for row in rows if row.strategy == strategy), key=lambda row: row.objects)
-        _band(success, own, lambda row: row.success)
-        _band(clearances, own, lambda row: row.clearances)
-        _band(duplicated, own, lambda row: row.duplicated)
-        _band(seconds, own, lambda row: Interval(row.total.median, row.total.median, row.total.p95))
-    _paper_lines(clearances, "clearances")
-    _paper_lines(duplicated, "duplicated")
-    floors = sorted((scene.objects, scene.floor.mean) for scene in scenes)
-    clearances.plot(
-        *zip(*floors, strict=True), color="black", linestyle=":", label="floor (minimum number of clearances)"
-    )
-    success.set(title="Share of obstructed scenes solved", ylim=(-0.02, 1.04))
-    clearances.set(title="Objects cleared, scenes solved")
-    duplicated.set(title="Objects cleared twice or more, scenes solved")
-    seconds.set(title="CPU time of a solve [s]: median to 95th percentile", yscale="log")
-    seconds.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    seconds.yaxis.set_major_formatter("{x:g}")
-    seconds.yaxis.set_minor_formatter("")
-    ticks = sorted({row.objects for row in rows})
-    for axes in (success, clearances, duplicated, seconds):
-        axes.set(xlabel="objects on the table", xticks=ticks)
-        axes.grid(alpha=0.25)
-        axes.spines[["top", "right"]].set_visible(False)
-    success.legend(loc="lower left", frameon=False)
-    clearances.legend(loc="upper left", frameon=False, fontsize="small", ncols=2)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
-
-
-def _band(axes: Axes, own: Sequence[Row], figure: Callable[[Row], Interval]) -> None:
-    name = own[0].strategy
-    values = np.array([figure(row) for row in own])
-    numbers = [row.objects for row in own]
-    colour = COLOURS.get(name, GREY)
-    axes.plot(numbers, values[:, 0], marker="o", markersize=4, color=colour, label=name)
-    axes.fill_between(numbers, values[:, 1], values[:, 2], color=colour, alpha=0.15, linewidth=0)
-
-
-def _paper_lines(axes: Axes, figure: str) -> None:
-    for name, values in PAPER[figure].items():
-        label = f"paper: {'NGR' if name == 'ngr' else 'Srivastava'}"
-        axes.plot(PAPER_OBJECTS, values, color=COLOURS[name], linestyle="--", linewidth=1, alpha=0.8, label=label)

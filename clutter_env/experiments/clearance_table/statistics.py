@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
 from clutter_env.reporting.statistics import Interval, Times, bootstrap, times, wilson
 
-__all__ = ["CRASH", "Row", "Scenes", "make_row", "mcnemar", "summarise_scenes"]
+__all__ = ["CRASH", "Row", "Scenes", "Shared", "make_row", "make_shared", "mcnemar", "summarise_scenes"]
 
 CRASH = "crash"
 """Cause of an attempt that ended in an exception or a dead process; it says nothing about the strategy."""
@@ -101,6 +101,59 @@ class Row:
     motion: Times
     task_call: Times
     causes: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Shared:
+    """One strategy on the scenes, with one number of objects, that every strategy solved and whose floor is proved.
+
+    Attributes:
+        objects: number of objects on the table.
+        strategy: its name.
+        scenes: number of these scenes; the same for all strategies.
+        floor: mean minimum number of clearances of these scenes; the same for all strategies.
+        clearances: objects cleared.
+        duplicated: objects cleared twice or more.
+    """
+
+    objects: int
+    strategy: str
+    scenes: int
+    floor: float
+    clearances: Interval
+    duplicated: Interval
+
+
+def make_shared(
+    attempts: Mapping[str, Mapping[int, Attempt]], floors: Mapping[int, int], objects: int, seed: int
+) -> list[Shared]:
+    """All strategies, and the floor, on the same scenes.
+
+    Args:
+        attempts: by strategy, then by seed of the scene.
+        floors: proved minimum numbers of clearances by seed of the scene.
+        objects: number of objects on the table.
+        seed: of the bootstrap.
+
+    Returns:
+        One entry a strategy; none if no scene was solved by all of them.
+    """
+    solved = [{k for k, attempt in own.items() if attempt.solved} for own in attempts.values()]
+    scenes = sorted(set(floors).intersection(*solved)) if solved else []
+    if not scenes:
+        return []
+    floor = _mean([floors[k] for k in scenes])
+    return [
+        Shared(
+            objects,
+            name,
+            len(scenes),
+            floor,
+            bootstrap([[len(own[k].clearances) for k in scenes]], np.random.default_rng(seed)),
+            bootstrap([[own[k].duplicated for k in scenes]], np.random.default_rng(seed)),
+        )
+        for name, own in attempts.items()
+    ]
 
 
 def summarise_scenes(objects: int, found: Sequence[Assessment], seed: int) -> Scenes:

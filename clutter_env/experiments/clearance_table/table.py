@@ -12,7 +12,15 @@ from typing import Any, Literal
 from clutter_env.config import EnvConfig
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
-from clutter_env.experiments.clearance_table.statistics import CRASH, Row, Scenes, make_row, summarise_scenes
+from clutter_env.experiments.clearance_table.statistics import (
+    CRASH,
+    Row,
+    Scenes,
+    Shared,
+    make_row,
+    make_shared,
+    summarise_scenes,
+)
 from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.experiments.clearance_table.variants import VARIANTS
@@ -22,7 +30,7 @@ from clutter_env.scene.object_sets import MAX_OBJECTS
 from planners.grasping.families import GRASP_SETS
 from planners.strategies import STRATEGIES
 
-__all__ = ["TableSettings", "failure_record", "run_trials", "summarise_table", "table_seeds"]
+__all__ = ["Summary", "TableSettings", "failure_record", "run_trials", "summarise_table", "table_seeds"]
 
 logger = logging.getLogger(__name__)
 
@@ -181,9 +189,20 @@ def failure_record(trial: Trial, result: Crash | Killed) -> Record:
     return kind(objects=trial.objects, seed=trial.seed, strategy=trial.strategy, cause=cause, detail=detail)
 
 
-def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Scenes], list[Row]]:
-    """The scenes and the strategies' rows, from the trials there are."""
-    scenes, rows = [], []
+@dataclass(frozen=True)
+class Summary:
+    """What the trials say: the scenes, every strategy on its own, and all of them on the scenes that all solved."""
+
+    scenes: tuple[Scenes, ...]
+    rows: tuple[Row, ...]
+    shared: tuple[Shared, ...]
+
+
+def summarise_table(settings: TableSettings, records: Records) -> Summary:
+    """Summarise the trials there are."""
+    scenes: list[Scenes] = []
+    rows: list[Row] = []
+    shared: list[Shared] = []
     for objects in settings.objects:
         seeds = table_seeds(settings, records, objects)
         if not seeds:
@@ -193,12 +212,12 @@ def summarise_table(settings: TableSettings, records: Records) -> tuple[list[Sce
         }
         floors = {seed: scene.floor for seed, scene in found.items() if scene.proved and scene.floor is not None}
         scenes.append(summarise_scenes(objects, list(found.values()), settings.seed))
-        reference = records.attempts(objects, settings.strategies[0], seeds)
-        for name in settings.strategies:
-            own = reference if name == settings.strategies[0] else records.attempts(objects, name, seeds)
-            if own:
-                rows.append(make_row(own, reference, floors, settings.cap, settings.seed))
-    return scenes, rows
+        attempts = {name: records.attempts(objects, name, seeds) for name in settings.strategies}
+        tried = {name: own for name, own in attempts.items() if own}
+        reference = attempts[settings.strategies[0]]
+        rows += [make_row(own, reference, floors, settings.cap, settings.seed) for own in tried.values()]
+        shared += make_shared(tried, floors, objects, settings.seed)
+    return Summary(tuple(scenes), tuple(rows), tuple(shared))
 
 
 def table_seeds(settings: TableSettings, records: Records, objects: int, before: int | None = None) -> list[int]:

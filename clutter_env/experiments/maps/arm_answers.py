@@ -91,7 +91,7 @@ def measure_arm(arm: TipModel, parameters: MapParameters, counts: tuple[int, int
     """
     rng, chain = np.random.default_rng(seed), arm.chain
     start = time.process_time()
-    rm = ReachabilityMap.build(chain, progress=True, **vars(parameters))
+    rm = ReachabilityMap.build(chain, progress=progress_bar, **vars(parameters))
     build_s = time.process_time() - start
     T = _random_poses(chain, counts[0], rng)
     decide(rm, T[:1])  # compiles

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from assets.robots import RobotSpec
+from clutter_env.reporting.progress import progress_bar
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.inverse import InverseReachabilityMap
 
@@ -39,7 +40,7 @@ def measure_build(robot: RobotSpec, name: str) -> BuildCost:
     """Build, invert, save and load one of the `BUILDS`."""
     ReachabilityMap.build(robot, voxel=0.25, orientations=6)
     start = time.process_time()
-    rm = ReachabilityMap.build(robot, progress=True, **BUILDS[name])
+    rm = ReachabilityMap.build(robot, progress=progress_bar, **BUILDS[name])
     built = time.process_time()
     InverseReachabilityMap(rm)
     inverted = time.process_time()

@@ -10,6 +10,7 @@ import numpy as np
 
 from assets.robots import RobotSpec
 from clutter_env.experiments.maps.slices import draw_arm_map
+from clutter_env.reporting.progress import progress_bar
 from irm.arm.chain import ArmChain
 from irm.maps.grid import MapParameters
 from irm.maps.reachability import ReachabilityMap
@@ -55,7 +56,7 @@ def build_map(robot: RobotSpec | ArmChain, parameters: MapParameters, output: Pa
         ReachabilityError: the robot or the parameters make no sense.
     """
     start = time.process_time()
-    rm = ReachabilityMap.build(robot, progress=True, **asdict(parameters))
+    rm = ReachabilityMap.build(robot, progress=progress_bar, **asdict(parameters))
     seconds = time.process_time() - start
     rm.save(output)
     picture = output.with_suffix(".png")

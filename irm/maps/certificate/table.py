@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from assets.robots import RobotSpec
 from irm.arm.chain import ArmChain
@@ -21,6 +20,7 @@ from irm.maps.archive import read_archive, write_archive
 from irm.maps.certificate.cells import CertificateCells, TableParameters
 from irm.maps.certificate.fill_kernel import fill_column
 from irm.maps.certificate.lookup_kernel import look_up
+from irm.progress import ProgressBar, watched
 
 __all__ = ["CertificateTable", "table_key"]
 
@@ -56,12 +56,14 @@ class CertificateTable:
     chain: ArmChain
 
     @staticmethod
-    def build(robot: RobotSpec | ArmChain | str, *, progress: bool = False, **parameters: Any) -> CertificateTable:
+    def build(
+        robot: RobotSpec | ArmChain | str, *, progress: ProgressBar | None = None, **parameters: Any
+    ) -> CertificateTable:
         """The table of a robot.
 
         Args:
             robot: see `ReachabilityMap.build`; its arm has the structure of Fetch's arm.
-            progress: show a progress bar.
+            progress: shows how far it is, such as `tqdm.tqdm`.
             **parameters: the fields of `TableParameters`.
 
         Raises:
@@ -72,7 +74,7 @@ class CertificateTable:
         axes, arm = cells.approach_axes(), chain_arrays(chain)
         arcs = np.empty((*cells.shape, 3, 2), dtype=np.uint8)
         layers = cells.bottom, cells.thickness, cells.layers
-        for column in tqdm(range(cells.columns), "certificate table", disable=not progress):
+        for column in watched(range(cells.columns), "certificate table", cells.columns, progress):
             fill_column(arm, (column * cells.width, (column + 1) * cells.width), layers, axes, arcs[column])
         arcs.setflags(write=False)
         return CertificateTable(table_key(chain, wanted), wanted, cells, arcs, chain)

@@ -17,9 +17,10 @@ from clutter_env import time_limit
 from clutter_env.cli.table import STRATEGIES, main
 from clutter_env.experiments.clearance_table import trials
 from clutter_env.experiments.clearance_table.layouts import make_layout_row, summary
+from clutter_env.experiments.clearance_table.picture import draw_table
 from clutter_env.experiments.clearance_table.records import OtherSettings, Records
-from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, summarise_scenes
-from clutter_env.experiments.clearance_table.table import TableSettings
+from clutter_env.experiments.clearance_table.statistics import CRASH, make_row, make_shared, summarise_scenes
+from clutter_env.experiments.clearance_table.table import TableSettings, summarise_table
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
 from clutter_env.experiments.clearance_table.variants import ABLATIONS
 from planners.placing.surfaces import Supports, find_supports
@@ -64,6 +65,33 @@ def test_a_crash_is_not_a_failure_to_solve() -> None:
     row = make_row(own, own, {}, cap=10, seed=0)
     assert (row.scenes, row.crashed, row.success.mean) == (1, 1, 1.0)
     assert not row.causes
+
+
+def test_strategies_and_floor_are_compared_on_the_scenes_that_all_solve() -> None:
+    """The picture drew the floor of all scenes over the clearances of the scenes that a strategy solved."""
+    attempts = {
+        "lookahead": table(attempt(1, 1), attempt(2, 2), attempt(3, 6)),
+        "ngr": table(attempt(1, 3), attempt(2, 2), attempt(3, None)),
+    }
+    first, second = make_shared(attempts, {1: 1, 2: 2, 3: 6}, 15, seed=0)
+    assert (first.strategy, first.scenes, first.floor, first.clearances.mean) == ("lookahead", 2, 1.5, 1.5)
+    assert (second.strategy, second.scenes, second.floor, second.clearances.mean) == ("ngr", 2, 1.5, 2.5)
+    assert make_shared({"ngr": table(attempt(3, None))}, {3: 6}, 15, seed=0) == []
+
+
+def test_the_picture_marks_the_floor_of_the_scenes_whose_clearances_it_draws(tmp_path: Path) -> None:
+    settings = TableSettings(objects=(15,), strategies=("lookahead", "ngr"), scenes=2)
+    records = Records(tmp_path / "trials.jsonl", settings.of_trials)
+    for seed, floor in ((100_000, 1), (100_001, 5)):
+        records.add(Assessment(15, seed, floor=floor, proved=True, side_floor=floor))
+        records.add(replace(attempt(seed, floor, "lookahead"), total_s=0.1))
+    records.add(replace(attempt(100_000, 3), total_s=0.2))
+    records.add(attempt(100_001, None))
+    axes = draw_table(summarise_table(settings, records)).axes[1]
+    (floor_line,) = [line for line in axes.lines if line.get_gid() == "floor"]
+    assert list(floor_line.get_ydata()) == [1.0, 1.0], "5 is the floor of a scene that ngr did not solve"
+    assert [list(bars.lines[0].get_ydata()) for bars in axes.containers] == [[1.0], [3.0]]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["15\nscenes: 1"]
 
 
 def test_scenes_are_told_apart_by_what_the_floor_says() -> None:

@@ -1,6 +1,8 @@
 """Laws of reachability maps."""
 
 import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,3 +162,22 @@ def test_forward_kinematics_of_home_lies_in_a_reachable_cell(level_map):
     x, y = (int(np.floor((T[k, 3] - grid.centre[k]) / grid.voxel)) + grid.half for k in (0, 1))
     o = nearest_orientation(grid.orientations, T[None, :3, :3])[0]
     assert level_map.reachable[grid.layer(T[2, 3]), o, x, y]
+
+
+def test_progress_is_shown_by_the_callers_function() -> None:
+    """It was a bar of tqdm, which fills a log file."""
+    shown = []
+
+    def record(items: Iterable[Any], desc: str, total: int) -> Iterator[Any]:
+        shown.extend((desc, total))
+        for item in items:
+            shown.append(item)
+            yield item
+
+    small = {"voxel": 0.2, "orientations": 26}
+    built = ReachabilityMap.build(FETCH, progress=record, **small)
+    name, total, *layers = shown
+    assert (name, total) == ("reachability map", len(layers))
+    assert len(built) == len(ReachabilityMap.build(FETCH, **small))
+    with pytest.raises(ReachabilityError, match="progress=True must be None or a function"):
+        ReachabilityMap.build(FETCH, progress=True, **small)  # what earlier versions took

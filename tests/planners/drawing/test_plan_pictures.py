@@ -9,13 +9,14 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch
 
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.drawing.choices import choices_of, last_picture
 from planners.drawing.plan import draw_plan
+from planners.drawing.region import COLOURS, draw_clearance
 from planners.placing.negative_goal_region import SweptVolume
 from planners.placing.swept_volume import path_volume
 from tests.planners.plans import solved
@@ -31,12 +32,22 @@ def free() -> Solution:
     return found
 
 
-def test_the_overview_has_an_arrow_for_each_clearance() -> None:
+def drawn(axes: Axes, what: str) -> list[Any]:
+    """The lines and patches with this name."""
+    return [artist for artist in (*axes.lines, *axes.patches) if artist.get_gid() == what]
+
+
+def test_the_overview_joins_both_places_of_each_clearance() -> None:
     plan = solved()
     axes = Figure().subplots()
     assert plan.plot(axes) is axes
-    arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
-    assert len(arrows) == len(plan.clearances)
+    puts = [action for action in plan.actions if action.is_clearance]
+    assert len(drawn(axes, "move")) == len(plan.clearances) > 0
+    for line, action in zip(drawn(axes, "move"), puts, strict=True):
+        assert action.released is not None
+        assert (line.get_ydata()[-1], line.get_xdata()[-1]) == tuple(action.released.position[:2])
+        objects = [patch.get_zorder() for patch in axes.patches if patch.get_alpha() is not None]
+        assert line.get_zorder() < min(objects), "it is no path over the objects"
     texts = [text.get_text() for text in axes.texts]
     assert {name.removeprefix("object_") for name in plan.actions[0].scene.names} <= set(texts)
     assert plan.target in axes.get_title()
@@ -45,7 +56,7 @@ def test_the_overview_has_an_arrow_for_each_clearance() -> None:
 def test_the_overview_makes_its_own_figure() -> None:
     axes = free().plot()
     assert axes.figure is not None
-    assert not [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+    assert not drawn(axes, "move")
 
 
 def test_a_plan_without_actions_is_refused_with_the_reason() -> None:
@@ -67,6 +78,31 @@ def test_choices_are_the_clearances_in_order_where_the_plan_puts_them() -> None:
         np.testing.assert_array_equal(choice.picture.chosen, action.released.position[:2])
         assert choice.obstructed == action.obstructed
     assert choices[-1].picture.obstacles == []
+
+
+def test_rank_and_outline_of_the_chosen_place_do_not_hide_each_other() -> None:
+    """The ring of the chosen place was drawn over its rank."""
+    picture = choices_of(solved())[0].picture
+    axes = Figure().subplots()
+    draw_clearance(axes, picture)
+    (ring,) = drawn(axes, "put")
+    rank = next(k for k, place in enumerate(picture.ordered, start=1) if np.allclose(place, picture.chosen))
+    at = next(text.xy for text in axes.texts if text.get_text() == str(rank))
+    assert np.hypot(*np.subtract(at, ring.center)) == pytest.approx(ring.radius)
+
+
+def test_a_base_that_takes_and_puts_shows_both_colours() -> None:
+    """One triangle hid the other."""
+    picture = choices_of(solved())[0].picture
+    for stands, colours in (
+        ([[-0.9, 0.1], [-0.9, 0.1]], [(COLOURS["moved"], COLOURS["location"])]),
+        ([[-0.9, 0.1], [-0.9, 0.2]], [(COLOURS["moved"],) * 2, (COLOURS["location"],) * 2]),
+        ([[-0.9, 0.1]], [(COLOURS["target"],) * 2]),
+    ):
+        axes = Figure().subplots()
+        draw_clearance(axes, dataclasses.replace(picture, stands=np.array(stands)))
+        marks = [(mark.get_color(), mark.get_markerfacecoloralt()) for mark in drawn(axes, "stand")]
+        assert marks == colours
 
 
 def test_the_last_picture_shows_the_objects_where_the_plan_leaves_them() -> None:
