@@ -83,7 +83,7 @@ class ReachabilityMap:
         grid = MapGrid.of(chain, wanted)
         heights = _heights_without_torso(grid)
         field = closed_form_layers if chain.has_closed_form else sampled_layers(wanted)
-        layers = watched(field(chain, grid, heights), "reachability map", heights.size, progress)
+        layers = iter(watched(field(chain, grid, heights), "reachability map", heights.size, progress))
         best, torso = _merge_torso_heights(layers, grid)
         columns = _columns(best, torso, grid.orientations)
         return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)

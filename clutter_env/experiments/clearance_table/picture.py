@@ -82,8 +82,8 @@ def _points(
     name = own[0].strategy
     mean, low, high = np.array(values).T
     at = [objects.index(entry.objects) + shift for entry in own]
-    style = {"fmt": "o", "markersize": 5, "capsize": 2.5, "elinewidth": 1.4, "color": COLOURS.get(name, GREY)}
-    axes.errorbar(at, mean, np.maximum([mean - low, high - mean], 0.0), label=name, **style)
+    colour, reach = COLOURS.get(name, GREY), np.maximum([mean - low, high - mean], 0.0)
+    axes.errorbar(at, mean, reach, label=name, fmt="o", markersize=5, capsize=2.5, elinewidth=1.4, color=colour)
 
 
 def _mark_floors(axes: Axes, objects: Sequence[int], shared: Sequence[Shared]) -> None:
