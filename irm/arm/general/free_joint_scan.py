@@ -39,7 +39,8 @@ _CAPACITY = 4096
 
 
 class _Trial(NamedTuple):
-    """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso."""
+    """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso, and
+    `angles` (1, 7) in the order of solving."""
 
     chain: ChainArrays
     arm: SphericalArm
@@ -69,7 +70,7 @@ def _try_angle(trial: _Trial, free: float) -> tuple[bool, float]:
         return False, excess - trial.arm.slack
     for joint in range(7):
         if trial.arm.columns[joint] >= 0:
-            trial.q[trial.arm.columns[joint]] = trial.angles[joint]
+            trial.q[trial.arm.columns[joint]] = trial.angles[0, joint]
     return refine(trial.chain, trial.R, trial.p, trial.q), 0.0
 
 
@@ -81,7 +82,7 @@ def scan_free_joint(chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats,
     """
     lowered = p.copy()
     lowered[2] -= q[0]
-    trial = _Trial(chain, arm, spherical_goal(arm, R, lowered), R, p, q, np.empty(7))
+    trial = _Trial(chain, arm, spherical_goal(arm, R, lowered), R, p, q, np.empty((1, 7)))
     width = min(2.0 * pi, arm.upper[0] - arm.lower[0])
     first = 0.5 * (arm.lower[0] + arm.upper[0] - width)
     if width == 0.0:

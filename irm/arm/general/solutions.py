@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from irm.arm.chain import ArmChain
 from irm.arm.chain_arrays import ChainArrays, chain_arrays
 from irm.arm.closed_form import ik_arm
-from irm.arm.general.all_solutions import parallel_solutions, spherical_solutions
 from irm.arm.general.free_joint_scan import refine
+from irm.arm.general.parallel_kernel import parallel_solutions
+from irm.arm.general.spherical_kernel import spherical_solutions
 from irm.arm.general.structure import ParallelArm, SphericalArm, find_structure
 from irm.arm.numerical import random_seeds
 from irm.compilation import njit

@@ -157,10 +157,11 @@ def _try_parallel(
 ) -> tuple[NDArray[np.int8], Floats]:
     """The same for an arm with parallel axes."""
     answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
-    lowered = np.empty(3)
+    lowered, best = np.empty(3), np.empty((1, 6))
     for k in range(len(q)):
         lowered[0], lowered[1], lowered[2] = p[k, 0], p[k, 1], p[k, 2] - q[k, 0]
-        excesses[k] = max(0.0, parallel_excess(arm, R[k], lowered, q[k, 1:]) - arm.slack)
+        excesses[k] = max(0.0, parallel_excess(arm, R[k], lowered, best) - arm.slack)
+        q[k, 1:] = best[0]
         answers[k] = NO
         if excesses[k] == 0.0:
             answers[k] = YES if refine(chain, R[k], p[k], q[k]) else OPEN

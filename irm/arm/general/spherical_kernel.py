@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from irm.arm.general.structure import SphericalArm
 from irm.arm.general.subproblems import angle_about, angles_to_distance, angles_to_meet, nearest_turn
 from irm.arm.general.vectors import Vector, add, cross, norm, perpendicular, point, row, subtract, times, turn
-from irm.compilation import njit
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 
-__all__ = ["SphericalGoal", "spherical_excess", "spherical_goal"]
+__all__ = ["SphericalGoal", "spherical_excess", "spherical_goal", "spherical_solutions"]
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +26,12 @@ _LENGTH_WEIGHT = 4.0
 
 _SHORTEST = 1e-3
 """[m] Smallest length that these measures are divided by."""
+
+_ANY = 1e9
+"""[rad] More than any excess."""
+
+_NONE = np.int64(0)
+"""No solution yet; a literal 0 would compile what takes it twice."""
 
 
 class SphericalGoal(NamedTuple):
@@ -50,13 +56,60 @@ def spherical_goal(arm: SphericalArm, R: Floats, p: Floats) -> SphericalGoal:
     return SphericalGoal(wrist, times(moved, last), side, times(moved, side))
 
 
-@njit(cache=True)
-def spherical_excess(arm: SphericalArm, goal: SphericalGoal, free: float, q: Floats) -> float:
-    """By how much the best solution for a `free` angle misses the goal or the limits [rad]; its angles into `q` (7,).
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def spherical_excess(arm: SphericalArm, goal: SphericalGoal, free: float, best: Floats) -> float:
+    """By how much the best solution for a `free` angle misses the goal or the limits [rad].
 
     0 if there is a solution within the limits. The excess is a continuous function of the free angle. Near a
     singularity some joints move fast when the free joint turns; there their excess counts less, as the motion of what
-    they turn, so that the slope of this function is bounded.
+    they turn, so that the slope of this function is bounded. The solution's angles are written into `best` (1, 7).
+    """
+    return _search(arm, goal, free, _ANY, best)[1]
+
+
+@njit(cache=True)
+def spherical_solutions(arm: SphericalArm, R: Floats, p: Floats, free: float, found: Floats) -> int:
+    """All configurations of an arm with a spherical wrist for a TCP pose, with the free joint at an angle [rad].
+
+    Args:
+        arm: see its type; if it has six joints, `free` is not used.
+        R, p: (3, 3), (3,) of the TCP in the base frame, lowered by the height of the lift.
+        free: angle of the free joint.
+        found: (8, 1 + n) whose columns of the arm are filled.
+
+    Returns:
+        The number of solutions within the limits.
+    """
+    free, _excess = nearest_turn(free, arm.lower[0], arm.upper[0])
+    rows = np.empty((8, 7))
+    count, _enough = _search(arm, spherical_goal(arm, R, p), free, arm.slack, rows)
+    kept = 0
+    for k in range(count):
+        if _is_within(arm, rows[k]):
+            for joint in range(7):
+                if arm.columns[joint] >= 0:
+                    found[kept, arm.columns[joint]] = rows[k, joint]
+            kept += 1
+    return kept
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _is_within(arm: SphericalArm, angles: Floats) -> bool:
+    """Whether no joint exceeds its limits by more than the slack: near a singularity the excess counts less."""
+    excess = 0.0
+    for joint in range(7):
+        excess = max(excess, nearest_turn(angles[joint], arm.lower[joint], arm.upper[joint])[1])
+    return excess <= arm.slack
+
+
+@njit(cache=True, inline="always")
+def _search(arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, rows: Floats) -> tuple[int, float]:
+    """Solutions for a `free` angle whose excess, see `spherical_excess`, is less than `enough`.
+
+    They are written into `rows`: all into (8, 7), only the best one into (1, 7).
+
+    Returns:
+        The number of solutions if there is room for all; and the excess of the best one if there is room for one.
     """
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     pivot, shoulder, elbow = point(arm.pivot), point(arm.shoulder), point(arm.elbow)
@@ -67,13 +120,15 @@ def spherical_excess(arm: SphericalArm, goal: SphericalGoal, free: float, q: Flo
     free, own_excess = nearest_turn(free, arm.lower[0], arm.upper[0])
     weight = _LENGTH_WEIGHT / max(norm(cross(axis_1, subtract(goal.wrist, pivot))), _SHORTEST)
     shared = max(own_excess, weight * max(0.0, missed - arm.error))
+    if shared >= enough:
+        return _NONE, enough
     bend = min(1.0, weight * norm(cross(axis_4, upper_arm)) * norm(cross(axis_4, forearm)) / distance)
     ease_4 = bend * abs(sin(0.5 * (elbow_1 - elbow_2)))
-    best = 1e9
+    count = _NONE
     for k in range(1 if missed > 0.0 else 2):
         q4, excess_4 = nearest_turn(elbow_1 if k == 0 else elbow_2, arm.lower[3], arm.upper[3])
         excess_4 = _motion(excess_4, bend, ease_4)
-        if max(shared, excess_4) >= best:
+        if max(shared, excess_4) >= enough:
             continue
         reach = add(upper_arm, turn(axis_4, q4, forearm))
         minus_q2, q3, minus_q2_other, q3_other, apart, ease = angles_to_meet(axis_2, to_wrist, axis_3, reach)
@@ -82,16 +137,9 @@ def spherical_excess(arm: SphericalArm, goal: SphericalGoal, free: float, q: Flo
             q2, excess_2 = nearest_turn(-minus_q2 if i == 0 else -minus_q2_other, arm.lower[1], arm.upper[1])
             angle_3, excess_3 = nearest_turn(q3 if i == 0 else q3_other, arm.lower[2], arm.upper[2])
             excess = max(shared, excess_4, apart, _motion(excess_2, sine_2, ease), _motion(excess_3, sine_3, ease))
-            if excess >= best:
-                continue
-            last_axis, side = goal.last_axis, goal.side
-            for axis, angle in ((axis_1, free), (axis_2, q2), (axis_3, angle_3), (axis_4, q4)):
-                last_axis, side = turn(axis, -angle, last_axis), turn(axis, -angle, side)
-            q5, q6, q7, excess_567 = _wrist(arm, last_axis, side, goal.side_at_zero, best)
-            if max(excess, excess_567) < best:
-                best = max(excess, excess_567)
-                q[0], q[1], q[2], q[3], q[4], q[5], q[6] = free, q2, angle_3, q4, q5, q6, q7
-    return best
+            if excess < enough:
+                count, enough = _with_wrist(arm, goal, (free, q2, angle_3, q4), excess, enough, rows, count)
+    return count, enough
 
 
 @njit(cache=True, inline="always")
@@ -110,24 +158,46 @@ def _motion(excess: float, sine: float, ease: float) -> float:
     return min(sine * excess, ease * excess + 0.5 * sine * excess * excess)
 
 
-@njit(cache=True)
-def _wrist(
-    arm: SphericalArm, last_axis: Vector, side: Vector, side_at_zero: Vector, enough: float
-) -> tuple[float, float, float, float]:
-    """Angles of the wrist that take the last axis and its side from zero to the given ones, and their excess [rad]."""
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _with_wrist(
+    arm: SphericalArm,
+    goal: SphericalGoal,
+    first: tuple[float, float, float, float],
+    others: float,
+    enough: float,
+    rows: Floats,
+    count: int,
+) -> tuple[int, float]:
+    """Write the solutions with the `first` four angles, whose excess is `others`, into `rows[count:]`.
+
+    Returns:
+        The new `count` and `enough`, see `_search`.
+    """
     axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
+    axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
+    q1, q2, q3, q4 = first
+    last_axis = turn(axis_4, -q4, turn(axis_3, -q3, turn(axis_2, -q2, turn(axis_1, -q1, goal.last_axis))))
     minus_q5, q6, minus_q5_other, q6_other, apart, ease = angles_to_meet(axis_5, last_axis, axis_6, axis_7)
+    if apart >= enough:
+        return count, enough
+    side = turn(axis_4, -q4, turn(axis_3, -q3, turn(axis_2, -q2, turn(axis_1, -q1, goal.side))))
     sine = _sine(axis_5, last_axis)
     ease_6 = ease / max(sine, _SHORTEST)
-    best = 0.0, 0.0, 0.0, 1e9
     for k in range(1 if apart > 0.0 else 2):
         q5, excess_5 = nearest_turn(-minus_q5 if k == 0 else -minus_q5_other, arm.lower[4], arm.upper[4])
         angle_6, excess_6 = nearest_turn(q6 if k == 0 else q6_other, arm.lower[5], arm.upper[5])
-        excess = max(apart, _motion(excess_5, sine, ease), _motion(excess_6, 1.0, ease_6))
-        if excess >= min(best[3], enough):
+        excess = max(others, apart, _motion(excess_5, sine, ease), _motion(excess_6, 1.0, ease_6))
+        if excess >= enough:
             continue
         turned = turn(axis_6, -angle_6, turn(axis_5, -q5, side))
-        q7, excess_7 = nearest_turn(angle_about(axis_7, side_at_zero, turned), arm.lower[6], arm.upper[6])
-        if max(excess, _motion(excess_7, sine, ease)) < best[3]:
-            best = q5, angle_6, q7, max(excess, _motion(excess_7, sine, ease))
-    return best
+        q7, excess_7 = nearest_turn(angle_about(axis_7, goal.side_at_zero, turned), arm.lower[6], arm.upper[6])
+        excess = max(excess, _motion(excess_7, sine, ease))
+        if excess >= enough:
+            continue
+        rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = first
+        rows[count, 4], rows[count, 5], rows[count, 6] = q5, angle_6, q7
+        if len(rows) == 1:
+            enough = excess
+        else:
+            count += 1
+    return count, enough

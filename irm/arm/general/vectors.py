@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def row(array: Floats, k: int) -> Vector:
     """A row of an array (n, 3)."""
     return array[k, 0], array[k, 1], array[k, 2]
