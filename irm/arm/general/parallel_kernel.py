@@ -45,11 +45,11 @@ def parallel_solutions(arm: ParallelArm, R: Floats, p: Floats, found: Floats) ->
     rows = np.empty((8, 6))
     count, _enough = _search(arm, R, p, arm.slack, rows)
     found[:count, 1:] = rows[:count]
-    return count
+    return int(count)
 
 
 @njit(cache=True)
-def _search(arm: ParallelArm, R: Floats, p: Floats, enough: float, rows: Floats) -> tuple[int, float]:
+def _search(arm: ParallelArm, R: Floats, p: Floats, enough: float, rows: Floats) -> tuple[np.int64, float]:
     """Solutions whose excess is less than `enough`: all into `rows` (8, 6), only the best one into (1, 6).
 
     Returns:
@@ -88,8 +88,8 @@ def _with_elbow(
     others_excess: float,
     enough: float,
     rows: Floats,
-    count: int,
-) -> tuple[int, float]:
+    count: np.int64,
+) -> tuple[np.int64, float]:
     """Write the solutions with given angles of the first and the last two joints into `rows[count:]`.
 
     Returns:

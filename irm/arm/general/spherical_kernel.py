@@ -103,7 +103,7 @@ def _is_within(arm: SphericalArm, angles: Floats) -> bool:
 
 
 @njit(cache=True, inline="always")
-def _search(arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, rows: Floats) -> tuple[int, float]:
+def _search(arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, rows: Floats) -> tuple[np.int64, float]:
     """Solutions for a `free` angle whose excess, see `spherical_excess`, is less than `enough`.
 
     They are written into `rows`: all into (8, 7), only the best one into (1, 7).
@@ -166,8 +166,8 @@ def _with_wrist(
     others: float,
     enough: float,
     rows: Floats,
-    count: int,
-) -> tuple[int, float]:
+    count: np.int64,
+) -> tuple[np.int64, float]:
     """Write the solutions with the `first` four angles, whose excess is `others`, into `rows[count:]`.
 
     Returns:
