@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from sb3_contrib import TQC, MaskablePPO
-from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -33,6 +33,7 @@ from clutter_env.learning.policies.features import (
     TCP_POSITION,
 )
 from clutter_env.learning.policies.policy import Policy
+from clutter_env.learning.policies.priced import PricedReplayBuffer
 from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
 from clutter_env.learning.policies.symmetric import SymmetricReplayBuffer
@@ -215,26 +216,27 @@ class Checkpoints(BaseCallback):
 
 
 def _falling_rate(share_left: float) -> float:
-    """The learning rate for the share of the run that is left."""
-    return 1e-3 * (0.1 + 0.9 * share_left)
+    """The learning rate for the share of the run that is left; zero at the end, so that the weights settle."""
+    return 1e-3 * share_left
 
 
 _OFF_POLICY: Mapping[str, Any] = MappingProxyType(
     {
         "policy": "MultiInputPolicy",
-        "replay_buffer_class": HerReplayBuffer,
+        "replay_buffer_class": PricedReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
         "learning_rate": _falling_rate,
-        "ent_coef": "auto",
+        "ent_coef": "auto_0.1",
         "batch_size": 256,
         "gamma": 0.95,
         "tau": 0.02,
-        "learning_starts": 1000,
+        "learning_starts": 500,
         "buffer_size": 300_000,
         "policy_kwargs": {"net_arch": [128, 128], "features_extractor_class": GoalFeatures},
     }
 )
-"""SAC and TQC from rewards alone, with hindsight."""
+"""SAC and TQC from rewards alone, with hindsight. The coefficient of the entropy begins at 0.1: at 1 the values are
+those of the entropy alone for the first 3,000 steps."""
 _CORRECTING: Mapping[str, Any] = MappingProxyType(
     {
         "learning_rate": 3e-4,

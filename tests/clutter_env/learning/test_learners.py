@@ -13,6 +13,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
+from clutter_env.envs.goal import GOAL_TOLERANCE  # noqa: E402
 from clutter_env.envs.observation import OBJECT_FIELDS  # noqa: E402
 from clutter_env.envs.skill import BODY_FIELDS  # noqa: E402
 from clutter_env.learning.comparison.evaluation import held_out_seeds, play  # noqa: E402
@@ -22,7 +23,8 @@ from clutter_env.learning.errors import LearningError, UnknownTask  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
 from clutter_env.learning.policies.features import feature_vector  # noqa: E402
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
-from clutter_env.learning.policies.rl import GoalFeatures, ScaledActions  # noqa: E402
+from clutter_env.learning.policies.priced import DISTANCE_PRICE, MOTION_PRICE  # noqa: E402
+from clutter_env.learning.policies.rl import GoalFeatures, ScaledActions, make_model, training_env  # noqa: E402
 from clutter_env.learning.policies.runs import load_run  # noqa: E402
 from clutter_env.learning.skills.network import SkillNetwork  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
@@ -156,6 +158,18 @@ def test_scaled_actions_are_undone() -> None:
     env = ScaledActions(REACH.make())
     action = np.linspace(-1, 1, 10, dtype=np.float32)
     assert np.allclose(env.reverse_action(env.action(action)), action)
+
+
+def test_distance_and_motion_have_a_price_in_rewards_with_hindsight() -> None:
+    model = make_model("sac", training_env("sac", REACH.make()), 0)
+    model.learn(150)
+    drawn = model.replay_buffer.sample(200)
+    reached = drawn.next_observations
+    away = (reached["achieved_goal"] - reached["desired_goal"]).float().norm(dim=1, keepdim=True)
+    price = MOTION_PRICE * drawn.actions.square().mean(dim=1, keepdim=True) + DISTANCE_PRICE * away
+    assert torch.allclose(drawn.rewards + price, -(away > GOAL_TOLERANCE).float(), atol=1e-5)
+    assert (price > 0).all()
+    assert 0 < MOTION_PRICE < 1
 
 
 def test_renumbering_the_objects_renumbers_the_logits() -> None:
