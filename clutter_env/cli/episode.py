@@ -1,6 +1,7 @@
 """The expert in physics: one episode shown in full, or many counted.
 
     clutter-env episode --objects 15
+    clutter-env episode --robot pr2 --objects 15
     clutter-env episode --objects 40 --episodes 50 --control-mode joint --grasps all
 
 One episode: the plan (Fig. 13 of Lee & Kim 2019), the replanning (Fig. 11), the report, a picture of every choice of
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import clutter_env
-from assets.robots import FETCH
+from assets.robots import robot as find_robot
 from clutter_env.experiments.clearance_table.trials import Trial
 from clutter_env.experiments.episodes.episode import (
     PLANNING_S,
@@ -49,6 +50,8 @@ class Arguments:
     """lookahead, ngr (Lee & Kim 2019), dogar or srivastava."""
     layout: str = "paper"
     """Table and surroundings."""
+    robot: str = "fetch"
+    """Name of the robot."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
     control_mode: Literal["joint", "ee"] = "joint"
@@ -74,6 +77,7 @@ class Arguments:
 
     def __post_init__(self) -> None:
         find_strategy(self.strategy)
+        find_robot(self.robot)
         if self.layout not in LAYOUTS:
             raise ValueError(f"--layout {self.layout} is not valid; valid ones: {', '.join(LAYOUTS)}")
         if self.objects not in clutter_env.OBJECT_COUNTS:
@@ -88,9 +92,10 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
-    if not is_map_at_hand(FETCH, **map_parameters(FETCH)):
+    robot = find_robot(arguments.robot)
+    if not is_map_at_hand(robot, **map_parameters(robot)):
         print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
-        cached_map(FETCH, progress=progress_bar, **map_parameters(FETCH))
+        cached_map(robot, progress=progress_bar, **map_parameters(robot))
     arguments.out.mkdir(parents=True, exist_ok=True)
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.out / "report.json", arguments.json)):
@@ -108,6 +113,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         arguments.obstructed,
         "viewer" if arguments.viewer else "live" if arguments.live else "film" if arguments.film else "none",
         arguments.grasps,
+        arguments.robot,
     )
     result = play_episode(settings, say=lambda text: print(text, flush=True))
     files = [str(path) for path in draw_episode(result, arguments.out, arguments.html)]
@@ -127,10 +133,11 @@ def count_many(arguments: Arguments) -> dict[str, Any]:
         physics=True,
         time_limit=PLANNING_S,
         grasps=arguments.grasps,
+        robot=arguments.robot,
     )
     path = arguments.out / "episodes.jsonl"
     mode = f"{arguments.control_mode} mode, {arguments.strategy}, grasp set {arguments.grasps}"
-    print(f"{arguments.episodes} episodes of {arguments.environment}, {mode}")
+    print(f"{arguments.episodes} episodes of {arguments.environment}, robot {arguments.robot}, {mode}")
     played = play_many(first, arguments.episodes, arguments.obstructed, arguments.workers, path)
     print(f"\n{counts_text(played)}\n\nevery episode: {path}")
     return {"settings": asdict(first), "episodes": [asdict(episode) for episode in played]}

@@ -53,6 +53,7 @@ class EpisodeSettings:
         display: "viewer" (a window in real time, which the user closes), "live" (a page on this machine, real time),
             "film" (if the machine can render) or "none".
         grasps: name of the planner's grasp set.
+        robot: its name.
     """
 
     environment: str
@@ -63,6 +64,7 @@ class EpisodeSettings:
     is_obstructed: bool = True
     display: Literal["viewer", "live", "film", "none"] = "film"
     grasps: str = "side"
+    robot: str = "fetch"
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +108,8 @@ def play_episode(settings: EpisodeSettings, say: Say) -> EpisodeResult:
         warmup(inner.robot)
     seed, scene, target = _find_scene(settings, env)
     say(f"ready after {time.perf_counter() - started:.0f} s\n")
-    where = f"{settings.environment}, layout {settings.layout}, grasp set {settings.grasps}, seed {seed}"
-    say(f"{where}: take {target} out of {len(scene.objects)} objects")
+    where = f"{settings.environment}, robot {settings.robot}, layout {settings.layout}, grasp set {settings.grasps}"
+    say(f"{where}, seed {seed}: take {target} out of {len(scene.objects)} objects")
     film = _make_film(settings, env, say)
     expert = TampExpert(env, settings.strategy, grasps=settings.grasps)
     expert.reset(target)
@@ -156,13 +158,14 @@ def draw_episode(result: EpisodeResult, directory: Path, html: Path | None = Non
 
 def episode_text(result: EpisodeResult) -> str:
     """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and report."""
-    plan, name = result.plan, result.settings.strategy
+    plan, settings = result.plan, result.settings
+    name = settings.strategy
     parts = [plan.summary()]
     if isinstance(plan, Solution):
-        parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan)}")
+        parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, settings.robot)}")
     history = plan.stats.history
     if not history and name != "ngr":
-        planner = Planner(result.scene.robot, grasps=result.settings.grasps)
+        planner = Planner(result.scene.robot, grasps=settings.grasps)
         ngr = planner.solve(result.scene, plan.target, "ngr", np.random.default_rng(0), PLANNING_S)
         history = ngr.stats.history
         end = f"clears {len(ngr.clearances)}" if isinstance(ngr, Solution) else f"fails: {ngr.cause}"
@@ -173,7 +176,7 @@ def episode_text(result: EpisodeResult) -> str:
         name = "ngr"
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(history) or 'none'}")
     parts.append(
-        f"Report, grasp set {result.settings.grasps}\n\n{report_text(result.report, result.is_success, result.lifted)}"
+        f"Report, grasp set {settings.grasps}\n\n{report_text(result.report, result.is_success, result.lifted)}"
     )
     return "\n\n".join(parts)
 
@@ -182,6 +185,7 @@ def episode_figures(result: EpisodeResult) -> dict[str, Any]:
     """The results as JSON values."""
     return {
         "environment": result.settings.environment,
+        "robot": result.settings.robot,
         "seed": result.seed,
         "target": result.plan.target,
         "strategy": result.settings.strategy,
@@ -197,6 +201,7 @@ def episode_figures(result: EpisodeResult) -> dict[str, Any]:
 def _make_environment(settings: EpisodeSettings) -> gym.Env:
     return gym.make(
         settings.environment,
+        robot=settings.robot,
         layout=settings.layout,
         control_mode=settings.control_mode,
         render_mode={"viewer": "human", "film": "rgb_array"}.get(settings.display),
@@ -245,6 +250,7 @@ def _report_rows(result: EpisodeResult) -> dict[str, str]:
     settings = result.settings
     return {
         "environment": settings.environment,
+        "robot": settings.robot,
         "seed": str(result.seed),
         "layout": settings.layout,
         "grasp set": settings.grasps,

@@ -14,10 +14,10 @@ _FACTS = 8
 """Maximum number of new facts printed for one replanning step."""
 
 
-def plan_text(solution: Solution) -> str:
-    """The plan F, one action a line."""
+def plan_text(solution: Solution, robot: str = "fetch") -> str:
+    """The plan F as the paper prints it, one action a line, with the robot's name."""
     by = f" (obstructed by {', '.join(solution.clearances)})" if solution.clearances else ""
-    plan = format_plan(GroundAction(action.name, action.args) for action in solution.actions)
+    plan = format_plan((GroundAction(action.name, action.args) for action in solution.actions), robot)
     return f"Goal: grasp the {solution.target}{by}\n\n{plan}"
 
 

@@ -73,7 +73,8 @@ def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
     figures = json.loads(json.dumps(episode_figures(result)))
     assert figures["target"] == plan.target
     assert len(figures["plan"]) == len(plan.actions)
-    assert plan_text(plan).count("PUTDOWNFORCLEARANCE") == len(plan.clearances)
+    assert plan_text(plan).count("PUTDOWNFORCLEARANCE_FETCH") == len(plan.clearances)
+    assert plan_text(plan, "pr2").count("PUTDOWNFORCLEARANCE_PR2") == len(plan.clearances)
 
 
 def test_the_report_believes_the_environment() -> None:
@@ -122,7 +123,9 @@ def test_a_film_without_ffmpeg_becomes_a_gif(tmp_path: Path, monkeypatch: pytest
     assert (tmp_path / "strip.png").stat().st_size > 500
 
 
-@pytest.mark.parametrize("wrong", [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"]])
+@pytest.mark.parametrize(
+    "wrong", [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"], ["--robot", "r2"]]
+)
 def test_wrong_arguments_are_named(wrong: list[str]) -> None:
     command = [sys.executable, "scripts/run_episode.py", *wrong]
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
@@ -132,11 +135,12 @@ def test_wrong_arguments_are_named(wrong: list[str]) -> None:
 
 
 @pytest.mark.slow
-def test_the_demonstration_takes_the_target_out_of_fifteen_objects(tmp_path: Path) -> None:
-    command = [sys.executable, "scripts/run_episode.py", "--objects", "15", "--out", str(tmp_path)]
+@pytest.mark.parametrize("robot", ["fetch", "pr2"])
+def test_the_demonstration_takes_the_target_out_of_fifteen_objects(tmp_path: Path, robot: str) -> None:
+    command = [sys.executable, "scripts/run_episode.py", "--objects", "15", "--robot", robot, "--out", str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
     assert result.returncode == 0, result.stderr
-    assert "PUTDOWNFORCLEARANCE_FETCH" in result.stdout
+    assert f"PUTDOWNFORCLEARANCE_{robot.upper()}" in result.stdout
     figures = json.loads((tmp_path / "report.json").read_text())
     assert figures["is_success"]
     assert (tmp_path / "plan.png").stat().st_size > 20_000
