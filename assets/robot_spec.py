@@ -161,6 +161,11 @@ class RobotSpec:
         return tuple(link.joint for link in self.chain[1:])
 
     @property
+    def full_name(self) -> str:
+        """The name, with that of the active arm if there are several: "pr2_right"."""
+        return f"{self.name}_{self.arm_name}" if self.arm_name else self.name
+
+    @property
     def arms(self) -> tuple[ArmSpec, ...]:
         """All arms, the active one first."""
         arm = {name: getattr(self, name) for name in _ARM_FIELDS} | {"name": self.arm_name}

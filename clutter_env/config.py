@@ -114,7 +114,7 @@ class EnvConfig:
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
         robots = robots_with_approaches()
-        if self.find_robot().name not in robots:
+        if self.find_robot().full_name not in robots:
             return f"side grasps are known of these robots: {', '.join(robots)}"
         if not self.find_object_set().has_side_grasps:
             known = ", ".join(repr(name) for name, entry in OBJECT_SETS.items() if entry.has_side_grasps)

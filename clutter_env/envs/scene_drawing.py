@@ -49,7 +49,7 @@ def _draw_obstructed(
     is_random = options.objects is None and options.target is None
     for _ in range(MAX_DRAWS if is_random else 1):
         scene = _draw_any(rng, layout, config, options)
-        blockers = count_blockers(side_approaches(robot.name), layout, scene, robot.max_opening)
+        blockers = count_blockers(side_approaches(robot.full_name), layout, scene, robot.max_opening)
         wanted = options.target_index(scene.num_objects)
         if wanted is not None and blockers[wanted] >= least:
             return scene.with_target(wanted)

@@ -96,13 +96,13 @@ class SideApproaches:
 
 
 def robots_with_approaches() -> tuple[str, ...]:
-    """Names of the robots for which there is a table of side approaches."""
+    """Full names of the robots, see `RobotSpec.full_name`, for which there is a table of side approaches."""
     return assets.names("approaches")
 
 
 @cache
 def side_approaches(robot: str) -> SideApproaches:
-    """The side approaches of a robot, read once.
+    """The side approaches of a robot of that full name, read once.
 
     Raises:
         FileNotFoundError: there is no table for that robot; see `robots_with_approaches`.

@@ -118,7 +118,7 @@ class ArmChain:
         if not robot.plans_torso:
             lower[0] = upper[0] = robot.home[0]
         chain = ArmChain(
-            _name(robot),
+            robot.full_name,
             offsets,
             axes,
             lower,
@@ -158,11 +158,6 @@ class ArmChain:
         arrays = (arm.offsets, arm.axes, arm.lower, arm.upper, arm.tip, np.empty(0))
         chain = ArmChain(arm.name, *arrays, arm.joints, self_collisions)
         return _with_links(chain, _fetch_links(chain))
-
-
-def _name(robot: RobotSpec) -> str:
-    """The robot's name, with that of the arm if it has several."""
-    return f"{robot.name}_{robot.arm_name}" if robot.arm_name else robot.name
 
 
 def has_free_roll(chain: ArmChain) -> bool:

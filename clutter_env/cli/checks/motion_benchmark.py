@@ -105,7 +105,7 @@ def measure_scene(scene: Scene, result: Measurement, rng: np.random.Generator, a
     world, checker = CollisionWorld.from_scene(scene), MujocoCollisionChecker(scene)
     home = np.array(scene.robot.home)
     for grasp in list(free_grasps(scene, arguments.grasps))[:most]:
-        near = grasp.q + rng.normal(0, 0.05, (CHECKS // most, 8))
+        near = grasp.q + rng.normal(0, 0.05, (CHECKS // most, grasp.q.size))
         _, seconds = timed(world.hits_many, grasp.base, near, grasp.opening)
         result.check.append(seconds / len(near))
         motion, seconds = timed(plan_pick, world, grasp.base, home, grasp.q, grasp.object, rng=rng)

@@ -1,6 +1,7 @@
 """Tabulate with the planner which side grasps a robot reaches on each layout without objects.
 
     python scripts/side_approaches.py
+    python scripts/side_approaches.py --robot pr2 --arm left --layouts paper
 
 Scenes with `obstructed=True` are drawn by means of this table; make it again when a robot, a layout or the planner's
 choice of grasps and base poses changes.
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from assets.robots import robot as find_robot
 from clutter_env.experiments.suites.approaches import approach_table
 from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
@@ -25,6 +27,8 @@ class Arguments:
 
     robot: str = "fetch"
     """Name of the robot."""
+    arm: str = ""
+    """Name of the arm that grasps, of a robot with several; the active one if not given."""
     layouts: tuple[str, ...] = tuple(LAYOUTS)
     """Names of the layouts."""
     out: Path = Path("outputs/approaches")
@@ -33,9 +37,11 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Tabulate and write."""
+    robot = find_robot(arguments.robot)
+    robot = robot.using(arguments.arm) if arguments.arm else robot
     with progress_bar(desc="rows of cells") as bar:
-        table = approach_table(arguments.robot, arguments.layouts, bar.update)
-    file = arguments.out / f"{arguments.robot}.json"
+        table = approach_table(robot, arguments.layouts, bar.update)
+    file = arguments.out / f"{robot.full_name}.json"
     write_json(file, table)
     print(f"written: {file}")
 

@@ -129,7 +129,7 @@ def _compare(job: _Job) -> tuple[bool, bool]:
     _, info = env.reset(seed=job.seed)
     inner: Any = env.unwrapped
     robot = inner.robot
-    blockers = count_blockers(side_approaches(robot.name), inner.layout, inner.world.scene, robot.max_opening)
+    blockers = count_blockers(side_approaches(robot.full_name), inner.layout, inner.world.scene, robot.max_opening)
     scene = Scene.from_mujoco(inner.model, inner.data, robot)
     floor = Planner(robot, grasps="side").clearance_floor(scene, info["target"])
     return bool(blockers[inner.target_slot] > 0), floor.count != 0 and floor.cause != Cause.UNREACHABLE

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import RobotSpec
-from assets.robots import robot as find_robot
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
 from irm.arm.frames import pose_of
 from irm.arm.kinematics import ArmChain
@@ -43,11 +42,13 @@ BASES_UNDER_A_BOARD = 8
 Array = NDArray[np.float64]
 
 
-def approach_table(robot: str, layouts: tuple[str, ...], tick: Callable[[], object] = lambda: None) -> dict[str, Any]:
-    """The content of `assets/approaches/<robot>.json`, JSON values.
+def approach_table(
+    robot: RobotSpec, layouts: tuple[str, ...], tick: Callable[[], object] = lambda: None
+) -> dict[str, Any]:
+    """The content of `assets/approaches/<full name>.json`, JSON values.
 
     Args:
-        robot: a name known to `assets.robots.robot`.
+        robot: whose active arm grasps.
         layouts: names of layouts.
         tick: called after every row of cells.
 
@@ -58,15 +59,14 @@ def approach_table(robot: str, layouts: tuple[str, ...], tick: Callable[[], obje
         along x, each cell a bit mask of the reachable yaws as six hexadecimal
         digits; bit k is a yaw of 2πk/24.
     """
-    spec = find_robot(robot)
-    gripper = gripper_clearances(spec)
+    gripper = gripper_clearances(robot)
     return {
-        "robot": robot,
-        "grasp_height": spec.grasp_height,
+        "robot": robot.full_name,
+        "grasp_height": robot.grasp_height,
         "palm_reach": round(gripper.palm_reach + PALM_SLACK, 6),
         "pad_half_height": gripper.pad_half_height,
-        "solids": _solids(spec),
-        "layouts": {name: _rows(spec, find_layout(name), tick) for name in layouts},
+        "solids": _solids(robot),
+        "layouts": {name: _rows(robot, find_layout(name), tick) for name in layouts},
     }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
-from assets.robots import FETCH
+from assets.robots import FETCH, PR2, RobotSpec, robot
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.experiments.suites.agreement import SceneSet, agreement
 from clutter_env.experiments.suites.approaches import reachable_yaws
@@ -209,4 +209,18 @@ def test_too_few_or_too_low_objects_are_refused() -> None:
 
 
 def test_the_robots_are_those_with_a_table() -> None:
-    assert "fetch" in robots_with_approaches()
+    assert {"fetch", "panda_mobile", "pr2_left", "pr2_right"} <= set(robots_with_approaches())
+
+
+@pytest.mark.parametrize("robot", [robot("panda_mobile"), PR2, PR2.using("left")], ids=lambda spec: spec.full_name)
+def test_other_robots_have_a_table_of_the_paper_s_layout_each_arm_its_own(robot: RobotSpec) -> None:
+    layout, table = LAYOUTS["paper"], side_approaches(robot.full_name).reachable["paper"]
+    cells = np.random.default_rng(0).integers(0, table.shape[:2], (4, 2))
+    points = ((cells + 0.5) / table.shape[:2] - 0.5) * (layout.depth, layout.width)
+    assert (reachable_yaws(robot, layout, points) == table[cells[:, 0], cells[:, 1]]).all()
+    make(robot=robot, obstructed=True).reset(seed=0)
+
+
+def test_an_arm_without_a_table_is_refused() -> None:
+    with pytest.raises(ConfigError, match="pr2_left, pr2_right"):
+        make(robot=replace(PR2, name="other"), obstructed=True)
