@@ -8,13 +8,14 @@ WORKERS ?= 2
 OBJECTS ?= 15
 SOURCES := assets irm planners clutter_env scripts tests
 
-.PHONY: help setup demo test test-slow check docs format bench soak clean
+.PHONY: help setup demo test test-slow check compat docs format bench soak clean
 
 help:
 	@echo "make setup      virtual environment with the package, its visuals and the development tools"
 	@echo "make demo       one 15-object episode solved in physics by the expert, plan printed, pictures in outputs/"
 	@echo "make test       the fast tests;  make test-slow: all of them"
 	@echo "make check      format, lint, types, import contracts, fast tests"
+	@echo "make compat     a part of the tests in a new environment: PYTHON=python3.13, or other versions: WITH='mujoco==3.17.0'"
 	@echo "make docs       the documentation as pages to read offline, in outputs/site"
 	@echo "make bench      speed, memory and rendering of the environments"
 	@echo "make soak       two million random steps through all environments, about half an hour"
@@ -57,6 +58,16 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(MAKE) test
+
+# WITH names versions in place of those of constraints.txt.
+COMPAT := outputs/compat
+COMPAT_TESTS := tests/test_readme.py tests/assets tests/irm/maps tests/irm/queries tests/clutter_env/scene tests/clutter_env/simulation \
+  tests/clutter_env/envs tests/planners/test_planner.py tests/planners/execution
+compat:
+	$(PYTHON) -m venv --clear $(COMPAT)
+	$(COMPAT)/bin/python -m pip install --quiet --editable ".[dev,data]" $(if $(WITH),$(WITH),--constraint constraints.txt)
+	$(COMPAT)/bin/python -m pip list
+	$(COMPAT)/bin/python -m pytest -q $(COMPAT_TESTS) -m "not slow"
 
 format: $(VENV)/.dev
 	$(BIN)/ruff format $(SOURCES)

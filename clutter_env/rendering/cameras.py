@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
-from clutter_env.rendering.framing import ACROSS, FRAMED_CAMERA, whole_scene
+from clutter_env.rendering.framing import FRAMED_CAMERA, across, whole_scene
 from clutter_env.rendering.renderer import Renderer
 from clutter_env.rendering.window import Window
 from clutter_env.simulation.world import World
@@ -94,7 +94,8 @@ class EnvRenderer:
         """The camera of `render()`."""
         if self._config.camera != FRAMED_CAMERA:
             return self._config.camera
-        return whole_scene(world.model, self._layout, ACROSS, self._config.width / self._config.height)
+        aspect = self._config.width / self._config.height
+        return whole_scene(world.model, self._layout, across(self._layout), aspect)
 
     def _show(self, world: World) -> None:
         self._use(world)

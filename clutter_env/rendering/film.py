@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from clutter_env.config import CONTROL_HZ
-from clutter_env.rendering.framing import ABOVE, ACROSS, whole_scene
+from clutter_env.rendering.framing import ABOVE, across, whole_scene, work_place
 from clutter_env.rendering.renderer import Renderer
 
 __all__ = ["Film"]
@@ -22,8 +21,6 @@ Frame = NDArray[np.uint8]
 
 _WIDTH, _WIDTH_ABOVE, _HEIGHT = 640, 384, 480
 """Pixels of a frame's two views, across the table and from above."""
-_TABLE_CENTRE, _TABLE_DISTANCE = (-0.16, 0.0, 0.85), 2.1
-"""[m] The page's view, nearer than the film's: across the table too, without the robot's base."""
 STEPS_PER_FRAME = 4
 """Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
 FRAMES_PER_SECOND = 20
@@ -34,7 +31,7 @@ _KEY_PHASES = (": close", ": lift", ": open")
 """The last state of these phases goes on the page: the grasp, the object in the air, the object put down."""
 _STRIP_COLUMNS = 4
 _MOST_MOMENTS = 24
-_STRIP_SIZE = 360, 270
+_STRIP_SIZE = 480, 360
 _BAR = 34
 """Pixels of the caption's bar."""
 _INK, _PAPER = (48, 52, 59), (255, 255, 255)
@@ -56,12 +53,10 @@ class Film:
 
     def __post_init__(self) -> None:
         self._renderer = Renderer(self.env.model, _WIDTH, _HEIGHT)
-        self._across = whole_scene(self.env.model, self.env.layout, ACROSS, _WIDTH / _HEIGHT)
+        direction = across(self.env.layout)
+        self._across = whole_scene(self.env.model, self.env.layout, direction, _WIDTH / _HEIGHT)
+        self._near = work_place(self.env.model, self.env.layout, direction, _STRIP_SIZE[0] / _STRIP_SIZE[1])
         self._above = whole_scene(self.env.model, self.env.layout, ABOVE, _WIDTH_ABOVE / _HEIGHT)
-        self._table = mujoco.MjvCamera()
-        self._table.type = mujoco.mjtCamera.mjCAMERA_FREE
-        self._table.azimuth, self._table.elevation = ACROSS
-        self._table.lookat[:], self._table.distance = _TABLE_CENTRE, _TABLE_DISTANCE
         self._about = f"target {self.env.target}, red" if self.env.target else ""
 
     def watch(self, caption: str) -> None:
@@ -101,12 +96,12 @@ class Film:
         self._renderer.close()
 
     def _keep_moment(self) -> None:
-        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._table)))
+        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._near)))
 
     def _keep_frame(self) -> None:
-        across, above = (self._renderer.colour(self.env.data, view) for view in (self._across, self._above))
+        scene, above = (self._renderer.colour(self.env.data, view) for view in (self._across, self._above))
         edge = (_WIDTH - _WIDTH_ABOVE) // 2
-        picture = np.hstack([across, above[:, edge : edge + _WIDTH_ABOVE]])
+        picture = np.hstack([scene, above[:, edge : edge + _WIDTH_ABOVE]])
         said = f"{self._about}   {_SPEED:.0f}x speed".strip()
         self.frames.append(_captioned(picture, self._caption, said))
 

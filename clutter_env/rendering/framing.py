@@ -11,27 +11,36 @@ from numpy.typing import NDArray
 
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 
-__all__ = ["ABOVE", "ACROSS", "FRAMED_CAMERA", "whole_scene", "whole_table"]
+__all__ = ["ABOVE", "FRAMED_CAMERA", "across", "whole_scene", "whole_table", "work_place"]
 
 FRAMED_CAMERA = "scene"
 """Name of the view of the whole scene; all other cameras are in the model and stay where they are."""
-ACROSS = (55.0, -34.0)
-"""[deg] azimuth and elevation: across the table from the robot's right and in front of boards; neither the arm nor the
-head hides the gripper for long."""
+_ACROSS = (72.0, -32.0)
+"""[deg] azimuth and elevation: across the table from the robot's right; neither the arm nor the head hides the gripper
+for long."""
+_UNDER_BOARDS = (30.0, -50.0)
+"""[deg] The same from farther in front and above, past the side of a shelf and through its clear boards."""
 ABOVE = (0.0, -90.0)
 """[deg] azimuth and elevation: straight down, the robot below the table."""
 _ROBOT_RADIUS = 0.40
 """[m] around the base centre: the base, and the elbow when the arm is folded."""
-_ROBOT_HEIGHT = 1.20
-"""[m]"""
+_ROBOT_HEIGHT = 1.45
+"""[m] with the lift up."""
+_KNEE = 0.35
+"""[m] above the floor: what is lower of a robot at work need not be seen."""
 _OBJECT_HEIGHT = 0.30
 """[m] above the table: objects, and one that is lifted."""
 _AROUND_TABLE = 0.12
 """[m] around the table, so that a picture of it shows what it stands beside."""
-_MARGIN = 1.04
+_MARGIN = 1.06
 """Distance of the camera over that from which the scene fills the picture."""
 
 Points = NDArray[np.float64]
+
+
+def across(layout: Layout) -> tuple[float, float]:
+    """Azimuth and elevation [deg] from which most of a layout's objects are seen, and the robot beside them."""
+    return _ACROSS if layout.board_height is None else _UNDER_BOARDS
 
 
 def whole_scene(
@@ -48,6 +57,15 @@ def whole_scene(
     return _view(model, _scene_points(layout), direction, aspect)
 
 
+def work_place(
+    model: mujoco.MjModel, layout: Layout, direction: tuple[float, float], aspect: float
+) -> mujoco.MjvCamera:
+    """A nearer view: the table and the upper part of the robot while it works there; arguments as of `whole_scene`."""
+    (_, (start_x, _)), half_y = layout.start_region, layout.width / 2
+    before = product((start_x - _ROBOT_RADIUS, -layout.depth / 2), (-half_y, half_y), (_KNEE, _ROBOT_HEIGHT))
+    return _view(model, np.vstack((_table_points(layout, 0.0), list(before))), direction, aspect)
+
+
 def whole_table(
     model: mujoco.MjModel, layout: Layout, direction: tuple[float, float], aspect: float
 ) -> mujoco.MjvCamera:
@@ -61,14 +79,23 @@ def _view(model: mujoco.MjModel, points: Points, direction: tuple[float, float],
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.azimuth, camera.elevation = direction
     axes = _axes(*direction)
-    along = points @ axes.T
-    centre = (along.min(axis=0) + along.max(axis=0)) / 2
-    camera.lookat[:] = centre @ axes
+    forward, sideways, upwards = axes @ points.T
+    middle = (forward.min() + forward.max()) / 2
     up = math.tan(math.radians(model.vis.global_.fovy) / 2)
-    forward, sideways, upwards = (along - centre).T
-    needed = np.maximum(np.abs(sideways) / (up * aspect), np.abs(upwards) / up) - forward
-    camera.distance = _MARGIN * float(needed.max())
+    right, far = _centred(sideways, forward - middle, up * aspect)
+    high, deep = _centred(upwards, forward - middle, up)
+    camera.lookat[:] = np.array((middle, right, high)) @ axes
+    camera.distance = _MARGIN * max(far, deep)
     return camera
+
+
+def _centred(across: Points, forward: Points, slope: float) -> tuple[float, float]:
+    """The least distance at which points fit between two lines of sight, and where the middle of the picture is then.
+
+    A point fits if |across - middle| <= slope (forward + distance).
+    """
+    highest, lowest = float((across - slope * forward).max()), float((across + slope * forward).min())
+    return (highest + lowest) / 2, (highest - lowest) / (2 * slope)
 
 
 def _table_points(layout: Layout, around: float) -> Points:

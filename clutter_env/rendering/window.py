@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 
 from clutter_env.errors import RenderingUnavailable
-from clutter_env.rendering.framing import ACROSS, FRAMED_CAMERA, whole_scene
+from clutter_env.rendering.framing import FRAMED_CAMERA, across, whole_scene
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
 
@@ -73,7 +73,7 @@ def _aim(view: mujoco.MjvCamera, model: mujoco.MjModel, layout: Layout, camera: 
         view.type = mujoco.mjtCamera.mjCAMERA_FIXED
         view.fixedcamid = model.camera(camera).id
         return
-    framed = whole_scene(model, layout, ACROSS, _ASPECT)
+    framed = whole_scene(model, layout, across(layout), _ASPECT)
     view.type = framed.type
     view.azimuth, view.elevation, view.distance = framed.azimuth, framed.elevation, framed.distance
     view.lookat[:] = framed.lookat

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.rendering.framing import ABOVE, ACROSS, whole_scene, whole_table
+from clutter_env.rendering.framing import ABOVE, across, whole_scene, whole_table
 from clutter_env.rendering.renderer import Renderer
 
 __all__ = ["layout_image", "save_images"]
@@ -33,7 +33,7 @@ def layout_image(layout: str, objects: int, shapes: str, seed: int, size: int) -
     """
     env = RetrieveEnv(num_objects=objects, layout=layout, shapes=shapes, render_mode="rgb_array")
     env.reset(seed=seed)
-    views = ((whole_scene, ACROSS, size, size), (whole_table, ABOVE, size, size // 2))
+    views = ((whole_scene, across(env.layout), size, size), (whole_table, ABOVE, size, size // 2))
     pictures = []
     for view, direction, width, height in views:
         renderer = Renderer(env.model, width, height)

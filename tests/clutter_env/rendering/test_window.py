@@ -17,7 +17,7 @@ from clutter_env.config import CONTROL_HZ
 from clutter_env.envs.base import BaseEnv
 from clutter_env.rendering import window
 from clutter_env.rendering.film import Film
-from clutter_env.rendering.framing import ABOVE, ACROSS, whole_scene
+from clutter_env.rendering.framing import ABOVE, across, whole_scene
 from clutter_env.scene.layout import LAYOUTS
 
 ID = "clutter_env/Retrieve-o5-v0"
@@ -82,7 +82,7 @@ def test_the_window_looks_through_the_camera_that_was_asked_for(monkeypatch: pyt
         assert viewer.cam.fixedcamid == env.model.camera(camera).id
     viewer = Viewer()
     env = shown(monkeypatch, viewer, layout="shelf")
-    framed = whole_scene(env.model, env.layout, ACROSS, 1.5)
+    framed = whole_scene(env.model, env.layout, across(env.layout), 1.5)
     assert int(viewer.cam.type) == int(mujoco.mjtCamera.mjCAMERA_FREE), "the mouse can move it"
     assert viewer.cam.distance == framed.distance
     assert viewer.cam.lookat.tolist() == framed.lookat.tolist()
@@ -136,12 +136,12 @@ def seen(env: BaseEnv, camera: mujoco.MjvCamera, points: np.ndarray) -> np.ndarr
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize(("direction", "aspect"), [(ACROSS, 4 / 3), (ACROSS, 1.5), (ABOVE, 0.8)])
+@pytest.mark.parametrize(("direction", "aspect"), [(None, 4 / 3), (None, 1.5), (None, 0.6), (ABOVE, 0.8)])
 def test_robot_and_objects_are_in_view_wherever_the_robot_starts(
-    layout: str, direction: tuple[float, float], aspect: float
+    layout: str, direction: tuple[float, float] | None, aspect: float
 ) -> None:
     env = gym.make(ID, layout=layout).unwrapped
-    camera = whole_scene(env.model, env.layout, direction, aspect)
+    camera = whole_scene(env.model, env.layout, direction or across(env.layout), aspect)
     (low_x, low_y), (high_x, high_y) = env.layout.start_region
     furthest = 0.0
     for seed, (x, y) in enumerate(product((low_x, high_x), (low_y, high_y))):
