@@ -206,7 +206,12 @@ def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
     if picture.chosen is None:
         return
     x, y = (float(value) for value in picture.chosen)
-    ghost: dict[str, Any] = {"facecolor": COLOURS["cleared"], "edgecolor": COLOURS["location"], "linestyle": "--", "linewidth": 1.6}
+    ghost: dict[str, Any] = {
+        "facecolor": COLOURS["cleared"],
+        "edgecolor": COLOURS["location"],
+        "linestyle": "--",
+        "linewidth": 1.6,
+    }
     axes.add_patch(Circle((y, x), _radius(picture), alpha=0.8, zorder=6, gid="put", **ghost))
     number = picture.moved.removeprefix("object_")
     axes.annotate(number, (y, x), ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=7)
