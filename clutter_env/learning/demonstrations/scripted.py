@@ -30,6 +30,8 @@ AT_GRASP = 0.02
 """[m] above the grasp at which the fingers close."""
 HOVER = 0.06
 """[m] of the TCP above the object's top before the descent: half the height of the fingers, and a margin."""
+NEAR_HOVER = 0.02
+"""[m] below that height from which the gripper moves sideways too."""
 GRASP_SHARE = 0.6
 """Height of the grasp as a share of the object's height: high enough for the forearm to clear the table."""
 FINGER_ROOM = 0.012
@@ -68,11 +70,19 @@ def reach(env: GoalEnv) -> Step:
 
 
 def pick(env: GoalEnv) -> Step:
-    """Take the object as `retrieve` does, carry it to the goal."""
-    if env.measurements.held != env.target_slot:
-        return _take(env)
-    remaining = env.goal - env.measurements.poses[env.target_slot, :3] + (0, 0, CARRY_LIFT)
-    return "carry", _action(env, _tcp(env) + remaining, 0.0)
+    """Descend around the object, close the fingers, carry the object to the goal."""
+    if env.measurements.held == env.target_slot:
+        remaining = env.goal - env.measurements.poses[env.target_slot, :3] + (0, 0, CARRY_LIFT)
+        return "carry", _action(env, _tcp(env) + remaining, 0.0)
+    tcp = _tcp(env)
+    grasp, above, opening = _target_grasp(env)
+    if _off_axis(env, tcp, grasp) == 0:
+        if tcp[2] - grasp[2] < AT_GRASP:
+            return "close", _action(env, grasp, 0.0)
+        return "descend", _action(env, grasp, opening)
+    if tcp[2] < above - NEAR_HOVER:
+        return "rise", _action(env, np.array([*tcp[:2], above]), opening)
+    return "align", _action(env, np.array([*grasp[:2], above]), opening)
 
 
 def retrieve(env: RetrieveEnv) -> Step:
@@ -82,9 +92,18 @@ def retrieve(env: RetrieveEnv) -> Step:
     remaining distance of base and gripper. The clone of a script that switches stops at the switch, because the
     examples there contain both actions.
     """
-    if env.measurements.held != env.target_slot:
-        return _take(env)
-    return "lift", _action(env, _tcp(env) + (0, 0, LIFT), 0.0)
+    if env.measurements.held == env.target_slot:
+        return "lift", _action(env, _tcp(env) + (0, 0, LIFT), 0.0)
+    drive = _remaining_drive(env)
+    grasp, above, opening = _target_grasp(env)
+    tcp = _tcp(env)
+    tcp_error, base_error = _off_axis(env, tcp, grasp), math.hypot(*drive)
+    height = min(grasp[2] + FUNNEL * tcp_error, above) + FUNNEL * min(base_error, APPROACH)
+    point = np.array([*_within_reach(env, grasp), height])
+    point[:2] = tcp[:2] + (point[:2] - tcp[:2]) * np.clip(1 - (height - tcp[2]) / STEER_HEIGHT, 0.0, 1.0)
+    if tcp_error == 0 and tcp[2] - grasp[2] < AT_GRASP:
+        return "close", _action(env, grasp, 0.0, drive)
+    return ("drive" if base_error > APPROACH else "descend"), _action(env, point, opening, drive)
 
 
 def bulldoze(env: RetrieveEnv) -> Step:
@@ -146,20 +165,6 @@ def _target_grasp(env: BaseEnv) -> tuple[Array, float, float]:
     half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
     height = max(env.robot.grasp_height, GRASP_SHARE * 2 * half_height)
     return np.array([at[0], at[1], TABLE_HEIGHT + height]), at[2] + half_height + HOVER, 2 * (half_width + FINGER_ROOM)
-
-
-def _take(env: BaseEnv) -> Step:
-    """Drive to where the arm reaches the target, descend around it, close the fingers; see `retrieve`."""
-    drive = _remaining_drive(env)
-    grasp, above, opening = _target_grasp(env)
-    tcp = _tcp(env)
-    tcp_error, base_error = _off_axis(env, tcp, grasp), math.hypot(*drive)
-    height = min(grasp[2] + FUNNEL * tcp_error, above) + FUNNEL * min(base_error, APPROACH)
-    point = np.array([*_within_reach(env, grasp), height])
-    point[:2] = tcp[:2] + (point[:2] - tcp[:2]) * np.clip(1 - (height - tcp[2]) / STEER_HEIGHT, 0.0, 1.0)
-    if tcp_error == 0 and tcp[2] - grasp[2] < AT_GRASP:
-        return "close", _action(env, grasp, 0.0, drive)
-    return ("drive" if base_error > APPROACH else "descend"), _action(env, point, opening, drive)
 
 
 def _off_axis(env: BaseEnv, tcp: Array, grasp: Array) -> float:
