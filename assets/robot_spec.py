@@ -83,6 +83,8 @@ class RobotSpec:
     """Corners x, y [m] of the base's convex footprint, of a base that is not round."""
     plans_torso: bool = True
     """Whether plans move the torso; a slow one stays at the height of `home`."""
+    acts_with_all_arms: bool = False
+    """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
 
     def __post_init__(self) -> None:
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
@@ -106,6 +108,8 @@ class RobotSpec:
         for link, value in zip(self.chain, self.home, strict=True):
             is_inside = link.lower <= value <= link.upper
             require(is_inside, "home", f"holds {value}, outside {link.joint!r}'s range {link.lower} to {link.upper}")
+        has_arms = bool(self.idle_arms) or not self.acts_with_all_arms
+        require(has_arms, "acts_with_all_arms", f"is for robots with several arms; {self.name} has one")
 
     @classmethod
     def from_fields(cls, values: Mapping[str, Any]) -> RobotSpec:
@@ -188,6 +192,19 @@ class RobotSpec:
         for name in ("max_velocity", "max_acceleration"):
             parts[name] = (*getattr(self, name)[:4], *getattr(chosen, name))
         return replace(self, arm_name=arm_name, idle_arms=tuple(arms.values()), **parts)
+
+    def with_all_arms(self) -> RobotSpec:
+        """The same robot, whose actions and plans move all arms, one after another.
+
+        Raises:
+            InvalidRobot: it has one arm only.
+        """
+        return replace(self, acts_with_all_arms=True)
+
+    @property
+    def acting_arms(self) -> tuple[str, ...]:
+        """Names of the arms that actions and plans move, the active one first; ("",) if the only arm has no name."""
+        return tuple(arm.name for arm in self.arms) if self.acts_with_all_arms else (self.arm_name,)
 
     @property
     def still_joints(self) -> tuple[str, ...]:

@@ -11,17 +11,20 @@ import numpy as np
 from assets.robots import FETCH, RobotSpec
 from irm.arm.kinematics import ArmChain
 from irm.visibility.map import VisibilityMap, cached_visibility
+from planners.arms import ArmsError, check_arms, one_or_all
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.validation import validate
+from planners.grasping.arms import ArmCandidates
 from planners.grasping.base_placement import MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
+from planners.placing.arms import ArmPlacements
 from planners.placing.canonical import CanonicalPlacements
 from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import Supports, find_supports
@@ -36,7 +39,7 @@ from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
 from planners.warming import warm_once
 
-__all__ = ["Planner", "clearance_floor", "map_placer", "solve", "warmup"]
+__all__ = ["ArmsError", "Planner", "clearance_floor", "map_placer", "solve", "warmup"]
 
 _BASES, _BASES_NEAR_HOME = 3, 8
 """Base poses tried for each gripper pose; more where only one configuration counts at each."""
@@ -53,6 +56,7 @@ def solve(
     *,
     grasps: str = "all",
     supports: Supports = None,
+    hold_aside: bool = False,
 ) -> Solution | Infeasible:
     """Plan to take `target` out of the clutter.
 
@@ -67,6 +71,8 @@ def solve(
         grasps: name of the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top" or "all".
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
             grasps the first alone, R_plane of the paper, with other grasp sets all.
+        hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the
+            target. The paper forbids it: there every obstacle is put down.
 
     Returns:
         The plan with all its motions, or the cause why there is none.
@@ -78,8 +84,9 @@ def solve(
         UnknownGraspSet: no grasp set of that name.
         SceneError: objects overlap, or the robot is inside a static obstacle.
         UnknownSupport: the scene declares no support of a name.
+        ArmsError: `hold_aside` with a robot that acts with one arm.
     """
-    planner = Planner(scene.robot, grasps=grasps, supports=supports)
+    planner = Planner(scene.robot, grasps=grasps, supports=supports, hold_aside=hold_aside)
     return planner.solve(scene, target, strategy, rng, time_limit)
 
 
@@ -136,11 +143,13 @@ class Planner:
             phase of a motion ends at rest; see `planners.grasping.canonical` and `planners.placing.canonical`.
         prefer_visible: among base poses of about the same manipulability, take those first from which the head camera
             sees more of what is grasped, past the robot itself. The minimum number of clearances does not use it.
+        hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
 
     Raises:
         UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
         UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
         MissingEngineError: the task planner is not installed.
+        ArmsError: `hold_aside`, or several arms that act, together with what they cannot be combined with.
     """
 
     robot: RobotSpec
@@ -150,10 +159,12 @@ class Planner:
     supports: Supports = None
     canonical: bool = False
     prefer_visible: bool = False
+    hold_aside: bool = False
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         find_grasp_set(self.grasps)
+        check_arms(self.robot, self.hold_aside, self.follower is not None, self.canonical)
         object.__setattr__(self, "_task_planner", task_planner(self.engine))
 
     def solve(
@@ -198,7 +209,7 @@ class Planner:
         outcomes: list[Solution | Infeasible] = []
         is_proved = False
         for motion_layer in self._motion_layers(scene, compiled, rng, deadline, strategy.attempts):
-            search = Search(target, strategy, self._task_planner, motion_layer)
+            search = Search(target, strategy, self._task_planner, motion_layer, hold_aside=self.hold_aside)
             outcomes.append(task_and_motion_plan(search, scene))
             is_proved = is_final(outcomes[-1], motion_layer)
             if deadline.is_over or is_proved:
@@ -207,7 +218,14 @@ class Planner:
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
 
     def _clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None) -> ClearanceFloor:
-        candidates = GraspCandidates(map_placer(scene), self.chain, families=find_grasp_set(self.grasps))
+        families = find_grasp_set(self.grasps)
+        by_arm = {
+            scene.robot.arm_name: GraspCandidates(
+                map_placer(scene), ArmChain.from_robot(scene.robot), families=families
+            )
+            for scene in map(scene.using, self.robot.acting_arms)
+        }
+        candidates = one_or_all(by_arm, ArmCandidates.of)
         return floor_of_options(scene, target, _Blockers(candidates, scene), limits)
 
     def _motion_layers(
@@ -218,21 +236,29 @@ class Planner:
         For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
         """
         supports = self.supports_in(scene)
-        any_placer = MapPlacer.of_scene(inverse_map(scene.robot), scene)
-        if self.prefer_visible:
-            any_placer = replace(any_placer, prefer=_visibility_map(scene.robot))
+        any_placers = {arm: self._placer(scene.using(arm)) for arm in self.robot.acting_arms}
         for attempt in range(attempts + (self.follower is not None)):
             near_home = self.follower is not None and attempt == 0
-            placer = replace(any_placer, per_gripper_pose=_BASES_NEAR_HOME if near_home else _BASES)
-            config = SamplingConfig(near_home=near_home)
+            config, families = SamplingConfig(near_home=near_home), find_grasp_set(self.grasps)
+            grasps, placements = {}, {}
+            for arm, any_placer in any_placers.items():
+                placer = replace(any_placer, per_gripper_pose=_BASES_NEAR_HOME if near_home else _BASES)
+                chain = self.chain if arm == self.robot.arm_name else ArmChain.from_robot(self.robot.using(arm))
+                grasps[arm] = _GRASPS[self.canonical](placer, chain, config, compiled, families)
+                placements[arm] = _PLACEMENTS[self.canonical](placer, chain, near_home=near_home, supports=supports)
             yield MotionLayer(
-                _GRASPS[self.canonical](placer, self.chain, config, compiled, find_grasp_set(self.grasps)),
-                _PLACEMENTS[self.canonical](placer, self.chain, near_home=near_home, supports=supports),
+                one_or_all(grasps, ArmCandidates.of),
+                one_or_all(placements, ArmPlacements.of),
                 np.random.default_rng(attempt) if self.canonical else rng,
                 follower=self.follower,
                 deadline=deadline,
                 joins_motions=not self.canonical,
             )
+
+    def _placer(self, scene: Scene) -> MapPlacer:
+        """Base poses for the active arm of a scene."""
+        placer = MapPlacer.of_scene(inverse_map(scene.robot), scene)
+        return replace(placer, prefer=_visibility_map(scene.robot)) if self.prefer_visible else placer
 
     def supports_in(self, scene: Scene) -> tuple[str, ...]:
         """The names of the supports where objects may be put in a scene; raises `UnknownSupport`."""

@@ -1,4 +1,4 @@
-;; Grasping an obstructed object: the action model of Lee & Kim 2019, Fig. 4, with one gripper.
+;; Grasping an obstructed object: the action model of Lee & Kim 2019, Fig. 4.
 ;;
 ;; A planner cannot compute with poses and paths. Symbols stand for them instead ("some grasp pose of object_36"), the
 ;; plan is made as if they all existed, and motion planning afterwards binds each symbol to a value or refutes it.
@@ -13,7 +13,9 @@
 ;; [5] A location is taken by what stands on it. In the figure only the one triple isClearanceLocation(location,
 ;;     obstacle, target) is used up, so that the same location can be given to an obstacle again for another target.
 ;; [6] PutDownGeneral asks that the held object be no obstacle; the figure names an undeclared `obs` there.
-;; [7] There is one gripper. With two, the shortest plan hides an obstacle in the other hand and never puts it down.
+;; [7] PickUp asks that every gripper be empty. In the figure only its own: with two, the shortest plan then hides an
+;;     obstacle in the other hand and never puts it down. The option hold_aside restores the figure's precondition.
+;; [8] A gripper takes an object through grasp poses of its own arm.
 (define (domain obstructed-grasp)
   (:requirements :strips :typing :negative-preconditions :universal-preconditions :conditional-effects)
   (:types
@@ -28,6 +30,7 @@
     (graspedBy ?o - obj ?g - gripper)
     ;; Poses and paths assumed to exist until motion planning says otherwise.
     (isGrasp ?p - arm-pose ?o - obj ?l - loc)
+    (outOfReach ?g - gripper ?p - arm-pose) ; [8]
     (isPlacementLocation ?l - loc ?o - obj)
     (isClearanceLocation ?l - loc ?obs - obj ?tar - obj)
     (isMotion ?t - arm-traj ?from - base-pose ?to - arm-pose)
@@ -40,10 +43,11 @@
   (:action PickUp
     :parameters (?obj - obj ?gripper - gripper ?pose1 - base-pose ?pose2 - arm-pose ?traj - arm-traj ?objLoc - loc) ; [3]
     :precondition (and
-      (empty ?gripper)
+      (forall (?any - gripper) (empty ?any)) ; [7]
       (robotAt ?pose1)
       (objectAt ?obj ?objLoc)
       (isGrasp ?pose2 ?obj ?objLoc)
+      (not (outOfReach ?gripper ?pose2)) ; [8]
       (isMotion ?traj ?pose1 ?pose2)
       (forall (?other - obj) (not (obstructs ?other ?traj ?obj))))
     :effect (and

@@ -215,7 +215,8 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> Kee
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
-    """The scene after a grasp: the object is held, the robot where it took it or drove out to, its arm at home."""
+    """The scene after a grasp: its arm holds the object, at home, the robot where it took it or drove out to."""
+    scene = scene.using(grasp.arm)
     T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
     held = HeldObject.grasped(scene.body(grasp.object), T_world_tcp)
     base = drive_out(scene.support, grasp.base, T_world_tcp)[-1] if grasp.drives else grasp.base
@@ -267,8 +268,7 @@ def simulate_clearance(
         name: of the object.
         keep: what the object must not stand in the way of.
     """
-    is_held = scene.held is not None and scene.held.name == name
-    in_hand = scene if is_held else grasped(scene, commitments.grasps[name])
+    in_hand = scene.holding(name) or grasped(scene, commitments.grasps[name])
     world = problem.compiled.world(in_hand)
     placement = next(problem.placements.find(world, keep, problem.strategy, problem.rng, problem.deadline), None)
     if placement is None:

@@ -256,7 +256,7 @@ def clearance_floor(
         FloorOptionsError: the options cannot be read.
     """
     index = scene.index(target)
-    if scene.held is not None and scene.held.name == target:
+    if target in scene.held_names:
         return ClearanceFloor(0, (), True, 0)
     names = scene.names
     result = minimum_clearances(lambda i: options.blockers(names[i]), index, limits)

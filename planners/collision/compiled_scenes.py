@@ -9,8 +9,8 @@ from planners.scene import Scene
 
 __all__ = ["CompiledScenes"]
 
-_KEPT = 16
-"""Arrangements kept; a look-ahead goes through one for each object to clear."""
+_KEPT = 32
+"""Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""
 
 
 class CompiledScenes:
@@ -25,7 +25,7 @@ class CompiledScenes:
 
     def world(self, scene: Scene) -> CollisionWorld:
         """The scene, compiled; its `scene` attribute is the one asked for."""
-        key = (scene.robot, *scene.supports, *scene.static_obstacles, *scene.objects)
+        key = (scene.robot, *scene.supports, *scene.static_obstacles, *scene.objects, *scene.aside)
         known = self._worlds.pop(key, None)
         if known is None:
             known = CollisionWorld.from_scene(scene)

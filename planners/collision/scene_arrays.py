@@ -1,4 +1,4 @@
-"""A scene's objects and static obstacles as arrays for kernels."""
+"""A scene's robot, objects and static obstacles as arrays for kernels."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irm.arm.kinematics import ArmChain, fk_frames
 from planners.collision.configuration_kernel import Obstacles
 from planners.collision.geometry import BOX, CYLINDER, ELLIPSOID, HULL, Solids
-from planners.scene import Body, Scene, StaticObstacle
+from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
-__all__ = ["body_bound", "body_core", "obstacle_arrays", "with_object"]
+__all__ = ["body_bound", "body_core", "obstacle_arrays", "robot_of", "with_object"]
 
 Array = NDArray[np.float64]
 
@@ -65,6 +67,48 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
         static=_static_solids(static),
         extent=_rows([obstacle.extent for obstacle in static]),
     )
+
+
+def robot_of(scene: Scene) -> RobotArrays:
+    """The solids of a scene's robot; objects that idle arms hold are solids of the torso, behind all others.
+
+    Raises:
+        GeometryError: the robot has collision geometry that cannot be represented.
+    """
+    arrays = robot_arrays(scene.robot)
+    for one in scene.aside:
+        arrays = _with_aside(arrays, scene, one)
+    return arrays
+
+
+def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArrays:
+    body, chain = scene.body(one.held.name), ArmChain.from_robot(scene.robot.using(one.arm))
+    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
+    fk_frames(chain.offsets, chain.axes, chain.tip, np.array((scene.robot.home[0], *_home(scene, one.arm))), R, p)
+    T = one.held.T_tcp_object
+    position, rotation = R[0].T @ (p[-1] + R[-1] @ T[:3, 3] - p[0]), R[0].T @ R[-1] @ T[:3, :3]
+    bound, added = body_bound(body), len(arrays.core)
+    pairs = np.array([(solid, added) for solid in range(added) if arrays.link[solid] > 1], np.int64).reshape(-1, 2)
+    reach = arrays.reach.copy()
+    reach[2] = max(reach[2], float(np.linalg.norm((p[-1] + R[-1] @ T[:3, 3])[:2])) + bound)
+    return arrays._replace(
+        core=np.append(arrays.core, body_core(body)),
+        half=np.vstack((arrays.half, body.half_extents)),
+        radius=np.append(arrays.radius, 0.0),
+        bound=np.append(arrays.bound, bound),
+        link=np.append(arrays.link, 0),
+        position=np.vstack((arrays.position, position)),
+        rotation=np.concatenate((arrays.rotation, rotation[None])),
+        slides=np.append(arrays.slides, False),
+        slide=np.vstack((arrays.slide, np.zeros(3))),
+        self_pairs=np.concatenate((arrays.self_pairs, pairs)),
+        reach=reach,
+    )
+
+
+def _home(scene: Scene, arm: str) -> tuple[float, ...]:
+    """The home configuration of an arm, without the torso."""
+    return next(one.home for one in scene.robot.arms if one.name == arm)
 
 
 def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:

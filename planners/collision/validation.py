@@ -42,7 +42,7 @@ def _around(scene: Scene) -> list[str]:
 
 def _is_inside(scene: Scene) -> bool:
     """Whether the robot overlaps the floor or a static obstacle by more than `OVERLAP`."""
-    return _touches_static(CollisionWorld.from_scene(replace(scene, objects=(), held=None), padding=-OVERLAP))
+    return _touches_static(CollisionWorld.from_scene(replace(scene, objects=(), held=None, aside=()), padding=-OVERLAP))
 
 
 def _touches_static(world: CollisionWorld) -> bool:

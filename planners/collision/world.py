@@ -7,6 +7,7 @@ world.names_of(world.hits(scene.state.base, scene.state.q, opening=0.1))
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from planners.collision.configuration_kernel import CollisionQuery, Obstacles
 from planners.collision.geometry import BOX
 from planners.collision.path_kernel import many_hits, path_hits
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners.collision.robot_model import RobotArrays
 from planners.collision.robot_pose_kernel import Attached, Scratch, make_scratch
-from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, with_object
+from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, robot_of, with_object
 from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene
 from planners.scene.resting import release_pitch, up_axis
 
@@ -77,7 +78,7 @@ class CollisionWorld:
         Raises:
             GeometryError: the robot has collision geometry that cannot be represented.
         """
-        return cls(scene, robot_arrays(scene.robot), obstacle_arrays(scene), padding)
+        return cls(scene, robot_of(scene), obstacle_arrays(scene), padding)
 
     def with_padding(self, padding: float) -> CollisionWorld:
         """The same world with another distance to keep [m]."""
@@ -92,9 +93,21 @@ class CollisionWorld:
         moved = with_object(self.obstacles, self.scene.index(body.name), body)
         return replace(self, scene=self.scene.with_body(body), obstacles=moved)
 
+    def for_arm(self, arm: str) -> CollisionWorld:
+        """The same world with that arm active and nothing in any gripper; this one if the arm is active already."""
+        if arm == self.scene.robot.arm_name:
+            return self
+        scene = replace(self.scene, held=None, aside=()).using(arm)
+        return replace(self, scene=scene, robot=robot_of(scene))
+
     def active(self, ignore: int = 0) -> np.uint64:
-        """The bits that count when those of `ignore` do not."""
-        return np.uint64(_ALL & ~int(ignore))
+        """The bits that count when those of `ignore` do not; what idle arms hold is a part of the robot."""
+        return np.uint64(_ALL & ~int(ignore) & ~self._aside)
+
+    @cached_property
+    def _aside(self) -> int:
+        """Mask of the objects that idle arms hold."""
+        return self.scene.mask(one.held.name for one in self.scene.aside)
 
     def attached(self, held: HeldObject | None) -> Attached:
         """The held object, or none, for kernels; computed once for each object passed.

@@ -103,7 +103,8 @@ def _motion(
         name = "PutDownGeneral"
         bound = driven if isinstance(driven, NoPath) else motion_layer.put_down(driven.scene, placement)
     else:
-        grasp = GraspCandidate(contact.object, base, q, yaw, pitch, opening, 0, 0.0, is_covered(scene, body.foot))
+        covered, arm = is_covered(scene, body.foot), scene.robot.arm_name
+        grasp = GraspCandidate(contact.object, base, q, yaw, pitch, opening, 0, 0.0, covered, arm)
         driven = motion_layer.drive_to_grasp(scene, grasp)
         name = "PickUp"
         bound = driven if isinstance(driven, NoPath) else motion_layer.pick_up(driven.scene, grasp)

@@ -26,6 +26,7 @@ __all__ = [
     "SamplingConfig",
     "Stage",
     "as_candidates",
+    "best_first",
     "gripper_poses",
 ]
 
@@ -91,6 +92,7 @@ class GraspCandidate:
         quality: larger is better.
         drives: whether the base drives straight in and out with the arm rigid, as under a board; what is in the way of
             that is among the blockers.
+        arm: name of the arm, "" for the only one of a robot.
     """
 
     object: str
@@ -102,11 +104,12 @@ class GraspCandidate:
     blockers: int
     quality: float
     drives: bool = False
+    arm: str = ""
 
     @property
     def key(self) -> tuple[str, bytes, bytes]:
         """Identifies the candidate across scenes."""
-        return self.object, self.base.tobytes(), self.q.tobytes()
+        return self.object, self.base.tobytes(), self.arm.encode() + self.q.tobytes()
 
     @property
     def pair(self) -> Pair:
@@ -184,7 +187,7 @@ class GraspCandidates:
         known = self._known.setdefault(name, _Known((), () if is_off_support else self._stages()))
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
             found = self._of_stage(scene, body, known.unseen[0])
-            known = known._replace(candidates=_sorted((*known.candidates, *found)), unseen=known.unseen[1:])
+            known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
             self._known[name] = known
         return known.candidates
 
@@ -205,14 +208,14 @@ class GraspCandidates:
     def _keep(self, scene: Scene, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
         """Remember the grasps that are left without one as it was; others, where it was the last that hits the same."""
         known = self._known[grasp.object]
-        known = known._replace(candidates=_sorted(candidates), tried=known.tried | {grasp.pair})
+        known = known._replace(candidates=best_first(candidates), tried=known.tried | {grasp.pair})
         self._known[grasp.object] = known
         if known.refills < _REFILLS and not any(other.blockers == grasp.blockers for other in candidates):
             kept = {other.key for other in candidates}
             stages = self._stages()[: len(self._stages()) - len(known.unseen)]
             found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
             new = [other for other in found if other.key not in kept]
-            refilled = known._replace(candidates=_sorted((*candidates, *new)), refills=known.refills + 1)
+            refilled = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
             self._known[grasp.object] = refilled
 
     def _forget_other_scenes(self, scene: Scene) -> None:
@@ -254,16 +257,17 @@ class GraspCandidates:
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
         covered, world = is_covered(scene, body.foot), self.compiled.world(scene)
+        arm = scene.robot.arm_name
         ignore = scene.mask({body.name, *scene.held_names})
         if covered:
             found = driven_configurations(world, body, poses, grid, opening, ignore=ignore)
         else:
             found = scan_configurations(world, poses, grid, opening, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
-        return [replace(grasp, drives=covered) for grasp in as_candidates(body.name, poses, opening, found)]
+        return [replace(grasp, drives=covered, arm=arm) for grasp in as_candidates(body.name, poses, opening, found)]
 
 
-def _sorted(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:
+def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:
     """Those with the fewest blockers first, of these the best."""
     return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
 

@@ -18,7 +18,7 @@ from planners.motion.arm_query import ArmQuery
 from planners.motion.straight_lines import trace_by_torso, trace_straight
 from planners.scene import SELF_BIT, RobotState
 
-__all__ = ["is_among_objects", "plan_home"]
+__all__ = ["is_among_objects", "is_at_home", "plan_home"]
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,14 @@ _RISES = (0.25, 0.19, 0.12, 0.06)
 """[m] that the gripper moves straight up, tried in this order."""
 
 
+def is_at_home(world: CollisionWorld, state: RobotState) -> bool:
+    """Whether torso and arm are in the home configuration, but for whole turns."""
+    return np.array_equal(state.q, unwrap_joints(world.robot, state.q, world.scene.robot.home))
+
+
 def is_among_objects(world: CollisionWorld, state: RobotState) -> bool:
     """Whether the robot, away from home, is nearer than `ROOM` to something other than itself."""
-    if np.array_equal(state.q, unwrap_joints(world.robot, state.q, world.scene.robot.home)):
+    if is_at_home(world, state):
         return False
     gap, held = world.scene.robot.opening(state.finger_position), world.scene.held
     return bool(world.with_padding(ROOM).hits(state.base, state.q, gap, held, 1 << SELF_BIT))

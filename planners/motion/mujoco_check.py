@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
 from planners.collision.robot_model import collision_geoms, link_of_body, robot_arrays
+from planners.motion.scene_model import OBJECT, OTHER, reported_name, scene_model
 from planners.motion.trajectory import Trajectory
-from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle
+from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
 
 __all__ = ["OBJECT", "TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport", "scene_model"]
 
@@ -19,22 +21,6 @@ TOLERANCE = 0.0005
 """[m] Penetration that an accepted path may have where it is checked; between the steps it may be as much again."""
 STEP = 0.01
 """[m] that a point of the robot may move between two checks: past a cylinder of 25 mm radius 0.5 mm are missed."""
-
-_ROBOT, _OTHER = 1, 2
-"""Collision bits: the robot collides with itself and all other geoms; of these only the held object with others."""
-_OTHER_BITS = {"contype": _OTHER, "conaffinity": 0}
-OBJECT, _OBSTACLE = "object/", "obstacle/"
-"""Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
-_GEOMS = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-    "hull": mujoco.mjtGeom.mjGEOM_MESH,
-}
-_NEIGHBOURS = 1
-"""Links this far apart in the chain may touch."""
 
 
 class Motion(Protocol):
@@ -105,7 +91,7 @@ class MujocoCollisionChecker:
         for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._data.joint(joint).qpos = angle
         self._tcp = model.site(robot.tcp_site).id
-        self._gripper = _gripper_geoms(model, scene)
+        self._gripper = _gripper_geoms(model, robot)
         self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
         self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
         self.move_to(scene)
@@ -137,13 +123,16 @@ class MujocoCollisionChecker:
         for segment in self._segments(motion):
             held_geom = -1 if segment.held is None else self._geoms[segment.held.name]
             ignored = {self._geoms[name] for name in self.scene.names_of(segment.ignore)}
-            self._let_collide(held_geom, _OTHER)
+            grips = self._grips(held_geom)
+            for geom in grips:
+                self._let_collide(geom, OTHER)
             for state in self._refine(segment, step):
                 self._place(state, segment.held)
-                worst = self._worse(worst, state, held_geom, ignored)
+                worst = self._worse(worst, state, grips, ignored)
             if segment.held is not None:
                 self._leave(segment.held.name)
-            self._let_collide(held_geom, 0)
+            for geom in grips:
+                self._let_collide(geom, 0)
         self.move_to(self.scene)
         return worst
 
@@ -184,10 +173,16 @@ class MujocoCollisionChecker:
         data.qpos[self._second_finger] = state[-1]
         mujoco.mj_kinematics(model, data)
         if held is not None:
-            geom, R = self._geoms[held.name], data.site_xmat[self._tcp].reshape(3, 3)
-            data.geom_xpos[geom] = data.site_xpos[self._tcp] + R @ held.T_tcp_object[:3, 3]
-            data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
+            self._place_held(held, self._tcp)
+        for one in self.scene.aside:
+            self._place_held(one.held, model.site(self.scene.robot.using(one.arm).tcp_site).id)
         mujoco.mj_collision(model, data)
+
+    def _place_held(self, held: HeldObject, tcp: int) -> None:
+        """Place an object in the gripper with this TCP site."""
+        data, geom, R = self._data, self._geoms[held.name], self._data.site_xmat[tcp].reshape(3, 3)
+        data.geom_xpos[geom] = data.site_xpos[tcp] + R @ held.T_tcp_object[:3, 3]
+        data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
 
     def _leave(self, name: str) -> None:
         """From now on an object stays where it was placed last."""
@@ -201,15 +196,22 @@ class MujocoCollisionChecker:
         self._data.qpos[start + 3 : start + 7] = quaternion
 
     def _let_collide(self, geom: int, bits: int) -> None:
-        """Let the held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
-        if geom >= 0:
-            self._model.geom_conaffinity[geom] = bits
-            self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
+        """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
+        self._model.geom_conaffinity[geom] = bits
+        self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
+
+    def _grips(self, held_geom: int) -> dict[int, set[int]]:
+        """The geoms of held objects, each with those of the gripper that holds it; -1 for no object."""
+        robot = self.scene.robot
+        grips = {} if held_geom < 0 else {held_geom: self._gripper}
+        for one in self.scene.aside:
+            grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, robot.using(one.arm))
+        return grips
 
     def _worse(
-        self, worst: PenetrationReport, state: NDArray[np.float64], held_geom: int, ignored: set[int]
+        self, worst: PenetrationReport, state: NDArray[np.float64], grips: dict[int, set[int]], ignored: set[int]
     ) -> PenetrationReport:
-        """The deeper of a report and the contacts found last; the gripper may touch the held object."""
+        """The deeper of a report and the contacts found last; a gripper may touch the object that it holds."""
         if self._data.ncon == 0:
             return worst
         contact = self._data.contact
@@ -217,9 +219,9 @@ class MujocoCollisionChecker:
             if -distance <= worst.penetration:
                 continue
             pair = {int(geoms[0]), int(geoms[1])}
-            is_grip = held_geom in pair and bool(pair & self._gripper)
+            is_grip = any(pair & grips[geom] for geom in pair & grips.keys())
             if not is_grip and not pair & ignored:
-                first, second = (_reported(self._model.geom(geom).name) for geom in geoms)
+                first, second = (reported_name(self._model.geom(geom).name) for geom in geoms)
                 worst = PenetrationReport(-float(distance), (first, second), state[:-1].copy())
         return worst
 
@@ -227,7 +229,12 @@ class MujocoCollisionChecker:
 def _signature(scene: Scene) -> tuple[object, ...]:
     """What a model is built from, poses of objects excepted."""
     objects = tuple((body.name, body.shape, *body.half_extents) for body in scene.objects)
-    return scene.robot.name, objects, tuple(_obstacle_signature(one) for one in scene.static_obstacles)
+    return (
+        scene.robot.name,
+        scene.robot.arm_name,
+        objects,
+        tuple(_obstacle_signature(one) for one in scene.static_obstacles),
+    )
 
 
 def _obstacle_signature(obstacle: StaticObstacle) -> tuple[object, ...]:
@@ -235,66 +242,8 @@ def _obstacle_signature(obstacle: StaticObstacle) -> tuple[object, ...]:
     return (obstacle.name, obstacle.shape, *(array.tobytes() for array in arrays))
 
 
-def _gripper_geoms(model: mujoco.MjModel, scene: Scene) -> set[int]:
-    """The collision geoms of the last link: wrist, palm and fingers."""
-    links = link_of_body(model, scene.robot)
-    last = len(scene.robot.chain) - 1
-    return {geom for geom in collision_geoms(model, scene.robot) if links[int(model.geom_bodyid[geom])] == last}
-
-
-def scene_model(scene: Scene) -> mujoco.MjModel:
-    """Robot, floor, static obstacles and free bodies for the objects, with the collision bits of this module."""
-    spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
-    for geom in spec.geoms:
-        if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _OTHER
-    _let_neighbours_touch(spec, scene)
-    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_BITS)
-    for obstacle in scene.static_obstacles:
-        _add_obstacle(spec, obstacle)
-    for body in scene.objects:
-        _add_object(spec, body)
-    return spec.compile()
-
-
-def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
-    """Its true shape, whatever its contact bits were in the simulation that it was read from."""
-    name, half, quaternion = _OBSTACLE + obstacle.name, obstacle.half_extents, np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, obstacle.rotation.ravel())
-    shape: dict[str, object] = {"type": _GEOMS[obstacle.shape]}
-    if obstacle.shape == "hull":
-        spec.add_mesh(
-            name=name, uservert=obstacle.vertices.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-        )
-        shape["meshname"] = name
-    elif obstacle.shape == "capsule":
-        shape["size"] = [half[0], half[2] - half[0], 0.0]
-    elif obstacle.shape == "cylinder":
-        shape["size"] = [half[0], half[2], 0.0]
-    else:
-        shape["size"] = half
-    spec.worldbody.add_geom(name=name, pos=obstacle.position, quat=quaternion, **shape, **_OTHER_BITS)
-
-
-def _add_object(spec: mujoco.MjSpec, body: Body) -> None:
-    name, half = OBJECT + body.name, body.half_extents
-    size = half if body.shape == "box" else [half[0], half[2], 0.0]
-    added = spec.worldbody.add_body(name=name)
-    added.add_freejoint(name=name)
-    added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
-
-
-def _reported(name: str) -> str:
-    """Name of an object, a static obstacle or a geom of the robot, from that of a geom of the model."""
-    return name.removeprefix(OBJECT).removeprefix(_OBSTACLE)
-
-
-def _let_neighbours_touch(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Exclude contacts between bodies on the same link or on neighbouring links."""
-    model = spec.compile()
-    links = link_of_body(model, scene.robot)
-    bodies = range(1, model.nbody)
-    for i, first in enumerate(bodies):
-        for second in bodies[i + 1 :]:
-            if abs(links[first] - links[second]) <= _NEIGHBOURS:
-                spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
+def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:
+    """The collision geoms of the active arm's last link: wrist, palm and fingers."""
+    links = link_of_body(model, robot)
+    last = len(robot.chain) - 1
+    return {geom for geom in collision_geoms(model, robot) if links[int(model.geom_bodyid[geom])] == last}

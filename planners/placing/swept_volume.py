@@ -32,6 +32,7 @@ def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
     retreat with the object in hand, v the object's own way. The free motions before and after, which may go anywhere,
     are left out. A grasp without an approach sweeps what it occupies.
     """
+    world = world.for_arm(grasp.arm)
     planned = planned_approach(world, grasp.base, grasp.q, grasp.object)
     if planned is None:
         return standing_volume(world, grasp)
@@ -43,7 +44,7 @@ def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
 
 def standing_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
     """What the robot occupies when the fingers close: part of what the grasp sweeps, and quicker to work out."""
-    return path_volume(world, on_base(grasp.base, grasp.q[None]), grasp.opening)
+    return path_volume(world.for_arm(grasp.arm), on_base(grasp.base, grasp.q[None]), grasp.opening)
 
 
 class GraspVolumes:

@@ -1,6 +1,6 @@
 """The world as the planner sees it: `Scene`, what it is made of, object masks, and how it is read from MuJoCo."""
 
-from planners.scene.bodies import Body, HeldObject, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import AsideObject, Body, HeldObject, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
 from planners.scene.scene import SUPPORT, Scene
 from planners.scene.static_obstacle import StaticObstacle
@@ -10,6 +10,7 @@ __all__ = [
     "SELF_BIT",
     "STATIC_BIT",
     "SUPPORT",
+    "AsideObject",
     "Body",
     "HeldObject",
     "RobotState",

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Body", "HeldObject", "RobotState", "SceneError", "UnknownObject", "frozen"]
+__all__ = ["AsideObject", "Body", "HeldObject", "RobotState", "SceneError", "UnknownObject", "frozen"]
 
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
@@ -177,3 +177,11 @@ class HeldObject:
     def grasped(cls, body: Body, T_world_tcp: NDArray[np.float64]) -> HeldObject:
         """An object as fingers at T_world_tcp (4, 4) hold it that close on it where it is."""
         return cls(body.name, np.linalg.inv(T_world_tcp) @ body.pose)
+
+
+@dataclass(frozen=True, eq=False)
+class AsideObject:
+    """An object that an idle arm holds in its home configuration: the arm's name, and the object in its gripper."""
+
+    arm: str
+    held: HeldObject

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import Body, HeldObject, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import AsideObject, Body, HeldObject, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS
 from planners.scene.mujoco_obstacles import IsObstacle, declared_supports, find_supports, static_obstacles_of
 from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name, robot_state_of
@@ -36,6 +36,7 @@ class Scene:
         static_obstacles: what may not be touched, the support among it; the floor z = 0 is always there.
         held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever finger
             position `state` was given with.
+        aside: objects that idle arms hold in their home configuration, by arm; they move with the robot.
         supports: names of the static obstacles on whose level top faces objects may be put; objects stand on the first,
             R_plane of the paper.
 
@@ -50,6 +51,7 @@ class Scene:
     static_obstacles: tuple[StaticObstacle, ...]
     held: HeldObject | None = None
     supports: tuple[str, ...] = (SUPPORT,)
+    aside: tuple[AsideObject, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
@@ -63,6 +65,8 @@ class Scene:
         if self.held is not None:
             self.index(self.held.name)
             object.__setattr__(self, "state", self.state.gripping)
+        for one in self.aside:
+            self.index(one.held.name)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -105,8 +109,9 @@ class Scene:
 
     @property
     def held_names(self) -> tuple[str, ...]:
-        """Name of the object in the gripper; () for none."""
-        return () if self.held is None else (self.held.name,)
+        """Names of the objects in the grippers, that of the active arm first; () for none."""
+        in_hand = () if self.held is None else (self.held.name,)
+        return (*in_hand, *(one.held.name for one in self.aside))
 
     def mask(self, names: Iterable[str]) -> int:
         """The bits of these objects."""
@@ -128,6 +133,28 @@ class Scene:
     def with_held(self, held: HeldObject | None) -> Scene:
         """The same scene with another object, or none, in the gripper."""
         return replace(self, held=held)
+
+    def using(self, arm: str) -> Scene:
+        """The same scene with another arm active; the one that is active now is taken to be at home.
+
+        Raises:
+            InvalidRobot: there is no such arm; the message lists the arms.
+        """
+        if arm == self.robot.arm_name:
+            return self
+        robot = self.robot.using(arm)
+        state = RobotState(self.state.base, (self.state.q[0], *robot.home[1:]), 0.0)
+        held = next((one.held for one in self.aside if one.arm == arm), None)
+        aside = tuple(one for one in self.aside if one.arm != arm)
+        if self.held is not None:
+            aside = (*aside, AsideObject(self.robot.arm_name, self.held))
+        return replace(self, robot=robot, state=state, held=held, aside=aside)
+
+    def holding(self, name: str) -> Scene | None:
+        """The same scene with the arm active that holds that object; None if none holds it."""
+        if self.held is not None and self.held.name == name:
+            return self
+        return next((self.using(one.arm) for one in self.aside if one.held.name == name), None)
 
     @classmethod
     def from_mujoco(

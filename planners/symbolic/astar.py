@@ -59,7 +59,7 @@ class LowerBound:
     """A lower bound on the number of actions from a state to the goal; infinite if the goal is out of reach.
 
     Counts every pick-up and put-down that no plan can do without, and a drive for each set of base poses that these
-    do not share with others.
+    do not share with others. Where objects may be held aside, put-downs do not count.
     """
 
     def __init__(self, problem: TaskProblem) -> None:
@@ -85,13 +85,13 @@ class LowerBound:
         """The bound at this state of the problem."""
         if self._problem.goal in state.facts:
             return 0
-        held = state.held
+        held = state.all_held
         stands_at = {name: location for _, name, location in state.find("objectAt", None, None)}
         necessary = self._necessary(state, stands_at)
-        steps = [self._bases[name, stands_at[name]] for name in necessary if name != held]
-        steps += [self._put_down[name] for name in necessary if name != self._problem.target]
-        if held is not None and held not in necessary:
-            steps.append(self._put_down[held])
+        steps = [self._bases[name, stands_at[name]] for name in necessary if name not in held]
+        if not state.holds_aside:
+            steps += [self._put_down[name] for name in necessary if name != self._problem.target]
+            steps += [self._put_down[name] for name in held if name not in necessary]
         if not all(steps):
             return math.inf
         is_standing_right = any(state.robot_at in poses for poses in steps)

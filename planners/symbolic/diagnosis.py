@@ -16,17 +16,21 @@ def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | Non
     target is not removed, it waits for objects that wait for each other, or for one that cannot be grasped at all.
     """
     state = problem.state
-    held = state.held
-    if held not in (None, problem.target) and not _has_free_location(state, held):
-        return "no location", (held,)
+    held = state.all_held
+    stuck = () if state.holds_aside else [name for name in held if name != problem.target]
+    for name in stuck:
+        if not _has_free_location(state, name):
+            return "no location", (name,)
     relevant = problem.relevant_objects()
     gone = _removable(state, relevant)
     if problem.target not in gone:
-        ungraspable = {name for name in relevant if name != held and not _grasp_trajectories(state, name)}
+        ungraspable = {name for name in relevant if name not in held and not _grasp_trajectories(state, name)}
         if problem.target in _removable(state, relevant, free=ungraspable):
             return "no grasp", tuple(sorted(ungraspable))
         return "cyclic", _circle(state, relevant - gone)
     homeless = {name for name in relevant if name != problem.target and not _locations(state, name)}
+    if state.holds_aside:
+        homeless = set()
     if problem.target not in _removable(state, relevant - homeless):
         return "no location", tuple(sorted(homeless))
     return None
@@ -35,7 +39,7 @@ def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | Non
 def _removable(state: SymbolicState, objects: Collection[str], free: Collection[str] = ()) -> set[str]:
     """`free`, the held object, and what of `objects` can be taken one by one after them."""
     blockers = state.blockers()
-    gone = {*free, *([state.held] if state.held else [])}
+    gone = {*free, *state.all_held}
     while True:
         takeable = {
             name
@@ -69,10 +73,8 @@ def _locations(state: SymbolicState, name: str) -> set[str]:
     return clearance | {fact[1] for fact in state.find("isPlacementLocation", None, name)}
 
 
-def _has_free_location(state: SymbolicState, held: str | None) -> bool:
-    """Whether the held object can be put down now: nothing can be moved out of the way first."""
-    if held is None:
-        return True
+def _has_free_location(state: SymbolicState, held: str) -> bool:
+    """Whether a held object can be put down now: nothing can be moved out of the way first."""
     blockers = state.blockers().get(held, {})
     grasps = [g for g in state.find("isGrasp", None, held, None) if g[3] in _locations(state, held)]
     return any(not blockers.get(motion[1]) for g in grasps for motion in state.find("isMotion", None, None, g[1]))

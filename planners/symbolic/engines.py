@@ -19,7 +19,7 @@ from typing import Any
 from planners.symbolic.astar import SearchTimeoutError, shortest_plan
 from planners.symbolic.checking import without_detours
 from planners.symbolic.diagnosis import why_unsolvable
-from planners.symbolic.problem import GroundAction, NoPlan, TaskPlan, TaskPlanner, TaskProblem, domain_text
+from planners.symbolic.problem import GroundAction, NoPlan, TaskPlan, TaskPlanner, TaskProblem
 
 __all__ = [
     "ENGINES",
@@ -103,8 +103,9 @@ class Kairos:
         self._kairos = _require("kairos", "kairos-planner")
 
     @cached_property
-    def _domain(self) -> Any:
-        return self._kairos.parse_domain(domain_text())
+    def _domains(self) -> dict[str, Any]:
+        """The parsed domains by their text."""
+        return {}
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
         """A plan for the problem, found within `time_limit` [s].
@@ -112,7 +113,9 @@ class Kairos:
         Raises:
             EngineFailedError: kairos ended without plan or proof, and not by the time limit.
         """
-        parsed = self._kairos.parse_problem(problem.text(), self._domain)
+        domain = self._domains.get(problem.domain) or self._kairos.parse_domain(problem.domain)
+        self._domains[problem.domain] = domain
+        parsed = self._kairos.parse_problem(problem.text(), domain)
         result = self._kairos.Planner().solve(parsed, anytime=False, timeout=time_limit)
         status = self._kairos.Status
         if result.status == status.SOLVED:
@@ -172,7 +175,7 @@ class FastDownward:
         raise EngineFailedError(f"Fast Downward ended with exit code {code}: {output[-2000:]}")
 
     def _run(self, folder: Path, problem: TaskProblem, time_limit: float) -> tuple[int, str]:
-        (folder / "domain.pddl").write_text(domain_text(), encoding="utf-8")
+        (folder / "domain.pddl").write_text(problem.domain, encoding="utf-8")
         (folder / "problem.pddl").write_text(problem.text(), encoding="utf-8")
         files = ["--plan-file", "plan", "domain.pddl", "problem.pddl"]
         command = [sys.executable, str(self.driver), *files, "--search", self.search]
@@ -215,7 +218,7 @@ class UnifiedPlanning:
         Raises:
             EngineFailedError: the engine broke down or does not support the domain.
         """
-        parsed = self._reader().parse_problem_string(domain_text(), problem.text())
+        parsed = self._reader().parse_problem_string(problem.domain, problem.text())
         with self._shortcuts.OneshotPlanner(name=self._engine) as engine:
             result = engine.solve(parsed, timeout=time_limit)
         status = result.status.name

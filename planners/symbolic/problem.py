@@ -1,4 +1,4 @@
-"""The symbolic side of the planner: facts with references, the task-planning problem, and what a task planner returns.
+"""The symbolic side of the planner: the task-planning problem, and what a task planner returns.
 
 Symbols such as `robot_gp_object_36` are references (Lee & Kim 2019, section 3.2): names for poses and paths that are
 assumed to exist until motion planning binds or refutes them. Names follow the paper's Fig. 13.
@@ -10,10 +10,11 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 from assets import path
+from planners.symbolic.state import GRIPPER, ROBOT_INIT_LOC, Atom, SymbolicState
 
 __all__ = [
     "GRIPPER",
@@ -32,13 +33,6 @@ __all__ = [
     "format_plan",
 ]
 
-Atom: TypeAlias = tuple[str, ...]
-"""A ground fact: predicate, then symbols."""
-
-GRIPPER = "robot_gripper"
-ROBOT_INIT_LOC = "robot_init_loc"
-"""The base pose the robot starts from."""
-
 _ARGUMENT_TYPES: Mapping[str, tuple[str, ...]] = {
     "empty": ("gripper",),
     "robotAt": ("base-pose",),
@@ -46,6 +40,7 @@ _ARGUMENT_TYPES: Mapping[str, tuple[str, ...]] = {
     "occupied": ("loc",),
     "graspedBy": ("obj", "gripper"),
     "isGrasp": ("arm-pose", "obj", "loc"),
+    "outOfReach": ("gripper", "arm-pose"),
     "isPlacementLocation": ("loc", "obj"),
     "isClearanceLocation": ("loc", "obj", "obj"),
     "isMotion": ("arm-traj", "base-pose", "arm-pose"),
@@ -63,65 +58,21 @@ class SymbolError(ValueError):
 
 
 @dataclass(frozen=True)
-class SymbolicState:
-    """The facts that hold, and the location symbols that must not be offered again.
-
-    Attributes:
-        facts: ground atoms; whatever is absent is false.
-        retired: locations used before; a new location gets a new symbol.
-    """
-
-    facts: frozenset[Atom]
-    retired: frozenset[str] = frozenset()
-
-    @cached_property
-    def _by_predicate(self) -> dict[str | None, list[Atom]]:
-        found: dict[str | None, list[Atom]] = defaultdict(list)
-        for fact in self.facts:
-            found[fact[0]].append(fact)
-        return found
-
-    def find(self, *pattern: str | None) -> list[Atom]:
-        """Facts that match a predicate and its arguments, None standing for any argument; sorted."""
-        given = [(place, symbol) for place, symbol in enumerate(pattern) if place and symbol is not None]
-        facts = self._by_predicate.get(pattern[0], ())
-        for place, symbol in given:
-            facts = [fact for fact in facts if fact[place] == symbol]
-        return sorted(facts)
-
-    def changed(self, add: Iterable[Atom] = (), remove: Iterable[Atom] = ()) -> SymbolicState:
-        """The state without the facts of `remove` and with those of `add`."""
-        return replace(self, facts=(self.facts - frozenset(remove)) | frozenset(add))
-
-    @property
-    def held(self) -> str | None:
-        """The object in the gripper."""
-        return next((fact[1] for fact in self.find("graspedBy", None, None)), None)
-
-    @property
-    def robot_at(self) -> str:
-        """The base pose the robot is at."""
-        return self.find("robotAt", None)[0][1]
-
-    def blockers(self) -> dict[str, dict[str, set[str]]]:
-        """Objects in the way: blocked object → arm trajectory → blocking objects."""
-        found: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
-        for _, blocker, trajectory, name in self.find("obstructs", None, None, None):
-            found[name][trajectory].add(blocker)
-        return {blocked: dict(by_trajectory) for blocked, by_trajectory in found.items()}
-
-
-@dataclass(frozen=True)
 class TaskProblem:
-    """Reach a state in which the gripper holds the target."""
+    """Reach a state in which a gripper holds the target: the one that reaches the grasp chosen for it."""
 
     state: SymbolicState
     target: str
 
     @property
+    def domain(self) -> str:
+        """The PDDL domain of the problem."""
+        return domain_text(self.state.holds_aside)
+
+    @property
     def goal(self) -> Atom:
         """The one fact wanted."""
-        return ("graspedBy", self.target, GRIPPER)
+        return ("graspedBy", self.target, self.state.gripper_for(self.target))
 
     @property
     def is_solved(self) -> bool:
@@ -133,9 +84,9 @@ class TaskProblem:
         blockers = self.state.blockers()
         relevant = {self.target}
         frontier = [self.target]
-        if self.state.held is not None:
-            relevant.add(self.state.held)
-            frontier.append(self.state.held)
+        for held in self.state.all_held:
+            relevant.add(held)
+            frontier.append(held)
         while frontier:
             for names in blockers.get(frontier.pop(), {}).values():
                 frontier.extend(names - relevant)
@@ -158,6 +109,8 @@ class TaskProblem:
                     return fact in grasps or fact in motions
                 case "isBaseMotion":
                     return fact[2] in base_poses
+                case "outOfReach":
+                    return fact[2] in arm_poses
                 case "occupied":
                     return fact[1] in locations
                 case "objectAt" | "obstacle":
@@ -219,6 +172,11 @@ class GroundAction(NamedTuple):
         return None if self.name == "MoveBase" else self.args[0]
 
     @property
+    def gripper(self) -> str | None:
+        """The gripper that takes or puts down; None for a base motion."""
+        return None if self.name == "MoveBase" else self.args[2 if self.name == "PutDownForClearance" else 1]
+
+    @property
     def location(self) -> str | None:
         """Where the object is taken from or put; None for a base motion."""
         return None if self.name == "MoveBase" else self.args[-1]
@@ -273,10 +231,15 @@ class TaskPlanner(Protocol):
         ...
 
 
+_ALL_EMPTY, _ONE_EMPTY = "(forall (?any - gripper) (empty ?any))", "(empty ?gripper)"
+"""What PickUp requires of the grippers: by the paper, and where an object may be held aside."""
+
+
 @cache
-def domain_text() -> str:
-    """The PDDL domain."""
-    return path("pddl/domain.pddl").read_text(encoding="utf-8")
+def domain_text(holds_aside: bool = False) -> str:
+    """The PDDL domain; with `holds_aside` a gripper may take an object while another one holds one."""
+    text = path("pddl/domain.pddl").read_text(encoding="utf-8")
+    return text.replace(_ALL_EMPTY, _ONE_EMPTY) if holds_aside else text
 
 
 def format_atom(atom: Atom) -> str:

@@ -19,6 +19,7 @@ __all__ = [
     "motion_facts",
     "next_location",
     "placement_references",
+    "reached_by",
 ]
 
 
@@ -52,33 +53,49 @@ def initial_state(
     held: str | None = None,
     robot_at: str = ROBOT_INIT_LOC,
     standing_at: Mapping[str, str] | None = None,
+    grippers: Collection[str] = (GRIPPER,),
+    holding: Mapping[str, str] | None = None,
+    holds_aside: bool = False,
 ) -> SymbolicState:
     """What a scene says before any motion is planned: every object can be grasped where it stands.
 
     Args:
         objects: names of all objects.
-        held: the object in the gripper; it may be put down (as no obstacle until an error says so).
+        held: the object in the only gripper; it may be put down (as no obstacle until an error says so).
         robot_at: symbol of the base pose.
         standing_at: location symbols of objects that were moved before.
+        grippers: symbols of the robot's grippers.
+        holding: objects in grippers, by gripper; in place of `held`.
+        holds_aside: whether one gripper may hold an object while another one takes the next.
 
     Raises:
-        SymbolError: a name PDDL cannot hold, or `held` is not among the objects.
+        SymbolError: a name PDDL cannot hold, or a held object is not among the objects.
     """
-    if held is not None and held not in objects:
-        raise SymbolError(f"held object {held!r} is not among the objects: {', '.join(sorted(objects))}")
+    in_hand = dict(holding or {}) | ({next(iter(grippers)): held} if held is not None else {})
+    for name in in_hand.values():
+        if name not in objects:
+            raise SymbolError(f"held object {name!r} is not among the objects: {', '.join(sorted(objects))}")
     moved = standing_at or {}
-    facts: set[Atom] = {("robotAt", robot_at), ("graspedBy", held, GRIPPER) if held else ("empty", GRIPPER)}
+    facts: set[Atom] = {("robotAt", robot_at)}
+    facts |= {("graspedBy", in_hand[one], one) if one in in_hand else ("empty", one) for one in grippers}
     for name in objects:
         location = moved.get(name, initial_location(name))
-        if name != held:
+        if name not in in_hand.values():
             facts |= {("objectAt", name, location), ("occupied", location)}
             facts |= motion_facts(grasp_references(name), name, location)
-    state = SymbolicState(frozenset(facts), frozenset(moved.values()))
-    if held is None:
-        return state
-    location = next_location(state, held)
-    put_down = {("isPlacementLocation", location, held)} | motion_facts(placement_references(location), held, location)
-    return state.changed(add=put_down)
+    state = SymbolicState(frozenset(facts), frozenset(moved.values()), holds_aside)
+    for name in sorted(in_hand.values()):
+        location = next_location(state, name)
+        motion = motion_facts(placement_references(location), name, location)
+        state = state.changed(add={("isPlacementLocation", location, name), *motion})
+    return state
+
+
+def reached_by(state: SymbolicState, name: str, gripper: str) -> SymbolicState:
+    """The state in which this gripper alone reaches the grasp that an object's references stand for."""
+    pose = grasp_references(name).arm_pose
+    others = {("outOfReach", other, pose) for other in state.grippers if other != gripper}
+    return state.changed(add=others, remove={("outOfReach", gripper, pose)})
 
 
 def motion_facts(references: References, name: str, location: str) -> set[Atom]:

@@ -52,6 +52,9 @@ def obstruction_problem(
     held_obstructs: str = "",
     robot_at: str = ROBOT_INIT_LOC,
     standing_at: Mapping[str, str] | None = None,
+    grippers: Collection[str] = (GRIPPER,),
+    holding: Mapping[str, str] | None = None,
+    holds_aside: bool = False,
 ) -> TaskProblem:
     """The problem in which each object's chosen grasp is obstructed by its `blockers`.
 
@@ -59,20 +62,28 @@ def obstruction_problem(
         target: the object to hold in the end.
         blockers: objects in the way of each object's chosen grasp, by name.
         objects: further objects of the scene.
-        held: the object in the gripper, if any.
-        held_obstructs: the object that the held one was taken away for; "" puts it down as no obstacle.
+        held: the object in the only gripper, if any.
+        held_obstructs: the object that held ones were taken away for; "" puts them down as no obstacles.
         robot_at: symbol of the base pose.
         standing_at: location symbols of objects that were moved before.
+        grippers, holding, holds_aside: as for `initial_state`.
     """
-    mentioned = {target, *objects, *blockers, *(name for names in blockers.values() for name in names)}
-    if held is not None:
-        mentioned.add(held)
-    state = initial_state(sorted(mentioned), held=held, robot_at=robot_at, standing_at=standing_at)
-    if held is not None and held_obstructs:
-        state = _offer_clearance(state, held, held_obstructs)
-    for name in sorted(blockers):
-        if name != held:
-            state = update_from_error(state, GraspObstructed(name, frozenset(blockers[name]) - {held or ""}))
+    in_hand = {*(holding or {}).values(), *([] if held is None else [held])}
+    mentioned = {target, *objects, *blockers, *in_hand, *(name for names in blockers.values() for name in names)}
+    state = initial_state(
+        sorted(mentioned),
+        held=held,
+        robot_at=robot_at,
+        standing_at=standing_at,
+        grippers=grippers,
+        holding=holding,
+        holds_aside=holds_aside,
+    )
+    if held_obstructs:
+        for name in sorted(in_hand):
+            state = _offer_clearance(state, name, held_obstructs)
+    for name in sorted(set(blockers) - in_hand):
+        state = update_from_error(state, GraspObstructed(name, frozenset(blockers[name]) - in_hand))
     return TaskProblem(state, target)
 
 
@@ -154,9 +165,13 @@ def arm_actions(state: SymbolicState) -> Iterator[tuple[GroundAction, str]]:
             motion = (base, arm_pose, trajectory, location)
             targets = [fact[3] for fact in state.find("isClearanceLocation", location, name, None)]
             candidates = (
-                GroundAction("PickUp", (name, GRIPPER, *motion)),
-                GroundAction("PutDownGeneral", (name, GRIPPER, *motion)),
-                *(GroundAction("PutDownForClearance", (name, target, GRIPPER, *motion)) for target in targets),
+                action
+                for gripper in state.grippers
+                for action in (
+                    GroundAction("PickUp", (name, gripper, *motion)),
+                    GroundAction("PutDownGeneral", (name, gripper, *motion)),
+                    *(GroundAction("PutDownForClearance", (name, target, gripper, *motion)) for target in targets),
+                )
             )
             for action in candidates:
                 if set(unmet_preconditions(state, action)) <= {("robotAt", base)}:
@@ -169,8 +184,10 @@ def _preconditions(state: SymbolicState, action: GroundAction) -> tuple[frozense
         case GroundAction("MoveBase", (pose1, pose2, traj)):
             return frozenset({("robotAt", pose1), ("isBaseMotion", traj, pose2)}), frozenset()
         case GroundAction("PickUp", (name, gripper, pose1, pose2, traj, location)):
-            specific: set[Atom] = {("empty", gripper), ("objectAt", name, location)}
-            forbidden: set[Atom] = set()
+            empty = {gripper} if state.holds_aside else {gripper, *state.grippers}
+            specific: set[Atom] = {("empty", one) for one in empty}
+            specific.add(("objectAt", name, location))
+            forbidden: set[Atom] = {("outOfReach", gripper, pose2)}
         case GroundAction("PutDownGeneral", (name, gripper, pose1, pose2, traj, location)):
             specific = {("graspedBy", name, gripper), ("isPlacementLocation", location, name)}
             forbidden = {("obstacle", name), ("occupied", location)}
@@ -190,9 +207,9 @@ def _effects(state: SymbolicState, action: GroundAction) -> tuple[set[Atom], set
     if action.name == "MoveBase":
         pose1, pose2, _ = action.args
         return {("robotAt", pose2)}, {("robotAt", pose1)}
-    name, location = action.args[0], action.args[-1]
-    in_hand: set[Atom] = {("graspedBy", name, GRIPPER)}
-    on_table: set[Atom] = {("empty", GRIPPER), ("objectAt", name, location), ("occupied", location)}
+    name, location, gripper = action.args[0], action.args[-1], str(action.gripper)
+    in_hand: set[Atom] = {("graspedBy", name, gripper)}
+    on_table: set[Atom] = {("empty", gripper), ("objectAt", name, location), ("occupied", location)}
     if action.name == "PickUp":
         return in_hand, on_table | set(state.find("obstructs", name, None, None))
     if action.name == "PutDownForClearance":

@@ -18,6 +18,7 @@ from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.references import grasp_references
 from planners.symbolic.transitions import GraspObstructed, obstruction_problem, update_from_action, update_from_error
+from planners.tamp.arms import gripper_symbols, held_by_gripper
 from planners.tamp.binding import bind_action
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.references import bind_grasps, rebind_grasps, task_plan
@@ -72,8 +73,15 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
 
 def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     """s0: the facts that the scene gives, and what the grasp references stand for."""
-    held = scene.held.name if scene.held else None
-    problem = obstruction_problem(search.target, {}, objects=scene.names, held=held, held_obstructs=search.target)
+    problem = obstruction_problem(
+        search.target,
+        {},
+        objects=scene.names,
+        held_obstructs=search.target,
+        grippers=gripper_symbols(scene.robot),
+        holding=held_by_gripper(scene),
+        holds_aside=search.hold_aside,
+    )
     return bind_grasps(search, problem.state, scene)
 
 
@@ -92,6 +100,7 @@ def raise_target(search: Search, scene: Scene) -> None:
 
     A plan that was ended on the way leaves it as low as where it stood.
     """
+    scene = scene.holding(search.target) or scene
     held = scene.held
     assert held is not None
     in_hand = scene.body(held.name).at_pose(tcp_pose(scene.robot, scene.state) @ held.T_tcp_object)
@@ -132,7 +141,7 @@ def call_motion_planning(
 
 def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
     """F ← F + action, its references bound in the scene before it."""
-    moved = action.object or ""
+    moved, scene = action.object or "", motion.before or scene
     search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, moved, motion.surfaces))
     if action.name.startswith("PutDown"):
         search.clearances.append(action.args[0])

@@ -48,14 +48,15 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
 
 def _drive_to_put_down(search: Search, state: PlanState, location: str) -> BoundMotion | Infeasible:
     """Drive to the base pose of the first placement that can be driven to and carried out."""
-    assert state.scene.held is not None
-    motion_layer, name = search.motion_layer, state.scene.held.name
+    name = next(name for _, _, name, _ in state.symbols.find("isGrasp", None, None, location))
+    motion_layer, scene = search.motion_layer, state.scene.holding(name)
+    assert scene is not None
     clear_of = keep_clear(search.strategy, state.clearance_plan.commitments, name)
     planned = state.clearance_plan.placements.get(name)
-    for placement in motion_layer.placements(state.scene, clear_of, search.strategy, planned):
+    for placement in motion_layer.placements(scene, clear_of, search.strategy, planned):
         if motion_layer.deadline.is_over:
             break
-        driven = motion_layer.drive_to_placement(state.scene, placement)
+        driven = motion_layer.drive_to_placement(scene, placement)
         if isinstance(driven, BoundMotion):
             put_down = motion_layer.put_down(driven.scene, placement)
             if isinstance(put_down, BoundMotion):

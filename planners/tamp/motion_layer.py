@@ -20,7 +20,7 @@ from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import stand_off
 from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
-from planners.motion.homing import is_among_objects, plan_home
+from planners.motion.homing import is_among_objects, is_at_home, plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, PlaceMotion, fewest_blockers, plan_pick, plan_place
 from planners.motion.tcp_following import TcpFollower, follow
@@ -52,6 +52,7 @@ class BoundMotion:
         surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
         location: where a base motion leads to a put-down: the symbol of the location.
         put_down: and the put-down itself, which is planned before the base moves there.
+        before: the scene in which the motion was planned, with its arm active.
     """
 
     trajectory: Trajectory
@@ -59,6 +60,7 @@ class BoundMotion:
     location: str = ""
     put_down: BoundMotion | None = None
     surfaces: tuple[Surface, ...] = ()
+    before: Scene | None = None
 
 
 @dataclass
@@ -84,7 +86,7 @@ class MotionLayer:
     deadline: Deadline = NO_DEADLINE
     joins_motions: bool = True
     has_refuted: bool = False
-    _checker: MujocoCollisionChecker | None = None
+    _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict)
     _is_usable: UsableGrasps = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -128,7 +130,7 @@ class MotionLayer:
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
-        world = self._compiled(scene)
+        world = self._compiled(scene).for_arm(grasp.arm)
         blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object) if grasp.drives else None
         if blockers is None:
             self.ban(scene, grasp)
@@ -179,8 +181,12 @@ class MotionLayer:
         return itertools.islice(itertools.chain(first, others), strategy.placements)
 
     def drive_to_grasp(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | NoPath:
-        """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a board."""
-        return self.drive(scene, stand_off(scene, grasp.base, grasp.q) if grasp.drives else grasp.base)
+        """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a board.
+
+        Where another arm will take the object, the active one moves home first.
+        """
+        base = stand_off(scene.using(grasp.arm), grasp.base, grasp.q) if grasp.drives else grasp.base
+        return self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins, as for a grasp."""
@@ -205,14 +211,22 @@ class MotionLayer:
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
+    def _next_arm(self, scene: Scene, arm: str) -> Scene | None:
+        """The scene with that arm active; None where another arm is active and not at home."""
+        is_ready = arm == scene.robot.arm_name or is_at_home(self._compiled(scene), scene.state)
+        return scene.using(arm) if is_ready else None
+
     def _home(self, scene: Scene) -> ArmPath | None:
         """The arm's way home, if one is found and accepted."""
         home = plan_home(self._compiled(scene), scene.state, self.rng)
         return home if isinstance(home, ArmPath) and self.is_accepted(scene, [home]) else None
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
-        """Take an object through a grasp, and carry it."""
-        world = self._compiled(scene)
+        """Take an object through a grasp with its arm, and carry it."""
+        turn = self._next_arm(scene, grasp.arm)
+        if turn is None:
+            return NoPath("the other arm is not at home")
+        scene, world = turn, self._compiled(turn)
         for _ in range(_TRIES):
             motion = plan_pick(world, grasp.base, _whole_body(scene.state), grasp.q, grasp.object, rng=self.rng)
             if not isinstance(motion, PickMotion):
@@ -237,6 +251,7 @@ class MotionLayer:
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
         """The same motion; for a robot that is told TCP poses, with the joint path that follows it, or why not."""
+        bound = replace(bound, before=scene)
         if self.follower is None:
             return bound
         followed = follow(self.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
@@ -256,10 +271,11 @@ class MotionLayer:
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | ArmPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
-        if self._checker is None:
-            self._checker = MujocoCollisionChecker(scene)
-        self._checker.move_to(scene)
-        return all(self._checker.accepts(path) for path in paths)
+        arm = scene.robot.arm_name
+        if arm not in self._checkers:
+            self._checkers[arm] = MujocoCollisionChecker(scene)
+        self._checkers[arm].move_to(scene)
+        return all(self._checkers[arm].accepts(path) for path in paths)
 
 
 def _whole_body(state: RobotState) -> Array:

@@ -12,6 +12,7 @@ from planners.symbolic.checking import checked_answer
 from planners.symbolic.problem import ROBOT_INIT_LOC, NoPlan, SymbolicState, TaskPlan, TaskProblem
 from planners.symbolic.references import grasp_references
 from planners.symbolic.transitions import GraspObstructed, update_from_error
+from planners.tamp.arms import with_chosen_arms
 from planners.tamp.solution import Infeasible
 from planners.tamp.state import PlanState, Search, infeasible, out_of_time
 
@@ -65,7 +66,11 @@ def task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
 
 
 def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
-    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
+    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these.
+
+    Of a robot that acts with several arms the facts say which arm each choice is made for.
+    """
+    symbols = with_chosen_arms(symbols, scene, commitments)
     blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
     obstructed = {trajectory for _, _, trajectory, _ in symbols.find("obstructs", None, None, None)}
     for name in scene.names:

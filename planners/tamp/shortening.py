@@ -29,18 +29,24 @@ def shorten(
         is_accepted: whether motions in a scene are accepted by the second collision checker, MuJoCo.
     """
     parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
-    runs = [list(run) for _, run in itertools.groupby(parts, key=lambda part: is_contact(part[1].phases[0]))]
+    runs = [list(run) for _, run in itertools.groupby(parts, key=lambda part: _kind(actions[part[0]], part[1]))]
+    in_contact = [is_contact(run[0][1].phases[0]) for run in runs]
     shorter: list[list[Trajectory]] = [[] for _ in actions]
     for k, run in enumerate(runs):
         phases = [phase for _, phase in run]
-        if not is_contact(phases[0].phases[0]):
-            motion = ContactFree(phases, begins_in_contact=k > 0, ends_in_contact=k + 1 < len(runs))
+        if not in_contact[k]:
+            motion = ContactFree(phases, k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1])
             scene = actions[run[-1][0]].scene
             found = merge_phases(compiled.world(scene), motion)
             phases = found if found is not None and is_accepted(scene, [join(found)]) else phases
         for (index, _), phase in zip(run, phases, strict=True):
             shorter[index].append(phase)
     return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))
+
+
+def _kind(action: BoundAction, phase: Trajectory) -> tuple[str, bool]:
+    """What phases of one motion have in common: the arm, and whether it is a contact."""
+    return action.scene.robot.arm_name, is_contact(phase.phases[0])
 
 
 def _with_trajectory(action: BoundAction, trajectory: Trajectory) -> BoundAction:

@@ -70,7 +70,8 @@ class Refutation:
 class Search:
     """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
 
-    `has_given_up`: a call of the task planner reached its time limit.
+    `has_given_up`: a call of the task planner reached its time limit. `hold_aside`: whether one arm may hold an
+    obstacle while another one takes the target.
     """
 
     target: str
@@ -78,6 +79,7 @@ class Search:
     task_planner: TaskPlanner
     motion_layer: MotionLayer
     limits: TampLimits = field(default_factory=TampLimits)
+    hold_aside: bool = False
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)

@@ -32,10 +32,11 @@ class UsableGrasps:
         In the open, other objects do not count: they can be cleared. So the answer is remembered for the place of the
         object.
         """
+        world = self.compiled.world(scene).for_arm(grasp.arm)
         if grasp.drives:
-            blockers = fewest_blockers(self.compiled.world(scene), grasp.base, grasp.q, grasp.object)
+            blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
             return blockers is not None and not blockers & ~grasp.blockers
         key = grasp.key, scene.body(grasp.object).pose.tobytes()
         if key not in self._can_leave:
-            self._can_leave[key] = can_leave(self.compiled.world(scene), grasp.base, grasp.q, grasp.object)
+            self._can_leave[key] = can_leave(world, grasp.base, grasp.q, grasp.object)
         return self._can_leave[key]
