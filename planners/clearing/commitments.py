@@ -7,11 +7,12 @@ way of those, and so on, such that no object waits for itself. The task planner 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import FloorLimits, FloorResult, self_clearable_sets
@@ -41,6 +42,10 @@ class CandidateSource(Protocol):
         """Grasps of that object where it stands, with what blocks each now; best first."""
         ...
 
+    def from_base(self, scene: Scene, name: str, base: NDArray[np.float64]) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object from one base pose (3,); best first."""
+        ...
+
 
 @dataclass(frozen=True)
 class ExcludingObjects:
@@ -52,6 +57,10 @@ class ExcludingObjects:
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """As `CandidateSource.for_object`."""
         return () if name in self.names else self.source.for_object(scene, name)
+
+    def from_base(self, scene: Scene, name: str, base: NDArray[np.float64]) -> tuple[GraspCandidate, ...]:
+        """As `CandidateSource.from_base`."""
+        return () if name in self.names else self.source.from_base(scene, name, base)
 
 
 @dataclass(frozen=True)
@@ -71,6 +80,10 @@ class Commitments:
     def blockers(self, scene: Scene) -> dict[str, tuple[str, ...]]:
         """What is in the way of each chosen grasp, by name."""
         return {name: scene.names_of(grasp.blockers) for name, grasp in self.grasps.items()}
+
+    def with_grasp(self, grasp: GraspCandidate) -> Commitments:
+        """The same with another grasp of one object."""
+        return replace(self, grasps=MappingProxyType({**self.grasps, grasp.object: grasp}))
 
     def without(self, name: str) -> Commitments:
         """What remains once that object has been cleared."""

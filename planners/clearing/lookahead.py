@@ -24,7 +24,9 @@ from planners.clearing.commitments import (
     smallest_commitments,
     varied_commitments,
 )
+from planners.clearing.holding_aside import held_aside
 from planners.clearing.minimum_clearances import FloorLimits
+from planners.clearing.staying import with_less_driving
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.world import CollisionWorld
@@ -76,6 +78,8 @@ class ClearingProblem:
         rng: for variations and finer grids of locations.
         limits: of the search for the smallest sets.
         deadline: when to give up.
+        spares_base: whether grasps are exchanged for such that need less driving.
+        holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
     """
 
     strategy: Strategy
@@ -87,6 +91,8 @@ class ClearingProblem:
     rng: np.random.Generator
     limits: FloorLimits | None = None
     deadline: Deadline = NO_DEADLINE
+    spares_base: bool = False
+    holds_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -106,18 +112,21 @@ class ClearancePlan:
         provisional: the object that is put where it will be in the way later; once it stands there, commitments are
             chosen anew. "" for none.
         moves: put-downs until the target can be taken, as far as they are planned.
+        aside: the object that stays in a gripper while another one takes the target, "" for none.
     """
 
     commitments: Commitments
     placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
     provisional: str = ""
     moves: int = 0
+    aside: str = ""
 
     def without(self, name: str) -> ClearancePlan:
         """What remains once that object has been cleared."""
         placements = {other: placement for other, placement in self.placements.items() if other != name}
         kept = MappingProxyType(placements)
-        return ClearancePlan(self.commitments.without(name), kept, self.provisional, max(self.moves - 1, 0))
+        moves = max(self.moves - 1, 0)
+        return ClearancePlan(self.commitments.without(name), kept, self.provisional, moves, self.aside)
 
 
 class Turn(NamedTuple):
@@ -152,10 +161,14 @@ def commitments_for(
         if not problem.strategy.plans_ahead:
             return ClearancePlan(commitments)
         commitments = order_by_task_plan(commitments)
-        placements = _simulate_clearances(problem, commitments)
-        if not isinstance(placements, str):
-            return ClearancePlan(commitments, placements, moves=len(placements))
-        without_placement = placements
+        if problem.holds_aside and commitments.order and not problem.scene.held_names:
+            aside = _simulate_holding_aside(problem, commitments)
+            if aside is not None:
+                return aside
+        plan = _simulate_clearances(problem, commitments)
+        if not isinstance(plan, str):
+            return plan
+        without_placement = plan
     if problem.deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (problem.target,), proved=False)
     return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_placement,), proved=False)
@@ -224,11 +237,40 @@ def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
     return scene.with_state(state).with_held(held)
 
 
-def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> Mapping[str, Placement] | str:
+def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> ClearancePlan | str:
     """A placement for every object to clear, found by simulating the clearances in order; or the object without one."""
     names = (*problem.scene.held_names, *commitments.order)
-    _, placements = simulate_until_stuck(problem, commitments, names)
-    return MappingProxyType(placements) if len(placements) == len(names) else names[len(placements)]
+    turns, placements = simulate_until_stuck(problem, commitments, names)
+    if len(placements) < len(names):
+        return names[len(placements)]
+    if problem.spares_base:
+        for name, turn in zip(names, turns, strict=False):
+            taken = turn.remaining.grasps.get(name)
+            commitments = commitments if taken is None else commitments.with_grasp(taken)
+        last = _with_less_driving(problem, turns[-1].scene, commitments, commitments.target)
+        commitments = commitments.with_grasp(last.grasps[commitments.target])
+    return ClearancePlan(commitments, MappingProxyType(placements), moves=len(placements))
+
+
+def _with_less_driving(problem: ClearingProblem, scene: Scene, commitments: Commitments, name: str) -> Commitments:
+    return with_less_driving(problem.candidates, problem.compiled, scene, commitments, name)
+
+
+def _simulate_holding_aside(problem: ClearingProblem, commitments: Commitments) -> ClearancePlan | None:
+    """A plan in which the last obstacle is held while another arm takes the target; None if none is found."""
+    *first, last = commitments.order
+    turns, placements = simulate_until_stuck(problem, commitments, first)
+    if len(placements) < len(first):
+        return None
+    scene, remaining = turns[-1]
+    held = held_aside(problem.candidates, problem.compiled, scene, remaining, grasped)
+    if held is None:
+        return None
+    for name, turn in zip(first, turns, strict=False):
+        commitments = commitments.with_grasp(turn.remaining.grasps[name])
+    for grasp in held.grasps.values():
+        commitments = commitments.with_grasp(grasp)
+    return ClearancePlan(commitments, MappingProxyType(placements), moves=len(placements), aside=last)
 
 
 def simulate_until_stuck(
@@ -248,6 +290,9 @@ def simulate_until_stuck(
     placements: dict[str, Placement] = {}
     for name in names:
         scene, remaining = turns[-1]
+        if problem.spares_base and name in remaining.order:
+            remaining = _with_less_driving(problem, scene, remaining, name)
+            turns[-1] = Turn(scene, remaining)
         done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
         if done is None:
             break

@@ -7,10 +7,15 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from planners.grasping.candidates import GraspCandidate, GraspCandidates, best_first
 from planners.scene import Scene
 
 __all__ = ["ArmCandidates"]
+
+Array = NDArray[np.float64]
 
 
 class _Merged(NamedTuple):
@@ -48,6 +53,13 @@ class ArmCandidates(GraspCandidates):
         if known is None or any(part is not before for part, before in zip(parts, known.parts, strict=True)):
             known = self._merged[name] = _Merged(parts, best_first(grasp for part in parts for grasp in part))
         return known.merged
+
+    def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
+        """As `GraspCandidates.from_base`, of all arms."""
+        views = {arm: scene.using(arm) for arm in self.by_arm}
+        return best_first(
+            grasp for arm, source in self.by_arm.items() for grasp in source.from_base(views[arm], name, base)
+        )
 
     def blank_copy(self) -> ArmCandidates:
         """As `GraspCandidates.blank_copy`."""

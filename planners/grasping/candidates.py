@@ -191,6 +191,20 @@ class GraspCandidates:
             self._known[name] = known
         return known.candidates
 
+    def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object from one base pose (3,), fewest blockers first; of the first family that has some."""
+        self.for_object(scene, name)
+        body = scene.body(name)
+        for family in self.families:
+            grasps = generate_grasps(body, scene.robot, (family,))
+            if grasps:
+                wanted, opening = gripper_poses(grasps), max(grasp.opening for grasp in grasps)
+                poses = self._untried(body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
+                found = self._scan(scene, body, poses, self.config.grid(self.chain), opening)
+                if found:
+                    return best_first(found)
+        return ()
+
     def blank_copy(self) -> GraspCandidates:
         """The same placer, arm and grasp set, with nothing known of any scene."""
         return replace(self, _scene=None, _known={})

@@ -80,7 +80,6 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
         held_obstructs=search.target,
         grippers=gripper_symbols(scene.robot),
         holding=held_by_gripper(scene),
-        holds_aside=search.hold_aside,
     )
     return bind_grasps(search, problem.state, scene)
 
@@ -117,7 +116,7 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
     is_exhausted = len(search.history) >= search.limits.replans or len(search.clearances) >= search.limits.clearances
     if is_exhausted or search.motion_layer.deadline.is_over:
         return out_of_time(search)
-    found = task_plan(search, state.symbols)
+    found = task_plan(search, state.symbols, state.clearance_plan.aside)
     if isinstance(found, TaskPlan):
         return found
     if found.reason == "gave up" and search.motion_layer.deadline.is_over:
@@ -163,7 +162,10 @@ def update_initial_state_from_error(
     """s0 = updateInitialStateFromError(s0, e): the objects in the way become facts, or references are bound anew."""
     if isinstance(error, Infeasible):
         return error
-    if not error.blockers:
+    is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names
+    if is_aside_in_hand:
+        search.hold_aside = False
+    if is_aside_in_hand or not error.blockers:
         return rebind_grasps(search, state.symbols, state.scene)
     obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))
     if error.blockers <= set(state.clearance_plan.commitments.grasps):

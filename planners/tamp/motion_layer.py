@@ -28,10 +28,11 @@ from planners.motion.timing import drive_trajectory, pick_trajectory, place_traj
 from planners.motion.trajectory import Trajectory
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.placing.placements import Placement, PlacementSearch
-from planners.placing.surfaces import KeepClear, Surface
+from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
 from planners.strategies import Strategy
+from planners.tamp.bound_motion import BoundMotion
 from planners.tamp.usable_grasps import UsableGrasps
 
 __all__ = ["BoundMotion", "MotionLayer"]
@@ -40,27 +41,6 @@ Array = NDArray[np.float64]
 
 _TRIES = 2
 """Motions tried, with other random choices, where MuJoCo finds fault with the first."""
-
-
-@dataclass(frozen=True, eq=False)
-class BoundMotion:
-    """A motion behind an action, and the scene it leaves.
-
-    Attributes:
-        trajectory: the verified motion.
-        scene: the scene after it.
-        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
-        location: where a base motion leads to a put-down: the symbol of the location.
-        put_down: and the put-down itself, which is planned before the base moves there.
-        before: the scene in which the motion was planned, with its arm active.
-    """
-
-    trajectory: Trajectory
-    scene: Scene
-    location: str = ""
-    put_down: BoundMotion | None = None
-    surfaces: tuple[Surface, ...] = ()
-    before: Scene | None = None
 
 
 @dataclass
@@ -75,6 +55,7 @@ class MotionLayer:
         follower: model of how the joints follow, for a robot that is told TCP poses.
         deadline: when to give up.
         joins_motions: whether what is done between two contacts becomes one motion; else every phase ends at rest.
+        spares_base: whether strategies that plan ahead choose grasps that need less driving.
         has_refuted: whether a grasp was refuted by motion planning.
     """
 
@@ -85,6 +66,7 @@ class MotionLayer:
     follower: TcpFollower | None = None
     deadline: Deadline = NO_DEADLINE
     joins_motions: bool = True
+    spares_base: bool = False
     has_refuted: bool = False
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict)
     _is_usable: UsableGrasps = field(init=False, repr=False)
@@ -99,10 +81,12 @@ class MotionLayer:
         target: str,
         order_by_task_plan: OrderByTaskPlan,
         cleared: Sequence[str] = (),
+        holds_aside: bool = False,
     ) -> ClearancePlan | NoCommitment:
         """The strategy's commitments for a scene, to grasps that the gripper can leave again.
 
-        What was `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
+        With `holds_aside` the last obstacle may stay in one gripper while another one takes the target. What was
+        `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
         """
         left_alone = frozenset(cleared) if strategy.leaves_cleared else frozenset()
         problem = ClearingProblem(
@@ -115,6 +99,8 @@ class MotionLayer:
             self.rng,
             self.floor_limits,
             self.deadline,
+            self.spares_base,
+            holds_aside,
         )
         found = self._usable_commitments(problem, order_by_task_plan)
         if isinstance(found, NoCommitment) and left_alone and not self.deadline.is_over:

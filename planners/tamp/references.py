@@ -27,15 +27,17 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
         """The commitments in the order in which the task planner clears."""
         return _in_planned_order(search, _with_obstructions(search, symbols, scene, commitments), commitments)
 
+    symbols = replace(symbols, holds_aside=False)
     found = search.motion_layer.choose_grasps(
-        search.strategy, scene, search.target, order_by_task_plan, search.clearances
+        search.strategy, scene, search.target, order_by_task_plan, search.clearances, search.hold_aside
     )
     search.motion_planning_s += cpu_seconds() - before
     if search.has_given_up:
         return out_of_time(search)
     if isinstance(found, NoCommitment):
         return infeasible(search, found.cause, _explain(found), found.objects)
-    return PlanState(_with_obstructions(search, symbols, scene, found.commitments), scene, found)
+    symbols = _with_obstructions(search, symbols, scene, found.commitments)
+    return PlanState(replace(symbols, holds_aside=bool(found.aside)), scene, found)
 
 
 def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
@@ -48,14 +50,15 @@ def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanS
     return bind_grasps(search, at_no_reference, scene)
 
 
-def task_plan(search: Search, symbols: SymbolicState) -> TaskPlan | NoPlan:
-    """The task planner's answer for the target, checked; its time is counted.
+def task_plan(search: Search, symbols: SymbolicState, aside: str = "") -> TaskPlan | NoPlan:
+    """The task planner's answer for the target, checked; its time is counted. It does not put the object `aside` down.
 
     Raises:
         InvalidAnswerError: the task planner returned no valid answer.
     """
     before = cpu_seconds()
-    problem = TaskProblem(symbols, search.target).pruned()
+    offers = symbols.find("isClearanceLocation", None, aside, None) if aside else ()
+    problem = TaskProblem(symbols.changed(remove=offers), search.target).pruned()
     time_limit = min(search.limits.task_planning_s, search.motion_layer.deadline.remaining)
     answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
     search.task_planning_s += cpu_seconds() - before
