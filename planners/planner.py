@@ -144,8 +144,8 @@ class Planner:
         prefer_visible: among base poses of about the same manipulability, take those first from which the head camera
             sees more of what is grasped, past the robot itself. The minimum number of clearances does not use it.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
-        spares_base: whether strategies that plan ahead choose grasps that need less driving: from where the base
-            stands, or from where the next object can be taken too; None: if the robot acts with several arms.
+        saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving; None: if
+            the robot acts with several arms.
 
     Raises:
         UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
@@ -162,7 +162,7 @@ class Planner:
     canonical: bool = False
     prefer_visible: bool = False
     hold_aside: bool = False
-    spares_base: bool | None = None
+    saves_time: bool | None = None
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -256,7 +256,7 @@ class Planner:
                 follower=self.follower,
                 deadline=deadline,
                 joins_motions=not self.canonical,
-                spares_base=self.robot.acts_with_all_arms if self.spares_base is None else self.spares_base,
+                saves_time=self.robot.acts_with_all_arms if self.saves_time is None else self.saves_time,
             )
 
     def _placer(self, scene: Scene) -> MapPlacer:

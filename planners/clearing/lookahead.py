@@ -26,7 +26,7 @@ from planners.clearing.commitments import (
 )
 from planners.clearing.holding_aside import held_aside
 from planners.clearing.minimum_clearances import FloorLimits
-from planners.clearing.staying import with_less_driving
+from planners.clearing.saving_time import Grasps, with_blockers, with_less_time
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.world import CollisionWorld
@@ -78,7 +78,7 @@ class ClearingProblem:
         rng: for variations and finer grids of locations.
         limits: of the search for the smallest sets.
         deadline: when to give up.
-        spares_base: whether grasps are exchanged for such that need less driving.
+        saves_time: whether grasps are exchanged for such that take less time.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
     """
 
@@ -91,8 +91,13 @@ class ClearingProblem:
     rng: np.random.Generator
     limits: FloorLimits | None = None
     deadline: Deadline = NO_DEADLINE
-    spares_base: bool = False
+    saves_time: bool = False
     holds_aside: bool = False
+
+    @property
+    def grasps(self) -> Grasps:
+        """Where grasps come from."""
+        return Grasps(self.candidates, self.compiled)
 
 
 @dataclass(frozen=True)
@@ -161,11 +166,11 @@ def commitments_for(
         if not problem.strategy.plans_ahead:
             return ClearancePlan(commitments)
         commitments = order_by_task_plan(commitments)
-        if problem.holds_aside and commitments.order and not problem.scene.held_names:
-            aside = _simulate_holding_aside(problem, commitments)
-            if aside is not None:
-                return aside
         plan = _simulate_clearances(problem, commitments)
+        if problem.holds_aside and (isinstance(plan, str) or plan.moves) and not problem.scene.held_names:
+            aside = _simulate_holding_aside(problem, commitments)
+            if aside is not None and (isinstance(plan, str) or aside.moves < plan.moves):
+                return aside
         if not isinstance(plan, str):
             return plan
         without_placement = plan
@@ -243,17 +248,35 @@ def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> 
     turns, placements = simulate_until_stuck(problem, commitments, names)
     if len(placements) < len(names):
         return names[len(placements)]
-    if problem.spares_base:
-        for name, turn in zip(names, turns, strict=False):
-            taken = turn.remaining.grasps.get(name)
-            commitments = commitments if taken is None else commitments.with_grasp(taken)
-        last = _with_less_driving(problem, turns[-1].scene, commitments, commitments.target)
-        commitments = commitments.with_grasp(last.grasps[commitments.target])
+    if problem.saves_time:
+        last = with_less_time(problem.grasps, turns[-1].scene, commitments, commitments.target)
+        commitments = _as_taken(problem, commitments, turns, last.grasps[commitments.target])
+        names = (*problem.scene.held_names, *commitments.order)
+        placements = {name: placements[name] for name in names}
     return ClearancePlan(commitments, MappingProxyType(placements), moves=len(placements))
 
 
-def _with_less_driving(problem: ClearingProblem, scene: Scene, commitments: Commitments, name: str) -> Commitments:
-    return with_less_driving(problem.candidates, problem.compiled, scene, commitments, name)
+def _as_taken(
+    problem: ClearingProblem, commitments: Commitments, turns: Sequence[Turn], *others: GraspCandidate
+) -> Commitments:
+    """The commitments with the grasps chosen turn by turn and others, to those objects that are in the way of these.
+
+    What is in the way is worked out for the present scene: grasps chosen later may need fewer objects cleared.
+    """
+    taken = dict(commitments.grasps)
+    for turn in turns:
+        taken |= turn.remaining.grasps
+    taken |= {grasp.object: grasp for grasp in others}
+    known = {grasp.object: grasp for grasp in with_blockers(problem.grasps, problem.scene, taken.values())}
+    kept, frontier = {commitments.target}, [commitments.target]
+    while frontier:
+        blockers = set(problem.scene.names_of(known[frontier.pop()].blockers)) - kept
+        kept |= blockers
+        frontier += sorted(blockers)
+    order = tuple(name for name in commitments.order if name in kept)
+    return Commitments(
+        commitments.target, order, MappingProxyType({name: known[name] for name in known if name in kept})
+    )
 
 
 def _simulate_holding_aside(problem: ClearingProblem, commitments: Commitments) -> ClearancePlan | None:
@@ -263,13 +286,11 @@ def _simulate_holding_aside(problem: ClearingProblem, commitments: Commitments) 
     if len(placements) < len(first):
         return None
     scene, remaining = turns[-1]
-    held = held_aside(problem.candidates, problem.compiled, scene, remaining, grasped)
+    held = held_aside(problem.grasps, scene, remaining, grasped)
     if held is None:
         return None
-    for name, turn in zip(first, turns, strict=False):
-        commitments = commitments.with_grasp(turn.remaining.grasps[name])
-    for grasp in held.grasps.values():
-        commitments = commitments.with_grasp(grasp)
+    commitments = _as_taken(problem, commitments, turns, *held.grasps.values())
+    placements = {name: placements[name] for name in first if name in commitments.order}
     return ClearancePlan(commitments, MappingProxyType(placements), moves=len(placements), aside=last)
 
 
@@ -290,8 +311,8 @@ def simulate_until_stuck(
     placements: dict[str, Placement] = {}
     for name in names:
         scene, remaining = turns[-1]
-        if problem.spares_base and name in remaining.order:
-            remaining = _with_less_driving(problem, scene, remaining, name)
+        if problem.saves_time and name in remaining.order:
+            remaining = with_less_time(problem.grasps, scene, remaining, name)
             turns[-1] = Turn(scene, remaining)
         done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
         if done is None:

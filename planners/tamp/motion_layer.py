@@ -55,7 +55,7 @@ class MotionLayer:
         follower: model of how the joints follow, for a robot that is told TCP poses.
         deadline: when to give up.
         joins_motions: whether what is done between two contacts becomes one motion; else every phase ends at rest.
-        spares_base: whether strategies that plan ahead choose grasps that need less driving.
+        saves_time: whether strategies that plan ahead choose grasps that take less time.
         has_refuted: whether a grasp was refuted by motion planning.
     """
 
@@ -66,7 +66,7 @@ class MotionLayer:
     follower: TcpFollower | None = None
     deadline: Deadline = NO_DEADLINE
     joins_motions: bool = True
-    spares_base: bool = False
+    saves_time: bool = False
     has_refuted: bool = False
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict)
     _is_usable: UsableGrasps = field(init=False, repr=False)
@@ -99,7 +99,7 @@ class MotionLayer:
             self.rng,
             self.floor_limits,
             self.deadline,
-            self.spares_base,
+            self.saves_time,
             holds_aside,
         )
         found = self._usable_commitments(problem, order_by_task_plan)
