@@ -42,6 +42,9 @@ class Arguments:
     """First seed of the scenes."""
     robot: str = "fetch"
     """Name of the robot."""
+    arms: Literal["one", "both"] = "one"
+    """Arms that act; "both" adds rows of "lookahead" with two arms, without and with an obstacle held aside, and one
+    with one arm and the same choice of grasps: for a robot with two."""
     layout: str = "paper"
     """Layout of the table."""
     layouts: tuple[str, ...] = ()
@@ -78,12 +81,16 @@ def run(arguments: Arguments) -> None:
     from clutter_env.experiments.clearance_table.pages import markdown, write_page
     from clutter_env.experiments.clearance_table.records import Records
     from clutter_env.experiments.clearance_table.table import TableSettings, run_trials, summarise_table
-    from clutter_env.experiments.clearance_table.variants import ABLATIONS
+    from clutter_env.experiments.clearance_table.variants import ABLATIONS, ARMS
     from clutter_env.reporting.json_file import write_json
 
     settings = TableSettings(
         objects=arguments.objects,
-        strategies=(*arguments.strategies, *(ABLATIONS if arguments.ablations else ())),
+        strategies=(
+            *arguments.strategies,
+            *(ABLATIONS if arguments.ablations else ()),
+            *(ARMS if arguments.arms == "both" else ()),
+        ),
         scenes=arguments.scenes,
         seed=arguments.seed,
         robot=arguments.robot,

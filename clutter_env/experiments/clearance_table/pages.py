@@ -22,7 +22,10 @@ def markdown(settings: TableSettings, summary: Summary) -> str:
     rows = summary.rows
     strategies = list(dict.fromkeys(row.strategy for row in rows))
     parts = [_table_1(rows, strategies), _success(rows, settings.physics), _paired(rows, strategies[0], settings.cap)]
-    parts += [_shared(summary.shared), _planning_time(rows, settings.physics), _causes(rows)]
+    parts.append(_shared(summary.shared))
+    if settings.compares_arms:
+        parts.append(_effort(rows, strategies[0]))
+    parts += [_planning_time(rows, settings.physics), _causes(rows)]
     parts.append(_scene_table(summary.scenes))
     return "\n".join(parts)
 
@@ -128,6 +131,22 @@ def _shared(shared: Sequence[Shared]) -> str:
         lines.append([str(objects), str(own[0].scenes), f"{own[0].floor:.2f}", *figures])
     title = "Scenes that every strategy solves: objects cleared (twice or more)"
     return markdown_section(title, ["N", "scenes", "floor", *strategies], lines)
+
+
+def _effort(rows: Sequence[Row], reference: str) -> str:
+    """Base motions and simulated time, paired."""
+    head = ["N", "strategy", "base motions", f"{reference}", "fewer", "less"]
+    head += ["simulated time", f"{reference}", "less [s]", "less"]
+    lines = []
+    for row in rows:
+        moves, before, fewer, spent, reference_time, saved = row.effort
+        lines.append(
+            [str(row.objects), row.strategy, number_text(moves), number_text(before), str(fewer)]
+            + [number_text(1 - moves / before if before else np.nan, "{:.0%}"), number_text(spent, "{:.1f} s")]
+            + [number_text(reference_time, "{:.1f} s"), str(saved)]
+            + [number_text(1 - spent / reference_time if reference_time else np.nan, "{:.0%}")]
+        )
+    return markdown_section(f"Base motions and simulated time, paired with {reference}", head, lines)
 
 
 def _planning_time(rows: Sequence[Row], is_physics: bool) -> str:

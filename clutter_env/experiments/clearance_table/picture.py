@@ -14,12 +14,13 @@ from matplotlib.ticker import LogLocator
 from clutter_env.experiments.clearance_table.paper import PAPER, PAPER_OBJECTS
 from clutter_env.experiments.clearance_table.statistics import Row, Shared
 from clutter_env.experiments.clearance_table.table import Summary
-from clutter_env.experiments.clearance_table.variants import ABLATIONS
+from clutter_env.experiments.clearance_table.variants import ABLATIONS, ARMS
 from clutter_env.reporting.statistics import Interval
 
 __all__ = ["draw_table", "plot"]
 
 COLOURS = {"lookahead": "#0072b2", "ngr": "#009e73", "dogar": "#cc79a7", "srivastava": "#d55e00"}
+COLOURS |= dict(zip(ARMS, ("#56b4e9", "#e69f00", "#009e73"), strict=True))
 COLOURS |= dict(zip(ABLATIONS, ("#56b4e9", "#e69f00", "#f0e442", "#999999"), strict=False))
 """Of the palette of Okabe & Ito (2008), which colour-blind readers can tell apart as well."""
 GREY = "#777777"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
+from clutter_env.experiments.clearance_table.effort import Effort, effort_of
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
 from clutter_env.reporting.statistics import Interval, Times, bootstrap, times, wilson
 
@@ -76,6 +77,7 @@ class Row:
         motion: CPU time of the motion planning in it.
         task_call: CPU time of one call of the task planner.
         causes: of failures, with counts.
+        effort: base motions and simulated time, over the scenes that the reference strategy solved too.
     """
 
     objects: int
@@ -101,6 +103,7 @@ class Row:
     motion: Times
     task_call: Times
     causes: Mapping[str, int]
+    effort: Effort
 
 
 @dataclass(frozen=True)
@@ -223,6 +226,7 @@ def make_row(
         motion=times([attempt.motion_planning_s for attempt in ended.values()]),
         task_call=times([a.task_planning_s / a.task_plans for a in ended.values() if a.task_plans]),
         causes=Counter(attempt.cause for attempt in ended.values() if not attempt.solved),
+        effort=effort_of(solved, reference, rng),
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from assets.robots import robot as find_robot
 from clutter_env.config import EnvConfig
 from clutter_env.errors import ConfigError
 from clutter_env.experiments.clearance_table.records import Record, Records
@@ -23,7 +24,7 @@ from clutter_env.experiments.clearance_table.statistics import (
 )
 from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
-from clutter_env.experiments.clearance_table.variants import VARIANTS
+from clutter_env.experiments.clearance_table.variants import ARMS, VARIANTS
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.object_sets import MAX_OBJECTS
@@ -92,6 +93,8 @@ class TableSettings:
             if not 1 <= count <= MAX_OBJECTS:
                 raise ConfigError(f"objects={count} is not valid; it must be from 1 to {MAX_OBJECTS}")
             EnvConfig(num_objects=count, layout=self.layout, robot=self.robot)
+        if self.compares_arms and not find_robot(self.robot).idle_arms:
+            raise ConfigError(f"robot={self.robot!r} has one arm; to compare one arm with two take robot='pr2'")
         chosen_supports(self.layout, self.supports)
         if self.scenes < 1:
             raise ConfigError(f"scenes={self.scenes} is not valid; it must be at least 1")
@@ -100,6 +103,11 @@ class TableSettings:
         """One trial under these settings."""
         same = {key: value for key, value in self.of_trials.items() if key not in ("supports", "robot")}
         return Trial(objects, seed, name, **same, supports=self.supports, robot=self.robot)
+
+    @property
+    def compares_arms(self) -> bool:
+        """Whether some rows are about several arms."""
+        return any(name in ARMS for name in self.strategies)
 
     @property
     def of_trials(self) -> dict[str, Any]:

@@ -10,15 +10,18 @@ from typing import Any, Literal
 import gymnasium as gym
 import numpy as np
 
+from assets.robots import RobotSpec
+from assets.robots import robot as find_robot
 from clutter_env import time_limit
 from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.variants import VARIANTS
+from planners.execution.contact import contacts
 from planners.execution.expert import ExpertConfig, TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.tamp.solution import Infeasible, Solution
 
-__all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "run_trial"]
+__all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "base_moves", "run_trial"]
 
 NOT_CLEAN = "lifted, but not clean"
 """Cause of the failure of an episode in which the target was lifted and an object had fallen or been disturbed."""
@@ -26,6 +29,9 @@ ASSESSMENT = "floor"
 """In place of a strategy: compute the minimum number of clearances of the scene."""
 _WARM_UP_SEED = 99_999
 """Seed of a scene that is solved before anything is timed, so that compilation and loading are not timed."""
+
+_SAME_BASE = 1e-3
+"""[m], [rad] A base that has moved less has stayed."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,8 @@ class Attempt:
         motion_planning_s: CPU time [s] of motion planning.
         total_s: CPU time [s] of planning.
         wall_s: wall time [s].
-        sim_s: simulated time [s], in physics.
+        sim_s: simulated time [s]: of the episode in physics, else of the plan.
+        base_moves: how often the base drives between two contacts of the plan, without physics.
         steps: of the environment, in physics.
         lifted: whether the target was lifted and held, whatever else moved, in physics.
         fallen: number of objects that have fallen, in physics.
@@ -148,6 +155,7 @@ class Attempt:
     disturbed: int = 0
     deviations: tuple[str, ...] = ()
     is_taken_alone: bool = True
+    base_moves: int = 0
 
 
 def run_trial(trial: Trial) -> Assessment | Attempt:
@@ -182,7 +190,7 @@ def _solve(trial: Trial) -> Attempt:
     before = time.perf_counter()
     rng = np.random.default_rng(trial.seed)
     variant = VARIANTS[trial.strategy]
-    planner = variant.planner(planner, scene)
+    planner, scene = variant.planner(planner, scene), replace(scene, robot=variant.robot(scene.robot))
     outcome = planner.solve(scene, target, variant.strategy, rng, trial.time_limit)
     wall_s = time.perf_counter() - before
     failed = isinstance(outcome, Infeasible)
@@ -201,18 +209,22 @@ def _solve(trial: Trial) -> Attempt:
         motion_planning_s=stats.motion_planning_s,
         total_s=stats.total_s,
         wall_s=wall_s,
+        sim_s=outcome.duration if isinstance(outcome, Solution) else 0.0,
+        base_moves=base_moves(outcome) if isinstance(outcome, Solution) else 0,
         is_taken_alone=not failed or isinstance(planner.solve(alone, target, variant.strategy, rng), Solution),
     )
 
 
 def _execute(trial: Trial) -> Attempt:
     """Let the expert execute its plans in physics."""
-    planner, scene, target = _scene(trial)
-    env = _environment(trial.objects, trial.layout, trial.control_mode, trial.robot)
+    variant = VARIANTS[trial.strategy]
+    robot = variant.robot(find_robot(trial.robot))
+    planner, scene, target = _scene(trial, robot)
+    env = _environment(trial.objects, trial.layout, trial.control_mode, robot)
     unwrapped: Any = env.unwrapped
     info = unwrapped.info
     before = time.perf_counter()
-    config, variant = ExpertConfig(planning_s=trial.time_limit, with_floor=False), VARIANTS[trial.strategy]
+    config = ExpertConfig(planning_s=trial.time_limit, with_floor=False)
     expert = TampExpert(env, variant.strategy, planner=variant.planner(planner, scene), config=config)
     expert.reset(target)
     over, steps, lifted = expert.done, 0, False
@@ -243,6 +255,14 @@ def _execute(trial: Trial) -> Attempt:
     )
 
 
+def base_moves(solution: Solution) -> int:
+    """How often the base stands elsewhere when fingers close or open than the time before, or than at the start."""
+    if not solution.actions:
+        return 0
+    bases = [solution.actions[0].trajectory.base[0], *(contact.base for contact in contacts(solution))]
+    return int((np.abs(np.diff(bases, axis=0)).max(axis=1) > _SAME_BASE).sum())
+
+
 def _cause(failure: str, steps: int) -> str:
     """The kind of a failure, without the details of the single case after a colon or a semicolon."""
     return failure.partition(":")[0].partition(";")[0] or f"no success after {steps} steps"
@@ -252,8 +272,9 @@ def _repeated(names: tuple[str, ...]) -> int:
     return sum(names.count(name) > 1 for name in set(names))
 
 
-def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
-    env = _environment(trial.objects, trial.layout, trial.control_mode, trial.robot)
+def _scene(trial: Trial, robot: RobotSpec | None = None) -> tuple[Planner, Scene, str]:
+    """The scene, with the trial's own robot if no other is given."""
+    env = _environment(trial.objects, trial.layout, trial.control_mode, robot or find_robot(trial.robot))
     _, info = env.reset(seed=trial.seed)
     unwrapped: Any = env.unwrapped
     scene = Scene.from_mujoco(unwrapped.model, unwrapped.data, unwrapped.robot)
@@ -264,7 +285,7 @@ def _scene(trial: Trial) -> tuple[Planner, Scene, str]:
 
 
 @cache
-def _environment(objects: int, layout: str, control_mode: str, robot: str) -> gym.Env:
+def _environment(objects: int, layout: str, control_mode: str, robot: RobotSpec) -> gym.Env:
     keywords: dict[str, Any] = {"num_objects": objects, "layout": layout, "robot": robot, "control_mode": control_mode}
     keywords["max_episode_steps"] = time_limit(objects)
     return gym.make("clutter_env/Retrieve-o15-v0", disable_env_checker=True, **keywords)
