@@ -236,13 +236,14 @@ class RobotSpec:
         """Finger joint position [m] at which the pads are `opening` [m] apart, clipped to the joint's range."""
         return min(max((opening - self.finger_gap_closed) / 2, 0.0), self.max_finger_position)
 
-    def velocity_feedforward(self, model: Any) -> list[float]:
+    def velocity_feedforward(self, model: Any, joints: tuple[str, ...] = ()) -> list[float]:
         """[s] for each drive joint: added to a motor's position command per unit of velocity, it cancels all damping.
 
         Args:
             model: the `mujoco.MjModel`; the robot's position actuators have the names of its joints.
+            joints: names of joints in place of the drive joints.
         """
-        motors = [(model.joint(name), model.actuator(name)) for name in self.drive_joints]
+        motors = [(model.joint(name), model.actuator(name)) for name in joints or self.drive_joints]
         return [float((joint.damping.flat[0] - motor.biasprm[2]) / motor.gainprm[0]) for joint, motor in motors]
 
 

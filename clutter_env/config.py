@@ -82,7 +82,7 @@ class EnvConfig:
 
     def __post_init__(self) -> None:
         layout, robot = self.find_layout(), self.find_robot()
-        check_choice("control_mode", self.control_mode, CONTROL_MODES)
+        check_choice("control_mode", self.control_mode, ("joint",) if robot.acts_with_all_arms else CONTROL_MODES)
         check_choice("reward_mode", self.reward_mode, REWARD_MODES)
         check_choice("success", self.success, SUCCESS_KINDS)
         check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +15,7 @@ from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.identity import environment_kind
-from clutter_env.envs.judge import Judge, JudgeMemory
+from clutter_env.envs.judge import Judge, read_memory, written_memory
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.pickling import kept_attributes, make_again
 from clutter_env.envs.reset_options import ResetOptions
@@ -29,7 +28,6 @@ from clutter_env.simulation.ee_control import TcpFollower
 from clutter_env.simulation.physics_state import capture_physics
 from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
-from clutter_env.simulation.state_fields import read_dataclass
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = ["BaseEnv"]
@@ -189,15 +187,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         """Numbers in an action."""
         return self._simulator.action_mode.size
 
-    def joint_action(self, q_target: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
+    def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
 
         A trajectory sampled at 20 Hz that keeps the robot's velocity and acceleration limits (of the base: those of its
         own axes) is followed exactly; a goal farther away is approached as fast as it can be, with room to brake.
 
         Args:
-            q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad].
-            gripper_width: [m] between the pads.
+            q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad], then other arms that act.
+            gripper_width: [m] between the pads; of several arms that act, one number for each.
 
         Raises:
             ActionError: not finite, the wrong shape, or this environment's control mode is "ee".
@@ -228,7 +226,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         assert scene is not None
         memory = {
             "task": self._memory(),
-            "judge": asdict(self._judge.memory()),
+            "judge": written_memory(self._judge.memory()),
             **self._simulator.memory(),
             "rng": self.np_random.bit_generator.state,
         }
@@ -243,7 +241,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         saved = unpack(state, self._kind)
         checked = self._simulator.check(saved)
         check_generator(self.np_random, saved.memory["rng"])
-        judged = read_dataclass(JudgeMemory, saved.memory["judge"], "judge")
+        judged = read_memory(saved.memory["judge"])
         judged.check(saved.scene.num_objects)
         bookkeeping = self._read_memory(saved.memory["task"])
         self._simulator.restore(checked)
@@ -265,7 +263,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
 
     def _info(self) -> dict[str, Any]:
         """The info dictionary, the same keys in all environments."""
-        held, judge = self.measurements.held, self._judge
+        judge, all_held = self._judge, self.measurements.all_held
+        held = self.target_slot if judge.is_target_held else max(all_held)
         return {
             "is_success": self._is_success(),
             "lifted": judge.lifted,

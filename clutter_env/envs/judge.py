@@ -15,7 +15,8 @@ Once it is released, its path goes on from where it was last touched by both.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.simulation.state_fields import read_dataclass
 from clutter_env.simulation.world import Measurements, World
 
 __all__ = [
@@ -34,6 +36,8 @@ __all__ = [
     "Judge",
     "JudgeMemory",
     "is_as_placed",
+    "read_memory",
+    "written_memory",
 ]
 
 LIFT_HEIGHT = 0.10
@@ -68,6 +72,7 @@ class JudgeMemory:
         steps_without_contact: control steps since both fingers touched it.
         grasped_at: (3,) [m] where it was grasped.
         steps_held: control steps in a row with the target held and lifted.
+        other_hands: for each further gripper that acts, `in_hand`, `steps_without_contact` and `grasped_at`.
     """
 
     chord_starts: tuple[tuple[float, ...], ...]
@@ -78,13 +83,38 @@ class JudgeMemory:
     steps_without_contact: int
     grasped_at: tuple[float, ...]
     steps_held: int
+    other_hands: tuple[tuple[float, ...], ...] = ()
 
     def check(self, num_objects: int) -> None:
         """Raise StateError unless the memory is one of so many objects."""
         sizes = {len(self.chord_starts), len(self.paths), len(self.is_fallen), len(self.is_cleared)}
         is_of_points = all(len(point) == 3 for point in (*self.chord_starts, self.grasped_at))
-        if sizes != {num_objects} or not is_of_points or not -1 <= self.in_hand < num_objects:
+        are_hands = all(len(hand) == 5 and -1 <= hand[0] < num_objects for hand in self.other_hands)
+        if sizes != {num_objects} or not is_of_points or not are_hands or not -1 <= self.in_hand < num_objects:
             raise StateError(f"the judge's memory in the state is not one of {num_objects} objects")
+
+
+def written_memory(memory: JudgeMemory) -> dict[str, Any]:
+    """The memory as JSON values; that of a robot with one arm has no entry for others."""
+    values = asdict(memory)
+    if not memory.other_hands:
+        del values["other_hands"]
+    return values
+
+
+def read_memory(value: Any) -> JudgeMemory:
+    """The memory that `written_memory` wrote; raises StateError if it is not valid."""
+    is_of_one_arm = isinstance(value, dict) and "other_hands" not in value
+    return read_dataclass(JudgeMemory, {**value, "other_hands": []} if is_of_one_arm else value, "judge")
+
+
+@dataclass
+class _Hand:
+    """A gripper over time: the slot of the object in hand, -1 without one, and what `JudgeMemory` says of it."""
+
+    in_hand: int = -1
+    steps_without_contact: int = 0
+    grasped_at: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Judge:
@@ -109,8 +139,7 @@ class Judge:
         self._paths: Array = np.zeros(count)
         self._is_fallen = np.zeros(count, dtype=np.bool_)
         self._is_cleared = np.zeros(count, dtype=np.bool_)
-        self._in_hand, self._steps_without_contact = -1, 0
-        self._grasped_at: Array = np.zeros(3)
+        self._hands = [_Hand() for _ in measurements.all_held]
         self.steps_held = 0
         self._last: Measurements | None = None
         self._derive()
@@ -131,19 +160,20 @@ class Judge:
 
         The same measurements once more, with nothing in hand, change nothing.
         """
-        if measurements is self._last and self._in_hand < 0:
+        if measurements is self._last and not self._in_hand:
             self.newly_disturbed = 0
             return
         self._last = measurements
         before = self._num_spoilt
         positions = measurements.poses[:, :3]
-        self._follow_gripper(measurements.held, positions)
+        for hand, held in zip(self._hands, measurements.all_held, strict=True):
+            self._follow_gripper(hand, held, positions)
         offsets = positions - self._chord_starts
         offsets *= offsets
         squared = offsets[:, 0] + offsets[:, 1] + offsets[:, 2]
         is_chord = squared > self._chord_squared
-        if self._in_hand >= 0:
-            is_chord[self._in_hand] = False
+        for slot in self._in_hand:
+            is_chord[slot] = False
         if np.count_nonzero(is_chord):
             self._paths[is_chord] += np.sqrt(squared[is_chord])
             self._chord_starts[is_chord] = positions[is_chord]
@@ -161,10 +191,14 @@ class Judge:
             paths=tuple(self._paths.tolist()),
             is_fallen=tuple(self._is_fallen.tolist()),
             is_cleared=tuple(self._is_cleared.tolist()),
-            in_hand=self._in_hand,
-            steps_without_contact=self._steps_without_contact,
-            grasped_at=tuple(self._grasped_at.tolist()),
+            in_hand=self._hands[0].in_hand,
+            steps_without_contact=self._hands[0].steps_without_contact,
+            grasped_at=tuple(self._hands[0].grasped_at.tolist()),
             steps_held=self.steps_held,
+            other_hands=tuple(
+                (float(hand.in_hand), float(hand.steps_without_contact), *hand.grasped_at.tolist())
+                for hand in self._hands[1:]
+            ),
         )
 
     @classmethod
@@ -176,41 +210,46 @@ class Judge:
         judge._paths = np.array(memory.paths, dtype=np.float64)
         judge._is_fallen = np.array(memory.is_fallen, dtype=np.bool_)
         judge._is_cleared = np.array(memory.is_cleared, dtype=np.bool_)
-        judge._in_hand = memory.in_hand
-        judge._steps_without_contact = memory.steps_without_contact
-        judge._grasped_at = np.array(memory.grasped_at, dtype=np.float64)
+        others = [_Hand(int(hand[0]), int(hand[1]), np.array(hand[2:])) for hand in memory.other_hands]
+        first = _Hand(memory.in_hand, memory.steps_without_contact, np.array(memory.grasped_at, dtype=np.float64))
+        judge._hands = [first, *others]
         judge.steps_held = memory.steps_held
         judge._derive()
         return judge
 
-    def _follow_gripper(self, held: int, positions: Array) -> None:
+    @property
+    def _in_hand(self) -> list[int]:
+        """Slots of the objects in hand."""
+        return [hand.in_hand for hand in self._hands if hand.in_hand >= 0]
+
+    def _follow_gripper(self, hand: _Hand, held: int, positions: Array) -> None:
         """Begin or end the time in which an object is in hand; its motion until the last contact is not counted."""
         if held >= 0:
-            if held != self._in_hand:
-                self._release()
-                self._in_hand, self._grasped_at = held, positions[held].copy()
-            self._steps_without_contact = 0
+            if held != hand.in_hand:
+                self._release(hand)
+                hand.in_hand, hand.grasped_at = held, positions[held].copy()
+            hand.steps_without_contact = 0
             self._chord_starts[held] = positions[held]
-        elif self._in_hand >= 0:
-            self._steps_without_contact += 1
-            if self._steps_without_contact >= RELEASE_STEPS:
-                self._release()
+        elif hand.in_hand >= 0:
+            hand.steps_without_contact += 1
+            if hand.steps_without_contact >= RELEASE_STEPS:
+                self._release(hand)
 
-    def _release(self) -> None:
-        """The object in hand, if there is one, is put down; its path continues from where contact was lost."""
-        if self._in_hand < 0:
+    def _release(self, hand: _Hand) -> None:
+        """The object in a hand, if there is one, is put down; its path continues from where contact was lost."""
+        if hand.in_hand < 0:
             return
-        x, y, z = (float(value) for value in self._chord_starts[self._in_hand] - self._grasped_at)
+        x, y, z = (float(value) for value in self._chord_starts[hand.in_hand] - hand.grasped_at)
         if math.sqrt(x * x + y * y + z * z) > DISTURBED_PATH:
-            self._is_cleared[self._in_hand] = True
-        self._in_hand, self._steps_without_contact = -1, 0
+            self._is_cleared[hand.in_hand] = True
+        hand.in_hand, hand.steps_without_contact = -1, 0
         self._derive()
 
     def _note_falls(self, is_fallen: NDArray[np.bool_]) -> None:
         """Keep in mind which objects lie or have left their support; not the one in hand."""
         fallen = is_fallen & ~self._is_fallen
-        if self._in_hand >= 0:
-            fallen[self._in_hand] = False
+        for slot in self._in_hand:
+            fallen[slot] = False
         if np.count_nonzero(fallen):
             self._is_fallen |= fallen
             self._derive()
@@ -218,7 +257,7 @@ class Judge:
     def _follow_target(self, measurements: Measurements) -> None:
         """Measure the target."""
         target = self._target
-        self.is_target_held = target >= 0 and measurements.held == target
+        self.is_target_held = target >= 0 and target in measurements.all_held
         self.is_target_lost = target >= 0 and bool(measurements.is_off[target])
         self.lift = self._world.lowest_point(measurements, target) - self._support_height() if target >= 0 else 0.0
 

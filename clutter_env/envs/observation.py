@@ -125,8 +125,9 @@ class Observer:
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
             rows[: len(measurements.poses), _POSE] = poses[1:]
-            if measurements.held >= 0:
-                rows[measurements.held, _HELD] = 1.0
+            for slot in measurements.all_held:
+                if slot >= 0:
+                    rows[slot, _HELD] = 1.0
         if self._shows_goal:
             goal = flat[self._slices["goal"]]
             goal[_GOAL["tcp_to_target"]] = poses[1 + target, :3] - poses[0, :3]
@@ -157,10 +158,13 @@ def _robot_entry(world: World, frame: BaseFrame) -> list[float]:
     return [x, y, frame.sine, frame.cosine, *joints, ahead, left, *rates]
 
 
-def _gripper_entry(world: World) -> tuple[float, float]:
-    """[m] between the pads: as it is, and as commanded."""
-    right, left = world.data.qpos[world.index.finger_qpos].tolist()
-    return right + left + world.robot.finger_gap_closed, world.robot.opening(world.controller.state.finger)
+def _gripper_entry(world: World) -> list[float]:
+    """[m] between the pads of each gripper: as it is, then as commanded."""
+    fingers = world.data.qpos[world.index.finger_qpos].tolist()
+    widths = [
+        right + left + world.robot.finger_gap_closed for right, left in zip(fingers[::2], fingers[1::2], strict=True)
+    ]
+    return [*widths, *map(world.robot.opening, world.controller.state.fingers)]
 
 
 def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None:

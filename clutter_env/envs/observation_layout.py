@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.acting_joints import ActingJoints
 from assets.robots import FETCH, RobotSpec
 
 __all__ = ["OBJECT_FIELDS", "OBSERVATION_LAYOUT", "Column", "EntryLayout", "entry_slices", "observation_layout"]
@@ -75,8 +76,13 @@ class EntryLayout(Mapping[str, slice]):
 
 
 def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
-    """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot."""
-    arm = [link.joint.removesuffix("_joint") for link in robot.chain[1:]]
+    """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
+
+    Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
+    """
+    acting = ActingJoints.of(robot)
+    arm = [joint.removesuffix("_joint") for joint in acting.names[len(robot.base_joints) + 1 :]]
+    others = [f"{name}_" for name in acting.arms[1:]]
     metres = ("m", POSITION_BOUND)
     quaternion = [Column(f"q{axis}", "", 1.0) for axis in "wxyz"]
     entries = {
@@ -94,7 +100,10 @@ def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
             "arm_velocity": [Column(f"{joint}_velocity", "rad/s", VELOCITY_BOUND) for joint in arm],
         },
         "tcp": {"position": [Column(axis, *metres) for axis in "xyz"], "quaternion": quaternion},
-        "gripper": {"width": [Column("width", "m", 1.0)], "commanded_width": [Column("commanded_width", "m", 1.0)]},
+        "gripper": {
+            "width": [Column(f"{arm}width", "m", 1.0) for arm in ("", *others)],
+            "commanded_width": [Column(f"{arm}commanded_width", "m", 1.0) for arm in ("", *others)],
+        },
         "objects": {
             "present": [Column("present", "", 1.0)],
             "is_target": [Column("is_target", "", 1.0)],

@@ -11,6 +11,7 @@ from typing import Protocol, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from assets.acting_joints import ActingJoints
 from assets.robots import RobotSpec
 from clutter_env.errors import ActionError
 from clutter_env.simulation.control import ControlState, JointController, real_array
@@ -40,20 +41,21 @@ class ActionMode(Protocol):
 
 
 class JointActions:
-    """ "joint": base forward, left, yaw rate, torso and arm joint rates, each a share of the maximum, and gripper."""
+    """ "joint": base forward, left, yaw rate, torso and arm joint rates, each a share of the maximum, and grippers."""
 
     wanted_tcp: list[float] | None = None
 
     def __init__(self, robot: RobotSpec) -> None:
-        self._max_velocity = np.array(robot.max_velocity)
-        self.size = len(self._max_velocity) + 1
+        acting = ActingJoints.of(robot)
+        self._max_velocity = np.array(acting.velocity)
+        self.size = len(self._max_velocity) + acting.num_grippers
 
     def reset(self, state: ControlState) -> None:
         """Nothing to remember."""
 
     def joint_velocity(self, action: Vector, state: ControlState) -> Vector:  # noqa: ARG002  the protocol's signature
-        """Wanted joint velocities (4 + n,) of a checked action (5 + n,)."""
-        velocity: Vector = action[:-1] * self._max_velocity
+        """Wanted joint velocities (4 + n,) of a checked action (5 + n,), more with several arms."""
+        velocity: Vector = action[: len(self._max_velocity)] * self._max_velocity
         return velocity
 
 

@@ -7,12 +7,14 @@ position servos with a velocity reference) follow it. An action sets the velocit
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from assets.acting_joints import ActingJoints
 from assets.robots import RobotSpec
 from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
 from clutter_env.errors import ActionError
@@ -44,12 +46,19 @@ Vector = NDArray[np.float64]
 class ControlState:
     """The state of the controller between two control steps.
 
-    `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `finger` [m].
+    `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `finger` [m]. Of
+    a robot that acts with several arms the joints and fingers of the others follow: `other_fingers` [m].
     """
 
     target: Vector
     velocity: Vector
     finger: float
+    other_fingers: tuple[float, ...] = ()
+
+    @property
+    def fingers(self) -> tuple[float, ...]:
+        """[m] of each gripper, that of the active arm first."""
+        return self.finger, *self.other_fingers
 
 
 def real_array(value: object) -> Vector | None:
@@ -84,24 +93,26 @@ class JointController:
     """ "joint" control: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, finger position.
 
     A full action is the joint's maximum velocity. The last number is the opening: -1 closed, 1 open; the fingers move
-    there at their own speed.
+    there at their own speed. Of a robot that acts with several arms the joint rates of the others come after those of
+    the active one, and the openings of all grippers last.
     """
 
     def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
         self._index = index
         self._robot = robot
-        arm = len(robot.chain) - 1
-        self._max_velocity = np.array(robot.max_velocity)
+        acting = ActingJoints.of(robot)
+        self.num_grippers = acting.num_grippers
+        arm = len(acting.lower) - 1
+        self._max_velocity = np.array(acting.velocity)
         self._loaded_velocity = self._max_velocity.copy()
         self._loaded_velocity[2] = min(self._max_velocity[2], robot.max_loaded_yaw_rate)
         self._range = -self._max_velocity, self._max_velocity
         self._loaded_range = -self._loaded_velocity, self._loaded_velocity
-        self._max_change = np.array(robot.max_acceleration) * CONTROL_STEP
-        chain = robot.chain
-        self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *(link.lower for link in chain)])
-        self._upper = np.array([BASE_RANGE, BASE_RANGE, math.inf, *(link.upper for link in chain)])
+        self._max_change = np.array(acting.acceleration) * CONTROL_STEP
+        self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *acting.lower])
+        self._upper = np.array([BASE_RANGE, BASE_RANGE, math.inf, *acting.upper])
         self._lead = np.array([_BASE_LEAD] * 2 + [_ARM_LEAD] + [_TORSO_LEAD] + [_ARM_LEAD] * arm)
-        self._feedforward = np.array(robot.velocity_feedforward(model))
+        self._feedforward = np.array(robot.velocity_feedforward(model, acting.names))
         self._still_command = np.zeros(model.nu)
         self._still_command[index.still_actuators] = robot.still_configuration
         self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
@@ -109,14 +120,16 @@ class JointController:
     @property
     def size(self) -> int:
         """Numbers in an action."""
-        return len(self._max_velocity) + 1
+        return len(self._max_velocity) + self.num_grippers
 
     def reset(self, data: mujoco.MjData) -> None:
         """Take the present configuration as the target, at rest."""
+        finger, *others = (sum(pair) / 2 for pair in data.qpos[self._index.finger_qpos].reshape(-1, 2).tolist())
         self.state = ControlState(
             target=data.qpos[self._index.drive_qpos].copy(),
             velocity=np.zeros_like(self._max_velocity),
-            finger=sum(data.qpos[self._index.finger_qpos].tolist()) / 2,
+            finger=finger,
+            other_fingers=tuple(others),
         )
         data.ctrl[:] = self._position_command()
 
@@ -125,7 +138,7 @@ class JointController:
         return (self._loaded_velocity if is_loaded else self._max_velocity).copy()
 
     def follow(
-        self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grip: float, is_loaded: bool
+        self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool
     ) -> None:
         """Advance the physics by one control step; the target moves at `velocity` as far as the limits allow.
 
@@ -133,12 +146,12 @@ class JointController:
             model: the model.
             data: its data, stepped `PHYSICS_STEPS` times.
             velocity: (4 + n,) wanted, base x and y in the base's frame.
-            grip: wanted finger position, -1 closed to 1 open.
+            grips: wanted finger position of each gripper, -1 closed to 1 open.
             is_loaded: whether something is held.
         """
         before = self._position_command()
         self._advance_target(data, velocity, is_loaded)
-        self._advance_finger(grip)
+        self._advance_fingers(grips)
         after = self._position_command()
         commands = before + _SHARES * (after - before)
         commands += self._reference(self.state.velocity)
@@ -147,7 +160,7 @@ class JointController:
             ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
 
-    def action_towards(self, q_target: ArrayLike, gripper_width: float, is_loaded: bool) -> Vector:
+    def action_towards(self, q_target: ArrayLike, gripper_width: ArrayLike, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
         If the limits do not allow that in one step, the action approaches it and leaves room to brake; a fixed goal may
@@ -158,7 +171,9 @@ class JointController:
         """
         goal = _checked_vector("q_target", q_target, len(self._max_velocity))
         velocity = self.velocity_towards(goal, is_loaded)
-        return np.append(np.clip(velocity / self._max_velocity, -1.0, 1.0), self.grip_action(gripper_width))
+        widths = _checked_vector("gripper_width", np.atleast_1d(gripper_width), self.num_grippers)
+        grips = [self.grip_action(width) for width in widths.tolist()]
+        return np.append(np.clip(velocity / self._max_velocity, -1.0, 1.0), grips)
 
     def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
         """Velocity (4 + n,) for one step towards the whole-body configuration `goal`, base part in the base's frame."""
@@ -199,18 +214,21 @@ class JointController:
         if bounded.tolist() != target.tolist():
             moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
             allowed = np.where(bounded == target, allowed, moved)
-        self.state = ControlState(target=bounded, velocity=allowed, finger=state.finger)
+        self.state = replace(state, target=bounded, velocity=allowed)
 
-    def _advance_finger(self, grip: float) -> None:
-        wanted = (grip + 1) / 2 * self._robot.max_finger_position
+    def _advance_fingers(self, grips: Sequence[float]) -> None:
         step = self._robot.max_finger_velocity * CONTROL_STEP
-        self.state.finger += min(max(wanted - self.state.finger, -step), step)
+        moved = []
+        for grip, finger in zip(grips, self.state.fingers, strict=True):
+            wanted = (grip + 1) / 2 * self._robot.max_finger_position
+            moved.append(finger + min(max(wanted - finger, -step), step))
+        self.state.finger, self.state.other_fingers = moved[0], tuple(moved[1:])
 
     def _position_command(self) -> Vector:
         """Motor commands (nu,) of the present targets at rest."""
         command = self._still_command.copy()
         command[self._index.drive_actuators] = self.state.target
-        command[self._index.finger_actuators] = self.state.finger
+        command[self._index.finger_actuators] = np.repeat(self.state.fingers, 2)
         return command
 
     def _reference(self, velocity: Vector) -> Vector:

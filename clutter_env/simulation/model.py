@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.acting_joints import ActingJoints
 from assets.robots import RobotSpec
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
@@ -60,7 +61,8 @@ class ModelIndex:
     drive_actuators: NDArray[np.intp]
     finger_qpos: NDArray[np.intp]
     finger_actuators: NDArray[np.intp]
-    finger_geoms: tuple[int, int]
+    finger_geoms: tuple[tuple[int, int], ...]
+    """The pads of each gripper."""
     finger_couplings: NDArray[np.intp]
     """The equality constraints that make the fingers move alike."""
     still_qpos: NDArray[np.intp]
@@ -86,17 +88,19 @@ class ModelIndex:
             return _frozen([model.actuator(name).id for name in joints])
 
         first = model.body(object_name(0)).id if num_objects else model.nbody
-        fingers = [model.joint(name).id for name in robot.finger_joints]
+        acting = ActingJoints.of(robot)
+        finger_joints = tuple(name for pair in acting.finger_joints for name in pair)
+        fingers = [model.joint(name).id for name in finger_joints]
         is_joint = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
         return cls(
             base_body=model.body(robot.base_body).id,
             tcp_site=model.site(robot.tcp_site).id,
-            drive_qpos=qpos(robot.drive_joints),
-            drive_dof=_frozen([model.joint(name).dofadr[0] for name in robot.drive_joints]),
-            drive_actuators=actuators(robot.drive_joints),
-            finger_qpos=qpos(robot.finger_joints),
-            finger_actuators=actuators(robot.finger_joints),
-            finger_geoms=(model.geom(robot.finger_geoms[0]).id, model.geom(robot.finger_geoms[1]).id),
+            drive_qpos=qpos(acting.names),
+            drive_dof=_frozen([model.joint(name).dofadr[0] for name in acting.names]),
+            drive_actuators=actuators(acting.names),
+            finger_qpos=qpos(finger_joints),
+            finger_actuators=actuators(finger_joints),
+            finger_geoms=tuple((model.geom(one).id, model.geom(other).id) for one, other in acting.finger_geoms),
             finger_couplings=_frozen(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
             still_qpos=qpos(robot.still_joints),
             still_actuators=actuators(robot.still_joints),

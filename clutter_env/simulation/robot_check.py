@@ -31,7 +31,8 @@ def check_robot(robot: RobotSpec) -> None:
     model = _load(robot)
     _check_names(robot, model)
     _check_base(robot, model)
-    _check_chain(robot, model)
+    for arm in robot.acting_arms:
+        _check_chain(robot.using(arm) if arm else robot, model)
 
 
 def _load(robot: RobotSpec) -> mujoco.MjModel:

@@ -21,7 +21,7 @@ from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import Fields
 
-__all__ = ["MEMORY", "SavedState", "check_generator", "pack", "unpack"]
+__all__ = ["MEMORY", "SEVERAL_ARMS", "SavedState", "check_generator", "pack", "unpack"]
 
 _MAGIC = b"clutter-env state 1\n"
 _MOST_BYTES = 2**24
@@ -29,6 +29,8 @@ _MOST_BYTES = 2**24
 _PARTS = ("kind", "scene", "physics", "memory")
 MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
 """What the task, the judge, the controller and the environment remember besides the physics."""
+SEVERAL_ARMS = ("other_held", "other_fingers")
+"""And of a robot that acts with several arms."""
 
 _LARGEST_HALF_EXTENT = 1.0
 """[m]"""
@@ -73,7 +75,8 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
     for name, value in kind.items():
         if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
             raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
-    Fields(content["memory"], "memory", MEMORY)
+    several = [name for name in SEVERAL_ARMS if isinstance(content["memory"], dict) and name in content["memory"]]
+    Fields(content["memory"], "memory", (*MEMORY, *several))
     scene = _read_scene(content["scene"], kind["num_objects"])
     return SavedState(kind, scene, content["physics"], content["memory"])
 

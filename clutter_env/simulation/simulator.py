@@ -16,7 +16,7 @@ from clutter_env.simulation.action_modes import EndEffectorActions, action_mode
 from clutter_env.simulation.control import ControlState, checked_action
 from clutter_env.simulation.physics_state import PhysicsState, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import MEMORY, SavedState
+from clutter_env.simulation.saved_state import MEMORY, SEVERAL_ARMS, SavedState
 from clutter_env.simulation.state_fields import Fields, check_quaternions
 from clutter_env.simulation.world import Measurements, World
 
@@ -34,6 +34,7 @@ class CheckedState:
     wanted_tcp: list[float] | None
     held: int
     is_touching: bool
+    other_held: tuple[int, ...]
 
 
 class Simulator:
@@ -81,9 +82,14 @@ class Simulator:
         checked = checked_action(action, self.action_mode.size)
         self.check_started("step()")
         velocity = self.action_mode.joint_velocity(checked, self.world.controller.state)
-        self.measurements = self.world.advance(self.measurements, velocity, float(checked[-1]))
+        self.measurements = self.world.advance(self.measurements, velocity, self._grips(checked))
 
-    def joint_action(self, q_target: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
+    def _grips(self, action: NDArray[np.float64]) -> list[float]:
+        """The last numbers of an action: the opening of each gripper."""
+        grips: list[float] = action[-self.world.controller.num_grippers :].tolist()
+        return grips
+
+    def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The "joint" action towards a whole-body configuration; see `JointController.action_towards`.
 
         Raises:
@@ -109,7 +115,9 @@ class Simulator:
     def memory(self) -> dict[str, Any]:
         """What controller and measurements remember besides the physics, as JSON values."""
         control = self.world.controller.state
+        several = {"other_held": self.measurements.other_held, "other_fingers": control.other_fingers}
         return {
+            **(several if control.other_fingers else {}),
             "held": self.measurements.held,
             "is_touching": self.measurements.is_touching,
             "target": control.target.tolist(),
@@ -125,18 +133,23 @@ class Simulator:
             StateError: an entry is missing, of the wrong type or size, out of range, or does not agree with another.
         """
         world = self._world_for(saved.scene)
-        memory = Fields(saved.memory, "memory", MEMORY)
+        others = world.controller.num_grippers - 1
+        memory = Fields(saved.memory, "memory", (*MEMORY, *(SEVERAL_ARMS if others else ())))
         size = len(world.controller.state.target)
         return CheckedState(
             world=world,
             scene=saved.scene,
             physics=read_physics(world, saved.physics),
             control=ControlState(
-                memory.numbers("target", (size,)), memory.numbers("velocity", (size,)), memory.number("finger")
+                memory.numbers("target", (size,)),
+                memory.numbers("velocity", (size,)),
+                memory.number("finger"),
+                tuple(memory.numbers("other_fingers", (others,)).tolist()) if others else (),
             ),
             wanted_tcp=self._checked_tcp(memory),
             held=memory.integer("held", -1, saved.scene.num_objects - 1),
             is_touching=memory.flag("is_touching"),
+            other_held=_slots(memory, others, saved.scene.num_objects),
         )
 
     def restore(self, state: CheckedState) -> None:
@@ -149,7 +162,7 @@ class Simulator:
         self.world = state.world
         self.world.controller.state = state.control
         self.action_mode.wanted_tcp = state.wanted_tcp
-        self.measurements = self.world.measure_objects(state.held, state.is_touching)
+        self.measurements = self.world.measure_objects(state.held, state.is_touching, state.other_held)
         self.has_started = True
 
     def check_started(self, call: str) -> None:
@@ -159,7 +172,7 @@ class Simulator:
 
     @property
     def _is_loaded(self) -> bool:
-        return self.measurements.held >= 0
+        return self.measurements.is_holding
 
     def _make_world(self, shapes: tuple[str, ...]) -> World:
         return World(self._robot, self._layout, shapes, self._image_size, self._show_meshes)
@@ -180,3 +193,8 @@ class Simulator:
         pose = memory.numbers("wanted_tcp", (7,))
         check_quaternions("memory wanted_tcp", pose[:4])
         return pose.tolist()
+
+
+def _slots(memory: Fields, grippers: int, num_objects: int) -> tuple[int, ...]:
+    """What the other grippers hold."""
+    return tuple(memory.integers("other_held", grippers, -1, num_objects - 1).tolist()) if grippers else ()

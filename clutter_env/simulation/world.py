@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.acting_joints import ActingJoints
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 from clutter_env.scene.table_scene import TableScene, object_name
@@ -36,7 +38,8 @@ class Measurements:
     """What observation, reward and success are computed from, after a control step.
 
     `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
-    top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything.
+    top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything. Of a robot that acts
+    with several arms, `other_held` are the slots in the other grippers; `held` is that of the active one.
     """
 
     poses: NDArray[np.float64]
@@ -44,6 +47,17 @@ class Measurements:
     is_off: NDArray[np.bool_]
     held: int
     is_touching: bool
+    other_held: tuple[int, ...] = ()
+
+    @property
+    def all_held(self) -> tuple[int, ...]:
+        """The slot in each gripper, -1 for none, that of the active arm first."""
+        return self.held, *self.other_held
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether some gripper holds something."""
+        return self.held >= 0 or any(slot >= 0 for slot in self.other_held)
 
 
 class World:
@@ -90,13 +104,16 @@ class World:
         self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
-        data.qpos[index.drive_qpos] = (*scene.base, *(self.robot.home if configuration is None else configuration))
-        data.qpos[index.finger_qpos] = self.robot.max_finger_position
+        start = self.robot.home if configuration is None else configuration
+        data.qpos[index.drive_qpos] = (*scene.base, *start, *ActingJoints.of(self.robot).home[len(start) :])
+        data.qpos[index.finger_qpos[:2]] = self.robot.max_finger_position
         data.qpos[index.still_qpos] = self.robot.still_configuration
         self.controller.reset(data)
         mujoco.mj_forward(model, data)
 
-    def advance(self, measurements: Measurements, velocity: NDArray[np.float64], grip: float) -> Measurements:
+    def advance(
+        self, measurements: Measurements, velocity: NDArray[np.float64], grips: Sequence[float]
+    ) -> Measurements:
         """One control step; see `JointController.follow`.
 
         The fingers are coupled while they touch something. Free fingers move alike without it, and a physics step
@@ -105,10 +122,10 @@ class World:
         Args:
             measurements: what was measured before the step.
             velocity: (4 + n,) wanted joint velocities, base x and y in the base's frame.
-            grip: wanted finger position, -1 closed to 1 open.
+            grips: wanted finger position of each gripper, -1 closed to 1 open.
         """
         self.data.eq_active[self.index.finger_couplings] = measurements.is_touching
-        self.controller.follow(self.model, self.data, velocity, grip, is_loaded=measurements.held >= 0)
+        self.controller.follow(self.model, self.data, velocity, grips, is_loaded=measurements.is_holding)
         self.settle_kinematics()
         return self.measure()
 
@@ -120,7 +137,7 @@ class World:
         """The present state of the objects."""
         return self.measure_objects(*self._grip())
 
-    def measure_objects(self, held: int, is_touching: bool) -> Measurements:
+    def measure_objects(self, held: int, is_touching: bool, other_held: tuple[int, ...] = ()) -> Measurements:
         """The present state of the objects, where it is known what the fingers hold and touch.
 
         It is the same object as the last time if nothing has changed, as in most steps while all objects sleep.
@@ -128,15 +145,17 @@ class World:
         content = self.data.qpos[self.index.object_qpos].tobytes()
         if self._last is not None:
             before, last = self._last
-            if content == before and held == last.held and is_touching == last.is_touching:
+            is_same_grip = held == last.held and is_touching == last.is_touching and other_held == last.other_held
+            if content == before and is_same_grip:
                 return last
         poses = np.frombuffer(content).reshape(-1, 7)
         is_off = poses[:, 2] < FALLEN_BELOW
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
-        if held >= 0:
-            is_fallen[held] = False
-        measurements = Measurements(poses, is_fallen, is_off, held, is_touching)
+        for slot in (held, *other_held):
+            if slot >= 0:
+                is_fallen[slot] = False
+        measurements = Measurements(poses, is_fallen, is_off, held, is_touching, other_held)
         self._last = content, measurements
         return measurements
 
@@ -152,16 +171,17 @@ class World:
             side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
         return height - side - half_z * abs(down_z)
 
-    def _grip(self) -> tuple[int, bool]:
-        """The object that both fingers touch, -1 without one; and whether a finger touches anything."""
+    def _grip(self) -> tuple[int, bool, tuple[int, ...]]:
+        """The object that both fingers touch, -1 for none; whether a finger touches anything; the others' objects."""
+        grippers = self.index.finger_geoms
         if not self.data.ncon:
-            return -1, False
-        right_pad, left_pad = self.index.finger_geoms
-        slot_of, right, left = self._slot_of_geom, set(), set()
-        for one, other in self.data.contact.geom.tolist():
-            if right_pad in (one, other):
-                right.add(max(slot_of[one], slot_of[other]))
-            if left_pad in (one, other):
-                left.add(max(slot_of[one], slot_of[other]))
-        both = [slot for slot in right & left if slot >= 0]
-        return min(both, default=-1), bool(right or left)
+            return -1, False, (-1,) * (len(grippers) - 1)
+        contacts = self.data.contact.geom.tolist()
+        touched = [[self._touched(contacts, pad) for pad in pads] for pads in grippers]
+        held, *others = (min((slot for slot in right & left if slot >= 0), default=-1) for right, left in touched)
+        return held, any(right or left for right, left in touched), tuple(others)
+
+    def _touched(self, contacts: list[list[int]], pad: int) -> set[int]:
+        """The slots of what a pad touches, -1 for what is no object."""
+        slot_of = self._slot_of_geom
+        return {max(slot_of[one], slot_of[other]) for one, other in contacts if pad in (one, other)}
