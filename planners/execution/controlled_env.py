@@ -78,12 +78,13 @@ class ControlledEnv(Protocol):
         """[m] between the support that the target stood on and its lowest point, from which it counts as lifted."""
         ...
 
-    def joint_action(self, q_target: Array, gripper_width: float) -> Array:
+    def joint_action(self, q_target: Array, gripper_width: float | Array) -> Array:
         """The action that moves the robot to a whole-body configuration.
 
         Args:
-            q_target: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad].
-            gripper_width: [m] between the finger pads.
+            q_target: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad]; then the other arms of a robot that acts
+                with several, in the order of `robot.acting_arms`.
+            gripper_width: [m] between the finger pads; one number for each arm of such a robot.
         """
         ...
 

@@ -14,13 +14,13 @@ from planners.execution.contact import StepLabel, contacts
 from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
-from planners.execution.holding import height_below, held_object
+from planners.execution.holding import ArmTargets, height_below, held_object
 from planners.execution.monitor import Sensor
 from planners.execution.recorder import Recorder
 from planners.execution.report import EpisodeReport
 from planners.execution.scene_planner import ScenePlanner, checked_outcome, floor_of_scene, warm_up
 from planners.motion.arm import tcp_pose, unwrap_joints
-from planners.scene import RobotState, Scene, SceneError
+from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
 from planners.strategies import Strategy
 from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
@@ -68,16 +68,22 @@ class Episode:
         self.solution: Solution | Infeasible | None = None
         self._data = env.data
         self._started = self._now = float(env.data.time)
-        self._sensor = Sensor(env.model, env.data, env.robot, env.object_names)
+        self._robots = {
+            arm: env.robot if arm == env.robot.arm_name else env.robot.using(arm) for arm in env.robot.acting_arms
+        }
+        self._sensors = {
+            arm: Sensor(env.model, env.data, robot, env.object_names) for arm, robot in self._robots.items()
+        }
         self._report = EpisodeReport()
         self._recorder = Recorder(env, target)
         self._executor: Executor | None = None
         self._wait = 0
         scene = self._read_scene()
         self._stood_at = height_below(scene, scene.body(target))
-        state = scene.state
+        state, arm = scene.state, scene.robot.arm_name
         opening = env.robot.opening(state.finger_position)
-        self._last = Command(self._sensor.read().drive, opening)
+        self._last = Command(self._sensors[arm].read().drive, opening, arm)
+        self._targets = ArmTargets(env.robot, self._last)
         if config.with_floor:
             before = time.process_time()
             floor = floor_of_scene(planner, scene, target)
@@ -131,7 +137,7 @@ class Episode:
         self._check_time()
         executor = self._executor
         if executor is not None:
-            step = executor.advance(self._sensor.read())
+            step = executor.advance(self._sensors[executor.arm].read())
             self._recorder.step(executor.action, executor.phase)
             if step.outcome is not Outcome.RUNNING:
                 self._conclude(step)
@@ -154,29 +160,35 @@ class Episode:
         return float(self._env.data.time) - self._started
 
     def _read_scene(self) -> Scene:
-        """A snapshot; a robot near its home configuration is taken to be exactly in it."""
-        scene, robot = self._measure(self._held()), self._env.robot
-        home = unwrap_joints(robot_arrays(robot), scene.state.q, np.array(robot.home))
+        """A snapshot with the arm active that is away from home; one near its home is taken to be exactly in it."""
+        scenes = [self._near_home(self._measure(arm, self._held(arm))) for arm in self._robots]
+        scene = max(scenes, key=lambda one: (not _is_at_home(one), one.held is not None))
+        others = [one for one in scenes if one is not scene]
+        if away := [one.robot.arm_name for one in others if not _is_at_home(one)]:
+            raise SceneError(f"the arms {scene.robot.arm_name} and {', '.join(away)} are both away from home")
+        held = [AsideObject(one.robot.arm_name, one.held) for one in others if one.held is not None]
+        parked = [ParkedArm(one.robot.arm_name, one.state.q[1:]) for one in others]
+        return replace(scene, aside=tuple(held), parked=tuple(parked))
+
+    def _near_home(self, scene: Scene) -> Scene:
+        home = unwrap_joints(robot_arrays(scene.robot), scene.state.q, np.array(scene.robot.home))
         if np.abs(scene.state.q - home).max() > _NEAR_HOME:
             home = scene.state.q
         return scene.with_state(RobotState(scene.state.base, home, scene.state.finger_position))
 
-    def _measure(self, held: str = "") -> Scene:
-        """The scene as it is now, with this object in the gripper."""
-        env = self._env
-        return Scene.from_mujoco(
-            env.model, env.data, env.robot, held, movable=env.object_names, support=env.support_name
-        )
+    def _measure(self, arm: str = "", held: str = "") -> Scene:
+        """The scene as it is now, with an arm active and this object in its gripper."""
+        env, robot = self._env, self._robots.get(arm, self._env.robot)
+        return Scene.from_mujoco(env.model, env.data, robot, held, movable=env.object_names, support=env.support_name)
 
-    def _held(self) -> str:
-        """The object that the gripper holds; "" for none."""
-        return held_object(self._measure())
+    def _held(self, arm: str) -> str:
+        """The object that an arm's gripper holds; "" for none."""
+        return held_object(self._measure(arm))
 
     def _is_retrieved(self) -> bool:
         """Whether the target is held, high enough above the support that it stood on for success."""
-        scene = self._measure()
-        height = scene.body(self.target).bottom - self._stood_at
-        return held_object(scene) == self.target and height > self._env.lift_height
+        height = self._measure().body(self.target).bottom - self._stood_at
+        return height > self._env.lift_height and self.target in map(self._held, self._robots)
 
     def _plan(self, scene: Scene) -> None:
         """Solve and begin to execute, or end the episode with the reason for failure."""
@@ -198,10 +210,10 @@ class Episode:
         if not solution.actions:
             self._hold()
             return
-        now, by_tcp = self._sensor.read(), self._env.control_mode == "ee"
+        sensor, by_tcp = self._sensors[solution.actions[0].scene.robot.arm_name], self._env.control_mode == "ee"
         at_start = _AT_START if self._report.replans else 0
         self._executor = Executor(
-            solution.actions, self._env.robot, self._sensor.names, now, self._config.monitor, by_tcp, at_start
+            solution.actions, self._env.robot, sensor.names, sensor.read(), self._config.monitor, by_tcp, at_start
         )
 
     def _conclude(self, step: Step) -> None:
@@ -232,7 +244,16 @@ class Episode:
             self._note("target not held")
             if not self._may_replan("the target was not held at the end of the plan"):
                 return
-        self._plan(self._read_scene())
+        self._replan()
+
+    def _replan(self) -> None:
+        """Plan from how things are now, if arms and objects are where a plan can begin."""
+        try:
+            scene = self._read_scene()
+        except SceneError as error:
+            self._end(f"the scene is not valid for planning: {error}")
+            return
+        self._plan(scene)
 
     def _note(self, deviation: str) -> None:
         self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
@@ -255,9 +276,15 @@ class Episode:
         """The environment's action for a command, in its own control mode."""
         self._last = command
         if self._env.control_mode == "joint":
-            return np.asarray(self._env.joint_action(command.drive, command.opening))
+            return np.asarray(self._env.joint_action(*self._targets.of(command)))
         state = RobotState(command.drive[:3], command.drive[3:], 0.0)
         return np.asarray(self._env.ee_action(command.drive[:3], tcp_pose(self._env.robot, state), command.opening))
+
+
+def _is_at_home(scene: Scene) -> bool:
+    """Whether the active arm is in its home configuration, but for whole turns."""
+    home = unwrap_joints(robot_arrays(scene.robot), scene.state.q, np.array(scene.robot.home))
+    return np.array_equal(scene.state.q, home)
 
 
 def _steps(seconds: float) -> int:

@@ -24,7 +24,7 @@ from planners.execution.monitor import (
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
-from planners.scene import HeldObject, RobotState
+from planners.scene import HeldObject, RobotState, Scene
 from planners.tamp.solution import BoundAction
 
 __all__ = ["CONTROL_STEP", "Command", "Executor", "Outcome", "Step"]
@@ -50,10 +50,11 @@ class Outcome(Enum):
 
 
 class Command(NamedTuple):
-    """Set points of one control step: whole-body configuration (11,) [m, rad] and gripper opening [m]."""
+    """Set points of one control step: whole-body configuration (11,) [m, rad], gripper opening [m], the arm's name."""
 
     drive: Array
     opening: float
+    arm: str = ""
 
 
 class Step(NamedTuple):
@@ -91,7 +92,7 @@ class Executor:
             actions: the plan.
             robot: the robot that executes it.
             names: of the objects, in the order of the snapshots.
-            start: the present state of the world.
+            start: the present state of the world; snapshots are of the arm that `arm` names.
             config: tolerances of the monitor.
             by_tcp: the robot is commanded by TCP poses and its controller chooses the joint angles. Then the executor
                 waits until the TCP arrives, and does not compare joint angles with the plan.
@@ -120,6 +121,16 @@ class Executor:
             return ""
         action = self._actions[self._action]
         return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm that moves now, and that was commanded last."""
+        return self._scene.robot.arm_name
+
+    @property
+    def _scene(self) -> Scene:
+        """The world as planned at the start of the present action."""
+        return self._actions[min(self._action, len(self._actions) - 1)].scene
 
     @property
     def action(self) -> int:
@@ -191,7 +202,7 @@ class Executor:
         if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
             self._waited = 0
             return False
-        wanted = tcp_pose(self._robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
+        wanted = tcp_pose(self._scene.robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
         behind = is_behind(wanted, now.T_world_tcp, PRECISE if self._is_near_contact() else ON_THE_WAY)
         self._waited = self._waited + 1 if behind else 0
         return behind
@@ -225,7 +236,7 @@ class Executor:
             is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held
             if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
                 opening = self._robot.max_opening
-        self._last = Command(drive, opening)
+        self._last = Command(drive, opening, self.arm)
         return self._last
 
     def _compare(self, now: Snapshot) -> Deviation | None:
@@ -233,7 +244,8 @@ class Executor:
         action = self._actions[self._action]
         phase = action.trajectory.phase(self._time)
         held, deviation = phase.held, self._check_grip(now, phase.touched if phase.held else None)
-        ignore = held or (action.target if action.name != "MoveBase" else "")
+        touched = held or (action.target if action.name != "MoveBase" else "")
+        ignore = {touched, *(one.held.name for one in action.scene.aside)} - {""}
         deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
         if deviation is None and self._last is not None:
             expected = now.drive.copy() if self._by_tcp else self._last.drive.copy()

@@ -1,14 +1,16 @@
-"""Which object the gripper holds, and from where it was lifted, from where things are."""
+"""What the arms command and hold: which object is in which gripper, and from where it was lifted."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
+from planners.execution.executor import Command
 from planners.motion.arm import tcp_pose
 from planners.scene import Body, Scene
 
-__all__ = ["height_below", "held_object"]
+__all__ = ["ArmTargets", "height_below", "held_object"]
 
 Array = NDArray[np.float64]
 
@@ -20,6 +22,34 @@ _BETWEEN_PADS = 0.01
 """[m] wider than the object the fingers may be: they touch it, or are about to."""
 _REACH = 0.02
 """[m] that the TCP may be outside the object: it is gripped at its edge."""
+
+
+class ArmTargets:
+    """What a robot's arms are told: the one that moves follows its plan, the others stay, their grippers closed."""
+
+    def __init__(self, robot: RobotSpec, command: Command) -> None:
+        """Begin with all arms but one at home.
+
+        Args:
+            robot: as the environment has it.
+            command: the present configuration of one arm, and the opening of its gripper.
+        """
+        self._robot = robot
+        self._joints = {arm.name: np.array(arm.home) for arm in robot.arms}
+        self.follow(command)
+
+    def follow(self, command: Command) -> None:
+        """Remember the joints of the arm that is commanded."""
+        self._joints[command.arm] = command.drive[4:]
+
+    def of(self, command: Command) -> tuple[Array, float | Array]:
+        """Whole-body configuration and widths [m] of the grippers, as `ControlledEnv.joint_action` takes them."""
+        self.follow(command)
+        if not self._robot.acts_with_all_arms:
+            return command.drive, command.opening
+        arms = self._robot.acting_arms
+        widths = [command.opening if arm == command.arm else self._robot.opening(0.0) for arm in arms]
+        return np.concatenate((command.drive[:4], *(self._joints[arm] for arm in arms))), np.array(widths)
 
 
 def held_object(scene: Scene) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import NamedTuple
@@ -125,14 +125,14 @@ class Sensor:
 
 
 def object_moved(
-    expected: Snapshot, now: Snapshot, names: tuple[str, ...], config: MonitorConfig, ignore: str = ""
+    expected: Snapshot, now: Snapshot, names: tuple[str, ...], config: MonitorConfig, ignore: Collection[str] = ()
 ) -> Deviation | None:
     """An object that has toppled, or the object that has moved farthest from where the plan left it, if too far."""
     away = np.linalg.norm(now.positions - expected.positions, axis=1)
     toppled = (expected.uprightness > np.cos(config.tilt)) & (now.uprightness < np.cos(config.tilt))
-    if ignore:
-        away[names.index(ignore)] = 0.0
-        toppled[names.index(ignore)] = False
+    for name in ignore:
+        away[names.index(name)] = 0.0
+        toppled[names.index(name)] = False
     if toppled.any():
         return Deviation(DeviationKind.TOPPLED, names[int(toppled.argmax())])
     if away.size and away.max() > config.displacement:

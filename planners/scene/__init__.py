@@ -1,6 +1,6 @@
 """The world as the planner sees it: `Scene`, what it is made of, object masks, and how it is read from MuJoCo."""
 
-from planners.scene.bodies import AsideObject, Body, HeldObject, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
 from planners.scene.scene import SUPPORT, Scene
 from planners.scene.static_obstacle import StaticObstacle
@@ -13,6 +13,7 @@ __all__ = [
     "AsideObject",
     "Body",
     "HeldObject",
+    "ParkedArm",
     "RobotState",
     "Scene",
     "SceneError",

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["AsideObject", "Body", "HeldObject", "RobotState", "SceneError", "UnknownObject", "frozen"]
+__all__ = ["AsideObject", "Body", "HeldObject", "ParkedArm", "RobotState", "SceneError", "UnknownObject", "frozen"]
 
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
@@ -185,3 +185,14 @@ class AsideObject:
 
     arm: str
     held: HeldObject
+
+
+@dataclass(frozen=True, eq=False)
+class ParkedArm:
+    """An arm that was active before: its name, and where it was left, `q` (n,) [rad]: at home but for whole turns."""
+
+    arm: str
+    q: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", frozen(self.q, (len(self.q),), "q"))

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import AsideObject, Body, HeldObject, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS
 from planners.scene.mujoco_obstacles import IsObstacle, declared_supports, find_supports, static_obstacles_of
 from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name, robot_state_of
@@ -37,6 +37,7 @@ class Scene:
         held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever finger
             position `state` was given with.
         aside: objects that idle arms hold in their home configuration, by arm; they move with the robot.
+        parked: where arms that were active before were left; the others are at home.
         supports: names of the static obstacles on whose level top faces objects may be put; objects stand on the first,
             R_plane of the paper.
 
@@ -52,6 +53,7 @@ class Scene:
     held: HeldObject | None = None
     supports: tuple[str, ...] = (SUPPORT,)
     aside: tuple[AsideObject, ...] = ()
+    parked: tuple[ParkedArm, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
@@ -143,12 +145,14 @@ class Scene:
         if arm == self.robot.arm_name:
             return self
         robot = self.robot.using(arm)
-        state = RobotState(self.state.base, (self.state.q[0], *robot.home[1:]), 0.0)
+        left_at = next((one.q for one in self.parked if one.arm == arm), robot.home[1:])
+        state = RobotState(self.state.base, np.array((self.state.q[0], *left_at)), 0.0)
+        parked = (ParkedArm(self.robot.arm_name, self.state.q[1:]), *(one for one in self.parked if one.arm != arm))
         held = next((one.held for one in self.aside if one.arm == arm), None)
         aside = tuple(one for one in self.aside if one.arm != arm)
         if self.held is not None:
             aside = (*aside, AsideObject(self.robot.arm_name, self.held))
-        return replace(self, robot=robot, state=state, held=held, aside=aside)
+        return replace(self, robot=robot, state=state, held=held, aside=aside, parked=parked)
 
     def holding(self, name: str) -> Scene | None:
         """The same scene with the arm active that holds that object; None if none holds it."""
