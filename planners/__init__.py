@@ -7,6 +7,7 @@ Example:
 A strategy and a task planner of your own are passed as objects: a `Strategy`, anything with the `TaskPlanner` protocol.
 """
 
+from planners.arms import ArmsError
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.execution.controlled_env import ControlledEnv
@@ -20,6 +21,7 @@ from planners.tamp.solution import BoundAction, Infeasible, PlanFileError, Solut
 
 __all__ = [
     "STRATEGIES",
+    "ArmsError",
     "BoundAction",
     "Cause",
     "ClearanceFloor",

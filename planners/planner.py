@@ -11,7 +11,7 @@ import numpy as np
 from assets.robots import FETCH, RobotSpec
 from irm.arm.kinematics import ArmChain
 from irm.visibility.map import VisibilityMap, cached_visibility
-from planners.arms import ArmsError, check_arms, one_or_all
+from planners.arms import check_arms, one_or_all
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
@@ -39,7 +39,7 @@ from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
 from planners.warming import warm_once
 
-__all__ = ["ArmsError", "Planner", "clearance_floor", "map_placer", "solve", "warmup"]
+__all__ = ["Planner", "clearance_floor", "map_placer", "solve", "warmup"]
 
 _BASES, _BASES_NEAR_HOME = 3, 8
 """Base poses tried for each gripper pose; more where only one configuration counts at each."""

@@ -247,7 +247,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
                 return
 
     def _command(self, command: Command) -> bool:
-        return self._step_physics(self._physics_env.joint_action(*command))
+        return self._step_physics(self._physics_env.joint_action(command.drive, command.opening))
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
         """One control step; whether the episode of the physics environment is over."""

@@ -13,7 +13,7 @@ __all__ = ["ExpertConfig"]
 
 @dataclass(frozen=True)
 class ExpertConfig:
-    """Limits and tolerances of the expert.
+    """Limits, tolerances and choices of the expert.
 
     Attributes:
         replans: maximum number of new plans after deviations in one episode.
@@ -22,6 +22,8 @@ class ExpertConfig:
         hold_s: [s] simulated time for which the target is held up at the end, one control step at least.
         with_floor: whether the report contains the minimum number of clearances.
         monitor: tolerances of the monitor.
+        hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`; None: as
+            the planner does, which is not for a new one.
 
     Raises:
         ExpertError: a value of the wrong type or outside its range.
@@ -33,6 +35,7 @@ class ExpertConfig:
     hold_s: float = 0.8
     with_floor: bool = True
     monitor: MonitorConfig = field(default_factory=MonitorConfig)
+    hold_aside: bool | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.replans, Integral) or isinstance(self.replans, bool) or self.replans < 0:
@@ -42,5 +45,7 @@ class ExpertConfig:
         check_number("hold_s", self.hold_s)
         if not isinstance(self.with_floor, bool):
             raise ExpertError(f"with_floor={self.with_floor!r} is not valid; it must be True or False")
+        if not isinstance(self.hold_aside, bool | None):
+            raise ExpertError(f"hold_aside={self.hold_aside!r} is not valid; it must be True, False or None")
         if not isinstance(self.monitor, MonitorConfig):
             raise ExpertError(f"monitor={self.monitor!r} is not valid; it must be a MonitorConfig")

@@ -67,12 +67,15 @@ def execute(
         config: tolerances of the monitor.
 
     Raises:
-        ExpertError: the model lacks an actuator of the robot, or its time step does not divide 0.01 s.
+        ExpertError: the model lacks an actuator of the robot, its time step does not divide 0.01 s, or the plan is for
+            several arms.
         SceneError: the model lacks the robot or an object of the plan.
     """
     if not solution.actions:
         return ExecutionResult(True, None, (), 0.0)
     scene = solution.actions[0].scene
+    if len({action.scene.robot.arm_name for action in solution.actions}) > 1:
+        raise ExpertError("a plan for several arms is executed by TampExpert alone; robot.using(arm) plans for one")
     sensor = Sensor(model, data, scene.robot, scene.names)
     motors = _Motors(model, data, scene.robot)
     executor = Executor(solution.actions, scene.robot, sensor.names, sensor.read(), config or MonitorConfig())

@@ -66,20 +66,21 @@ class TampExpert:
                 phase ending at rest, so that plans can be learned; as the planner does if not given. `report` says
                 where it fell back.
             seed: of the planner's sampling; every `reset` starts from it.
-            config: limits and tolerances.
+            config: limits, tolerances, and whether an obstacle may be held aside.
 
         Raises:
             ExpertError: an environment, planner or config that cannot be used; the message says why.
             UnknownStrategy: neither the name of a strategy nor a `Strategy`.
             UnknownGraspSet: no grasp set of that name.
+            ArmsError: `config.hold_aside` with a robot that acts with one arm.
         """
         if not isinstance(config, ExpertConfig | None):
             raise ExpertError(f"config={config!r} is not valid; it must be an ExpertConfig")
         self._env = controlled_env(env)
         self._strategy = find_strategy(strategy)
-        self._planner = planner_for(self._env, planner, grasps, supports, canonical)
-        self._seed = seed
         self._config = config or ExpertConfig()
+        self._planner = planner_for(self._env, planner, grasps, supports, canonical, self._config.hold_aside)
+        self._seed = seed
         self._episode: Episode | None = None
 
     def reset(self, target: str | None = None) -> None:

@@ -48,6 +48,7 @@ def planner_for(
     grasps: str | None = None,
     supports: Supports = None,
     canonical: bool | None = None,
+    hold_aside: bool | None = None,
 ) -> ScenePlanner:
     """The planner to use in an environment.
 
@@ -60,11 +61,13 @@ def planner_for(
         grasps: name of the grasp set of a `Planner`; None leaves it as it is.
         supports: where a `Planner` may put objects; None leaves it as it is.
         canonical: whether a `Planner` makes canonical plans; None leaves it as it is.
+        hold_aside: whether one arm may hold an obstacle while another one takes the target; None leaves it as it is.
 
     Raises:
         ExpertError: `planner` has no method `solve`, is a planner for another robot, or is no `Planner` and thus has no
             grasps, supports or canonical plans to choose.
         UnknownGraspSet: no grasp set of that name.
+        ArmsError: `hold_aside` with a robot that acts with one arm.
     """
     follower = env.tcp_follower() if env.control_mode == "ee" else None
     if planner is None:
@@ -75,7 +78,8 @@ def planner_for(
             "solve(scene, target, strategy, rng, time_limit)"
         )
     if not isinstance(planner, Planner):
-        for name, choice in (("grasps", grasps), ("supports", supports), ("canonical", canonical)):
+        choices = {"grasps": grasps, "supports": supports, "canonical": canonical, "hold_aside": hold_aside}
+        for name, choice in choices.items():
             if choice is not None:
                 raise ExpertError(f"{name}={choice!r} is for a Planner, not for {type(planner).__name__}")
         return planner
@@ -87,6 +91,7 @@ def planner_for(
         grasps=planner.grasps if grasps is None else grasps,
         supports=planner.supports if supports is None else supports,
         canonical=planner.canonical if canonical is None else canonical,
+        hold_aside=planner.hold_aside if hold_aside is None else hold_aside,
     )
 
 

@@ -159,9 +159,9 @@ class GraspCandidates:
     The families are looked at in their order until a grasp with nothing in its way is found: no other one can change
     the minimum number of clearances then. If that grasp is removed later, the remaining families are looked at.
 
-    Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers. Both are
-    undone once the objects of the scene have moved. A scan keeps few of the grasps that hit the same objects, and none
-    that hit more, so once all that hit the same are refuted, the object's other grasps are looked for.
+    Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers, until the
+    objects of the scene have moved. A scan keeps few of the grasps that hit the same objects, and none that hit more,
+    so once all that hit the same are refuted, the object's other grasps are looked for.
 
     Attributes:
         placer: base poses for gripper poses.
@@ -195,14 +195,12 @@ class GraspCandidates:
         """Grasps of that object from one base pose (3,), fewest blockers first; of the first family that has some."""
         self.for_object(scene, name)
         body = scene.body(name)
-        for family in self.families:
-            grasps = generate_grasps(body, scene.robot, (family,))
-            if grasps:
-                wanted, opening = gripper_poses(grasps), max(grasp.opening for grasp in grasps)
-                poses = self._untried(body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                found = self._scan(scene, body, poses, self.config.grid(self.chain), opening)
-                if found:
-                    return best_first(found)
+        for grasps in (generate_grasps(body, scene.robot, (family,)) for family in self.families):
+            wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
+            poses = self._untried(body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
+            found = self._scan(scene, body, poses, self.config.grid(self.chain), opening) if grasps else []
+            if found:
+                return best_first(found)
         return ()
 
     def blank_copy(self) -> GraspCandidates:
@@ -270,8 +268,7 @@ class GraspCandidates:
         self, scene: Scene, body: Body, poses: GripperPoses, grid: ConfigurationGrid, opening: float
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
-        covered, world = is_covered(scene, body.foot), self.compiled.world(scene)
-        arm = scene.robot.arm_name
+        covered, world, arm = is_covered(scene, body.foot), self.compiled.world(scene), scene.robot.arm_name
         ignore = scene.mask({body.name, *scene.held_names})
         if covered:
             found = driven_configurations(world, body, poses, grid, opening, ignore=ignore)

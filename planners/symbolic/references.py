@@ -50,28 +50,25 @@ def initial_location(name: str) -> str:
 def initial_state(
     objects: Collection[str],
     *,
-    held: str | None = None,
+    held: str | Mapping[str, str] | None = None,
     robot_at: str = ROBOT_INIT_LOC,
     standing_at: Mapping[str, str] | None = None,
     grippers: Collection[str] = (GRIPPER,),
-    holding: Mapping[str, str] | None = None,
-    holds_aside: bool = False,
 ) -> SymbolicState:
     """What a scene says before any motion is planned: every object can be grasped where it stands.
 
     Args:
         objects: names of all objects.
-        held: the object in the only gripper; it may be put down (as no obstacle until an error says so).
+        held: the object in the first gripper, or objects by gripper; they may be put down (as no obstacles until an
+            error says so).
         robot_at: symbol of the base pose.
         standing_at: location symbols of objects that were moved before.
         grippers: symbols of the robot's grippers.
-        holding: objects in grippers, by gripper; in place of `held`.
-        holds_aside: whether one gripper may hold an object while another one takes the next.
 
     Raises:
         SymbolError: a name PDDL cannot hold, or a held object is not among the objects.
     """
-    in_hand = dict(holding or {}) | ({next(iter(grippers)): held} if held is not None else {})
+    in_hand = {next(iter(grippers)): held} if isinstance(held, str) else dict(held or {})
     for name in in_hand.values():
         if name not in objects:
             raise SymbolError(f"held object {name!r} is not among the objects: {', '.join(sorted(objects))}")
@@ -83,7 +80,7 @@ def initial_state(
         if name not in in_hand.values():
             facts |= {("objectAt", name, location), ("occupied", location)}
             facts |= motion_facts(grasp_references(name), name, location)
-    state = SymbolicState(frozenset(facts), frozenset(moved.values()), holds_aside)
+    state = SymbolicState(frozenset(facts), frozenset(moved.values()))
     for name in sorted(in_hand.values()):
         location = next_location(state, name)
         motion = motion_facts(placement_references(location), name, location)

@@ -48,13 +48,11 @@ def obstruction_problem(
     blockers: Mapping[str, Collection[str]],
     *,
     objects: Collection[str] = (),
-    held: str | None = None,
+    held: str | Mapping[str, str] | None = None,
     held_obstructs: str = "",
     robot_at: str = ROBOT_INIT_LOC,
     standing_at: Mapping[str, str] | None = None,
     grippers: Collection[str] = (GRIPPER,),
-    holding: Mapping[str, str] | None = None,
-    holds_aside: bool = False,
 ) -> TaskProblem:
     """The problem in which each object's chosen grasp is obstructed by its `blockers`.
 
@@ -62,23 +60,15 @@ def obstruction_problem(
         target: the object to hold in the end.
         blockers: objects in the way of each object's chosen grasp, by name.
         objects: further objects of the scene.
-        held: the object in the only gripper, if any.
+        held: the object in the first gripper, if any, or objects by gripper.
         held_obstructs: the object that held ones were taken away for; "" puts them down as no obstacles.
         robot_at: symbol of the base pose.
         standing_at: location symbols of objects that were moved before.
-        grippers, holding, holds_aside: as for `initial_state`.
+        grippers: symbols of the robot's grippers.
     """
-    in_hand = {*(holding or {}).values(), *([] if held is None else [held])}
+    in_hand = {held} if isinstance(held, str) else {*(held or {}).values()}
     mentioned = {target, *objects, *blockers, *in_hand, *(name for names in blockers.values() for name in names)}
-    state = initial_state(
-        sorted(mentioned),
-        held=held,
-        robot_at=robot_at,
-        standing_at=standing_at,
-        grippers=grippers,
-        holding=holding,
-        holds_aside=holds_aside,
-    )
+    state = initial_state(sorted(mentioned), held=held, robot_at=robot_at, standing_at=standing_at, grippers=grippers)
     if held_obstructs:
         for name in sorted(in_hand):
             state = _offer_clearance(state, name, held_obstructs)

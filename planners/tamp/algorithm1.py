@@ -78,8 +78,8 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
         {},
         objects=scene.names,
         held_obstructs=search.target,
+        held=held_by_gripper(scene),
         grippers=gripper_symbols(scene.robot),
-        holding=held_by_gripper(scene),
     )
     return bind_grasps(search, problem.state, scene)
 

@@ -1,0 +1,108 @@
+"""PR2 in the environments with both arms: actions, observations, saved states, what the judge counts."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import clutter_env  # noqa: F401  registers the environments
+from assets.robots import PR2
+from clutter_env.errors import ActionError, ConfigError
+from clutter_env.experiments.clearance_table.effort import effort_of
+from clutter_env.experiments.clearance_table.table import TableSettings
+from clutter_env.experiments.clearance_table.trials import Attempt
+from tests.clutter_env.envs.test_determinism import digest
+
+BOTH = PR2.with_all_arms()
+ARMS = slice(4, 11), slice(11, 18)
+
+
+def make(count: int = 5):
+    return gym.make(f"clutter_env/Retrieve-o{count}-v0", robot=BOTH).unwrapped
+
+
+def test_gymnasium_checker_is_silent() -> None:
+    check_env(make(), skip_render_check=True)
+
+
+def test_actions_and_observations_are_those_of_both_arms() -> None:
+    env = make()
+    assert env.action_space.shape == (3 + 1 + 7 + 7 + 2,)
+    names = [column.name for column in env.observation_layout["robot"].columns]
+    assert {"r_wrist_roll_position", "l_wrist_roll_position", "l_wrist_roll_velocity"} <= set(names)
+    widths = [column.name for column in env.observation_layout["gripper"].columns]
+    assert widths == ["width", "left_width", "commanded_width", "left_commanded_width"]
+    with pytest.raises(ConfigError, match="valid values: 'joint'"):
+        gym.make("clutter_env/Retrieve-o5-v0", robot=BOTH, control_mode="ee")
+
+
+@pytest.mark.parametrize("arm", [0, 1])
+def test_each_arm_follows_its_own_numbers(arm: int) -> None:
+    env = make()
+    env.reset(seed=0)
+    action = np.zeros(20)
+    action[ARMS[arm]], action[18 + arm], action[19 - arm] = 0.2, 1.0, -1.0
+    before = env.world.controller.state.target.copy()
+    for _ in range(40):
+        observation, *_ = env.step(action)
+    moved = np.abs(env.world.controller.state.target - before)
+    assert moved[ARMS[arm]].min() > 0.1
+    assert moved[ARMS[1 - arm]].max() == 0.0
+    positions = env.data.qpos[env.world.index.drive_qpos]
+    assert np.abs(positions - env.world.controller.state.target).max() < 0.05
+    widths = observation["gripper"][:2]
+    assert widths[arm] > 0.08 > 0.01 > widths[1 - arm]
+
+
+def test_joint_action_leads_both_arms_to_a_configuration() -> None:
+    env = make()
+    env.reset(seed=0)
+    goal = env.world.controller.state.target.copy()
+    goal[[5, 12]] += 0.1
+    for _ in range(20):
+        env.step(env.joint_action(goal, [0.05, 0.02]))
+    assert np.abs(env.world.controller.state.target - goal).max() < 1e-3
+    with pytest.raises(ActionError, match="2 finite numbers"):
+        env.joint_action(goal, 0.05)
+    with pytest.raises(ActionError, match="18 finite numbers"):
+        env.joint_action(goal[:11], [0.05, 0.02])
+
+
+def test_same_seed_same_bits() -> None:
+    first, second = make(), make()
+    second.reset(seed=9)
+    second.step(second.action_space.sample())
+    assert digest(first, steps=100) == digest(second, steps=100)
+
+
+def test_a_saved_state_continues_bit_for_bit() -> None:
+    env, other = make(), make()
+    env.reset(seed=4)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        env.step(rng.uniform(-1, 1, 20))
+    state, actions = env.save_state(), rng.uniform(-1, 1, (30, 20))
+    expected = [env.step(action)[0]["robot"].tobytes() for action in actions]
+    other.reset(seed=1)
+    other.restore_state(state)
+    assert other.save_state() == state
+    assert [other.step(action)[0]["robot"].tobytes() for action in actions] == expected
+
+
+def test_a_table_of_arms_needs_a_robot_with_two() -> None:
+    with pytest.raises(ConfigError, match="robot='fetch' has one arm"):
+        TableSettings(objects=(15,), strategies=("lookahead", "lookahead, two arms"))
+    assert TableSettings(objects=(15,), strategies=("lookahead", "lookahead, two arms"), robot="pr2").compares_arms
+
+
+def test_effort_is_compared_on_the_scenes_that_both_solved() -> None:
+    def attempt(seed: int, moves: int, seconds: float, solved: bool = True) -> Attempt:
+        return Attempt(15, seed, "lookahead", solved=solved, base_moves=moves, sim_s=seconds)
+
+    own = {1: attempt(1, 1, 10.0), 2: attempt(2, 2, 20.0), 3: attempt(3, 9, 90.0)}
+    reference = {1: attempt(1, 3, 30.0), 2: attempt(2, 3, 20.0), 3: attempt(3, 1, 1.0, solved=False)}
+    found = effort_of(own, reference, np.random.default_rng(0))
+    assert (found.base_moves, found.reference_moves, found.less_moves.mean) == (1.5, 3.0, 1.5)
+    assert (found.time, found.reference_time, found.less_time.mean) == (15.0, 25.0, 10.0)

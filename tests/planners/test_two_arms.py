@@ -1,0 +1,216 @@
+"""PR2 with both arms: grasps, floors and plans of either arm, an obstacle held aside, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401  registers the environments
+from assets.robots import FETCH, PR2, InvalidRobot
+from irm.arm.kinematics import ArmChain
+from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
+from planners.collision.world import CollisionWorld
+from planners.grasping.arms import ArmCandidates
+from planners.grasping.candidates import GraspCandidates
+from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.planner import map_placer
+from planners.scene import SELF_BIT, HeldObject, Scene
+
+BOTH = PR2.with_all_arms()
+
+
+def scene_of(seed: int) -> tuple[Scene, str]:
+    """A scene of 15 objects with PR2 and its two arms, and the target."""
+    env = gym.make("clutter_env/Retrieve-o15-v0", robot="pr2").unwrapped
+    _, info = env.reset(seed=seed)
+    return Scene.from_mujoco(env.model, env.data, BOTH), info["target"]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return scene_of(1)[0]
+
+
+def held_by(scene: Scene, arm: str) -> Scene:
+    """The scene with the first object in the gripper of an arm, at home."""
+    T = np.eye(4)
+    return scene.using(arm).with_held(HeldObject(scene.names[0], T))
+
+
+def test_only_a_robot_with_several_arms_can_act_with_all() -> None:
+    assert PR2.acting_arms == ("right",)
+    assert BOTH.acting_arms == ("right", "left")
+    assert BOTH.using("left").acting_arms == ("left", "right")
+    with pytest.raises(InvalidRobot, match="several arms; fetch has one"):
+        FETCH.with_all_arms()
+    with pytest.raises(InvalidRobot, match="'left', 'right'"):
+        BOTH.using("middle")
+
+
+def test_what_does_not_fit_the_arms_is_refused_by_name() -> None:
+    with pytest.raises(ArmsError, match="one arm; valid value: hold_aside=False"):
+        Planner(FETCH, hold_aside=True)
+    with pytest.raises(ArmsError, match="with_all_arms"):
+        Planner(PR2, hold_aside=True)
+    with pytest.raises(ArmsError, match="valid values: False, True"):
+        Planner(BOTH, hold_aside="left")  # type: ignore[arg-type]
+    with pytest.raises(ArmsError, match=r"canonical plans .* 'right', 'left'"):
+        Planner(BOTH, canonical=True)
+    with pytest.raises(ExpertError, match="True, False or None"):
+        ExpertConfig(hold_aside="left")  # type: ignore[arg-type]
+    env = gym.make("clutter_env/Retrieve-o5-v0")
+    with pytest.raises(ArmsError, match="'fetch' does not"):
+        TampExpert(env, config=ExpertConfig(hold_aside=True))
+
+
+def test_an_arm_that_was_active_is_found_where_it_was_left(scene: Scene) -> None:
+    turned = np.array(scene.state.q)
+    turned[-1] += 2 * np.pi
+    moved = scene.with_state(replace(scene.state, q=turned))
+    assert np.array_equal(moved.using("left").state.q[1:], BOTH.using("left").home[1:])
+    assert np.array_equal(moved.using("left").using("right").state.q, turned)
+
+
+def test_an_object_held_aside_moves_to_the_other_gripper_and_back(scene: Scene) -> None:
+    loaded = held_by(scene, "right")
+    aside = loaded.using("left")
+    assert aside.held is None
+    assert aside.held_names == loaded.held_names == scene.names[:1]
+    back = aside.holding(scene.names[0])
+    assert back is not None
+    assert back.robot.arm_name == "right"
+    assert back.held is not None
+    assert np.array_equal(back.held.T_tcp_object, loaded.held.T_tcp_object)
+    assert aside.holding(scene.names[1]) is None
+
+
+def test_an_object_held_aside_is_part_of_the_robot(scene: Scene) -> None:
+    """The active arm meets the object in the other gripper; the place it was taken from is free."""
+    aside = held_by(scene, "right").using("left")
+    world, empty = CollisionWorld.from_scene(aside), CollisionWorld.from_scene(scene.using("left"))
+    assert len(world.robot.link) == len(empty.robot.link) + 1
+    base, home = np.array([-3.0, 0.0, 0.0]), np.array(aside.robot.home)
+    assert not world.hits(base, home, opening=0.05)
+    rng, hits = np.random.default_rng(0), []
+    for _ in range(200):
+        q = home.copy()
+        q[1:4] += rng.uniform((-1.2, -0.3, -0.8), (0.1, 0.3, 0.8))
+        hits.append((world.hits(base, q, 0.05) >> SELF_BIT & 1, empty.hits(base, q, 0.05) >> SELF_BIT & 1))
+    assert sum(loaded and not bare for loaded, bare in hits) >= 5
+    assert all(loaded or not bare for loaded, bare in hits)
+    assert not world.active() >> np.uint64(scene.index(scene.names[0])) & np.uint64(1)
+
+
+def test_mujoco_sees_the_object_held_aside(scene: Scene) -> None:
+    """Where the kernel finds the arm against the object in the other gripper, MuJoCo finds it too."""
+    aside = held_by(scene, "right").using("left")
+    world, checker = CollisionWorld.from_scene(aside, padding=0.0), MujocoCollisionChecker(aside)
+    base, rng = np.array([-3.0, 0.0, 0.0]), np.random.default_rng(0)
+    home, checked = np.array(aside.robot.home), {False: 0, True: 0}
+    for _ in range(60):
+        q = home.copy()
+        q[1:4] += rng.uniform((-1.2, -0.3, -0.8), (0.1, 0.3, 0.8))
+        is_hit = bool(world.hits(base, q, 0.05))
+        depth = checker.deepest_penetration(_Pose(np.concatenate((base, q))[None])).penetration
+        if depth > 0.002 or not is_hit:
+            assert is_hit == (depth > 0.0)
+            checked[is_hit] += 1
+    assert min(checked.values()) >= 5
+
+
+class _Pose:
+    """One configuration as a motion, nothing in the active gripper."""
+
+    opening, held, ignore = 0.05, None, 0
+
+    def __init__(self, configurations: np.ndarray) -> None:
+        self.configurations = configurations
+
+
+def test_both_arms_offer_grasps_fewest_blockers_first(scene: Scene) -> None:
+    by_arm = {
+        arm: GraspCandidates(map_placer(scene.using(arm)), ArmChain.from_robot(BOTH.using(arm)))
+        for arm in BOTH.acting_arms
+    }
+    together = ArmCandidates.of(MappingProxyType(by_arm))
+    for name in scene.names[:5]:
+        found = together.for_object(scene, name)
+        assert {grasp.key for grasp in found} == {
+            grasp.key for arm, source in by_arm.items() for grasp in source.for_object(scene.using(arm), name)
+        }
+        counts = [grasp.blockers.bit_count() for grasp in found]
+        assert counts == sorted(counts)
+        for grasp in found:
+            world = CollisionWorld.from_scene(scene.using(grasp.arm))
+            assert world.hits(grasp.base, grasp.q, grasp.opening, ignore=scene.mask([name])) == grasp.blockers
+    assert {grasp.arm for name in scene.names for grasp in together.for_object(scene, name)} == {"left", "right"}
+    banned = together.for_object(scene, scene.names[0])[0]
+    together.ban(scene, banned)
+    assert banned.key not in {grasp.key for grasp in together.for_object(scene, scene.names[0])}
+
+
+def test_two_arms_never_have_a_higher_floor_than_one() -> None:
+    for seed in (100_000, 100_003, 100_009):
+        scene, target = scene_of(seed)
+        two = Planner(BOTH, grasps="side").clearance_floor(scene, target)
+        for arm in BOTH.acting_arms:
+            one = Planner(PR2.using(arm), grasps="side").clearance_floor(
+                replace(scene.using(arm), robot=PR2.using(arm)), target
+            )
+            assert two.count is not None
+            assert one.count is None or two.count <= one.count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hold_aside", [False, True])
+def test_plans_of_two_arms_are_free_of_penetration_in_mujoco(hold_aside: bool) -> None:
+    arms = set()
+    for seed in (100_000, 100_006):
+        scene, target = scene_of(seed)
+        found = Planner(BOTH, grasps="side", hold_aside=hold_aside).solve(scene, target)
+        assert isinstance(found, Solution), found
+        for action in found.actions:
+            assert MujocoCollisionChecker(action.scene).accepts(action.trajectory)
+            arms.add(action.scene.robot.arm_name)
+        assert_continuous(found)
+        last = found.actions[-1]
+        assert last.target == target
+        assert hold_aside or not last.scene.aside
+    assert arms == {"left", "right"}
+
+
+def assert_continuous(plan: Solution) -> None:
+    """Base and each arm begin where they were left; idle arms rest at home."""
+    base, left_at = plan.actions[0].trajectory.base[0], {}
+    for action in plan.actions:
+        robot, trajectory = action.scene.robot, action.trajectory
+        assert np.allclose(trajectory.base[0], base, atol=1e-9)
+        start = left_at.get(robot.arm_name, np.array(robot.home))
+        assert np.allclose(trajectory.q[0], start, atol=1e-9)
+        base, left_at[robot.arm_name] = trajectory.base[-1], trajectory.q[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hold_aside", "cleared"), [(False, 1), (True, 0)])
+def test_an_episode_in_which_both_arms_act_succeeds(hold_aside: bool, cleared: int) -> None:
+    env = gym.make("clutter_env/Retrieve-o15-v0", robot=BOTH)
+    _, info = env.reset(seed=100_006)
+    expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False, hold_aside=hold_aside))
+    expert.reset(info["target"])
+    solution = expert.solution
+    assert isinstance(solution, Solution)
+    assert len(solution.clearances) == cleared
+    assert {action.scene.robot.arm_name for action in solution.actions} == {"left", "right"}
+    with pytest.raises(ExpertError, match="several arms"):
+        execute(solution, env.unwrapped.model, env.unwrapped.data)
+    over = expert.done
+    while not over:
+        _, _, terminated, truncated, info = env.step(expert.act())
+        over = terminated or truncated or expert.done
+    assert info["is_success"], expert.report
+    held = env.unwrapped.measurements.all_held
+    assert sum(slot >= 0 for slot in held) == 1 + hold_aside
