@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 
 import gymnasium as gym
@@ -13,12 +14,15 @@ import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH, PR2, InvalidRobot
 from irm.arm.kinematics import ArmChain
 from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
+from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
+from planners.drawing.page.planned import plan_recording
 from planners.grasping.arms import ArmCandidates
 from planners.grasping.candidates import GraspCandidates
+from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.planner import map_placer
-from planners.scene import SELF_BIT, HeldObject, Scene
+from planners.scene import HeldObject, RobotState, Scene
 
 BOTH = PR2.with_all_arms()
 
@@ -35,10 +39,9 @@ def scene() -> Scene:
     return scene_of(1)[0]
 
 
-def held_by(scene: Scene, arm: str) -> Scene:
+def held_by(scene: Scene, arm: str, T_tcp_object: np.ndarray | None = None) -> Scene:
     """The scene with the first object in the gripper of an arm, at home."""
-    T = np.eye(4)
-    return scene.using(arm).with_held(HeldObject(scene.names[0], T))
+    return scene.using(arm).with_held(HeldObject(scene.names[0], np.eye(4) if T_tcp_object is None else T_tcp_object))
 
 
 def test_only_a_robot_with_several_arms_can_act_with_all() -> None:
@@ -89,20 +92,24 @@ def test_an_object_held_aside_moves_to_the_other_gripper_and_back(scene: Scene) 
 
 
 def test_an_object_held_aside_is_part_of_the_robot(scene: Scene) -> None:
-    """The active arm meets the object in the other gripper; the place it was taken from is free."""
-    aside = held_by(scene, "right").using("left")
+    """It is where the other gripper is at home, it meets what stands there, and its own place is free."""
+    loaded = held_by(scene, "right", np.array([[0, 1, 0, 0.02], [-1, 0, 0, 0.01], [0, 0, 1, 0.03], [0, 0, 0, 1.0]]))
+    aside, name = loaded.using("left"), scene.names[0]
     world, empty = CollisionWorld.from_scene(aside), CollisionWorld.from_scene(scene.using("left"))
-    assert len(world.robot.link) == len(empty.robot.link) + 1
-    base, home = np.array([-3.0, 0.0, 0.0]), np.array(aside.robot.home)
+    base, home = np.array([-3.0, 0.4, 0.8]), np.array(aside.robot.home)
+    position, rotation = place_along(world.robot, world.attached(None), np.append(base, home)[None], 0.05)
+    at_home = RobotState(base, np.array(loaded.robot.home), 0.0)
+    pose = tcp_pose(loaded.robot, at_home) @ loaded.held.T_tcp_object  # type: ignore[union-attr]
+    row = len(empty.robot.link)
+    assert len(world.robot.link) == row + 1
+    assert np.allclose(position[0, row], pose[:3, 3], atol=1e-9)
+    assert np.allclose(rotation[0, row], pose[:3, :3], atol=1e-9)
     assert not world.hits(base, home, opening=0.05)
-    rng, hits = np.random.default_rng(0), []
-    for _ in range(200):
-        q = home.copy()
-        q[1:4] += rng.uniform((-1.2, -0.3, -0.8), (0.1, 0.3, 0.8))
-        hits.append((world.hits(base, q, 0.05) >> SELF_BIT & 1, empty.hits(base, q, 0.05) >> SELF_BIT & 1))
-    assert sum(loaded and not bare for loaded, bare in hits) >= 5
-    assert all(loaded or not bare for loaded, bare in hits)
-    assert not world.active() >> np.uint64(scene.index(scene.names[0])) & np.uint64(1)
+    other = scene.body(scene.names[1])
+    below = pose[:3, 3] - (0.0, 0.0, scene.body(name).half_extents[2] + other.half_extents[2] - 0.005)
+    standing = other.at(below, (1.0, 0.0, 0.0, 0.0))
+    assert world.with_body(standing).hits(base, home, opening=0.05) >> 1 & 1
+    assert not world.active() >> np.uint64(scene.index(name)) & np.uint64(1)
 
 
 def test_mujoco_sees_the_object_held_aside(scene: Scene) -> None:
@@ -163,6 +170,32 @@ def test_two_arms_never_have_a_higher_floor_than_one() -> None:
             )
             assert two.count is not None
             assert one.count is None or two.count <= one.count
+
+
+@pytest.mark.slow
+def test_a_plan_of_two_arms_is_saved_and_drawn(tmp_path: Path) -> None:
+    scene, target = scene_of(100_006)
+    plan = Planner(BOTH, grasps="side", hold_aside=True).solve(scene, target)
+    assert isinstance(plan, Solution)
+    assert plan.actions[-1].scene.aside
+    plan.save(tmp_path / "plan.npz")
+    assert Solution.load(tmp_path / "plan.npz") == plan
+    plan.to_html(tmp_path / "plan.html")
+    frames, last = plan_recording(plan).frames, plan.actions[-1]
+    (one,) = last.scene.aside
+    arm = last.scene.using(one.arm)
+    expected = tcp_pose(arm.robot, RobotState(last.trajectory.base[-1], arm.state.q, 0.0)) @ one.held.T_tcp_object
+    column = -7 * (len(scene.names) - scene.index(one.held.name))
+    assert np.allclose(frames[-1].qpos[column : column + 3], expected[:3, 3], atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["ngr", "dogar", "srivastava"])
+def test_greedy_strategies_plan_with_two_arms(strategy: str) -> None:
+    scene, target = scene_of(100_006)
+    plan = Planner(BOTH, grasps="side", hold_aside=True).solve(scene, target, strategy)
+    assert isinstance(plan, Solution)
+    assert plan.clearances, "they do not plan ahead, so nothing is held aside"
 
 
 @pytest.mark.slow

@@ -40,12 +40,13 @@ def plan_values(plan: DrawnPlan, arrays: ArrayBlock) -> dict[str, Any]:
         arrays: gets regions, candidates, base poses and paths.
     """
     first = plan.actions[0].scene
-    placer = MapPlacer.of_scene(inverse_map(first.robot), first)
+    views = {action.scene.robot.arm_name: action.scene for action in plan.actions}
+    placers = {arm: MapPlacer.of_scene(inverse_map(scene.robot), scene) for arm, scene in views.items()}
     return {
         "strategy": plan.strategy.name,
         "clearances": list(plan.clearances),
         "base_radius": first.robot.base_radius,
-        "actions": [_action(action, placer, arrays) for action in plan.actions],
+        "actions": [_action(action, placers[action.scene.robot.arm_name], arrays) for action in plan.actions],
         "choices": [_choice(choice, arrays) for choice in choices_of(plan)],
     }
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
 from planners.drawing.drawn_plan import DrawnPlan
 from planners.drawing.page.page import write_page
 from planners.motion.arm import tcp_pose
@@ -77,8 +78,9 @@ class _States:
         self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
         self._objects = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
         self._qpos = np.array(model.qpos0)
-        for joint, angle in zip(robot.head_joints, robot.head_configuration, strict=True):
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
             self._qpos[model.joint(joint).qposadr[0]] = angle
+        self._aside = [(one.held, scene.using(one.arm)) for one in scene.aside]
         for body in scene.objects:
             self._put(body.name, body.position, body.quaternion)
 
@@ -87,10 +89,15 @@ class _States:
         self._qpos[self._columns] = (*state.base, *state.q, state.finger_position)
         self._qpos[self._second_finger] = state.finger_position
         if held is not None:
-            T, quaternion = tcp_pose(self._robot, state) @ held.T_tcp_object, np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, T[:3, :3].ravel())
-            self._put(held.name, T[:3, 3], quaternion)
+            self._put_in_hand(held, self._robot, state)
+        for other, scene in self._aside:
+            self._put_in_hand(other, scene.robot, RobotState(state.base, scene.state.q, 0.0))
         return self._qpos.astype(np.float32)
+
+    def _put_in_hand(self, held: HeldObject, robot: RobotSpec, state: RobotState) -> None:
+        T, quaternion = tcp_pose(robot, state) @ held.T_tcp_object, np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, T[:3, :3].ravel())
+        self._put(held.name, T[:3, 3], quaternion)
 
     def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
         start = self._objects[name]
