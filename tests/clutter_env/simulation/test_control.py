@@ -104,10 +104,10 @@ def test_loaded_robots_turn_slowly() -> None:
     spin = np.zeros(11)
     spin[2] = MAX_VELOCITY[2]
     for _ in range(40):
-        controller.follow(env.model, env.data, spin, 1.0, is_loaded=True)
+        controller.follow(env.model, env.data, spin, [1.0], is_loaded=True)
     assert env.world.controller.state.velocity[2] == pytest.approx(FETCH.max_loaded_yaw_rate)
     for _ in range(40):
-        controller.follow(env.model, env.data, spin, 1.0, is_loaded=False)
+        controller.follow(env.model, env.data, spin, [1.0], is_loaded=False)
     assert env.world.controller.state.velocity[2] == pytest.approx(FETCH.max_velocity[2])
 
 

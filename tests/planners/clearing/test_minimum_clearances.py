@@ -204,9 +204,9 @@ def test_misuse_is_refused() -> None:
 def test_floor_of_a_scene_speaks_in_names() -> None:
     blockers = {"cup": [0b110], "jar": [0b100], "can": [0]}
     names = tuple(blockers)
-    scene = SimpleNamespace(names=names, index=names.index, held=None)
+    scene = SimpleNamespace(names=names, index=names.index, held_names=())
     provider = SimpleNamespace(blockers=blockers.__getitem__)
     floor = clearance_floor(scene, "cup", provider)
     assert (floor.count, floor.objects, floor.options, floor.proved) == (2, ("can", "jar"), (0, 0, 0), True)
-    holding = SimpleNamespace(names=names, index=names.index, held=SimpleNamespace(name="cup"))
+    holding = SimpleNamespace(names=names, index=names.index, held_names=("cup",))
     assert clearance_floor(holding, "cup", provider).count == 0

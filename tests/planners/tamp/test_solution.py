@@ -139,7 +139,7 @@ def commands(plan: Solution) -> list[bytes]:
         for time in action.trajectory.times[:-1]:
             step = executor.advance(snapshot(action, float(time)))
             assert step.outcome is not Outcome.ABORTED, step.deviation
-            found.append(np.append(*step.command).tobytes())
+            found.append(np.append(step.command.drive, step.command.opening).tobytes())
     return found
 
 
