@@ -60,11 +60,11 @@ def test_what_does_not_fit_the_arms_is_refused_by_name() -> None:
     with pytest.raises(ArmsError, match="with_all_arms"):
         Planner(PR2, hold_aside=True)
     with pytest.raises(ArmsError, match="valid values: False, True"):
-        Planner(BOTH, hold_aside="left")  # type: ignore[arg-type]
+        Planner(BOTH, hold_aside="left")  # type: ignore[arg-type]  # on purpose
     with pytest.raises(ArmsError, match=r"canonical plans .* 'right', 'left'"):
         Planner(BOTH, canonical=True)
     with pytest.raises(ExpertError, match="True, False or None"):
-        ExpertConfig(hold_aside="left")  # type: ignore[arg-type]
+        ExpertConfig(hold_aside="left")  # type: ignore[arg-type]  # on purpose
     env = gym.make("clutter_env/Retrieve-o5-v0")
     with pytest.raises(ArmsError, match="'fetch' does not"):
         TampExpert(env, config=ExpertConfig(hold_aside=True))
@@ -99,7 +99,7 @@ def test_an_object_held_aside_is_part_of_the_robot(scene: Scene) -> None:
     base, home = np.array([-3.0, 0.4, 0.8]), np.array(aside.robot.home)
     position, rotation = place_along(world.robot, world.attached(None), np.append(base, home)[None], 0.05)
     at_home = RobotState(base, np.array(loaded.robot.home), 0.0)
-    pose = tcp_pose(loaded.robot, at_home) @ loaded.held.T_tcp_object  # type: ignore[union-attr]
+    pose = tcp_pose(loaded.robot, at_home) @ loaded.held.T_tcp_object  # type: ignore[union-attr]  # held_by fills it
     row = len(empty.robot.link)
     assert len(world.robot.link) == row + 1
     assert np.allclose(position[0, row], pose[:3, 3], atol=1e-9)
