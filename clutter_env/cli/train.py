@@ -4,6 +4,7 @@
     clutter-env train --env clutter_env/Skill-o10-v0 --algorithm maskable_ppo --steps 30000 --seeds 3 --workers 2
     clutter-env train --env clutter_env/Pick-v0 --algorithm bc --steps 10000 --demos outputs/demos/pick
     clutter-env train --env clutter_env/Retrieve-o15-v0 --algorithm keyframes --steps 4000 --demos outputs/demos/o15
+    clutter-env train --env clutter_env/Retrieve-o25-v0 --grasps all --algorithm keyframes --steps 6000
     clutter-env train --env clutter_env/Retrieve-o15-v0 --obstructed --algorithm decisions_dagger --steps 3000
 
 Without --out a run is written to a directory of its own under outputs/runs.
@@ -58,10 +59,12 @@ class Arguments:
     out: Path | None = None
     """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
     demos: Path | None = None
-    """Dataset of `clutter-env collect`: cloned by those that clone; sac and tqc correct the clone."""
+    """Dataset of `clutter-env collect`: cloned by those that clone; sac and tqc correct the clone. Keyframes without
+    a dataset learns from canonical plans of which nothing is simulated."""
     demo_episodes: int | None = None
-    """How many of its episodes to use; all by default. Scenes from which decisions collects examples. For ppo and
-    maskable_ppo: scenes whose good skills are cloned first; none by default."""
+    """How many of its episodes to use; all by default. Scenes from which decisions collects examples, and that are
+    planned for keyframes without a dataset. For ppo and maskable_ppo: scenes whose good skills are cloned first; none
+    by default."""
     imitation_steps: int = 10_000
     """Gradient steps of the clone that sac and tqc correct, and that ppo and maskable_ppo improve."""
     control_mode: Literal["joint", "ee", ""] = ""
@@ -77,9 +80,9 @@ class Arguments:
     feasibility: Literal["oracle", "none"] = "oracle"
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
     layout: str = ""
-    """Table and surroundings, for decisions; empty for the environment's own."""
+    """Table and surroundings, for decisions and keyframes; empty for the environment's own."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
-    """Grasps that decisions are made among."""
+    """Grasps that decisions are made among, and those of plans that keyframes learns from."""
     rounds: int = 5
     """Rounds of dagger and of decisions_dagger."""
     round_episodes: int = 10

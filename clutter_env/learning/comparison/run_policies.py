@@ -27,7 +27,7 @@ def two_level_policy(directories: Sequence[Path]) -> HierarchicalPolicy:
     """The policy of a run that learned decisions, of one that learned motions, or of both.
 
     Learned decisions alone are brought about by the planner's motions; learned motions alone bring about the decisions
-    of the canonical expert with level grasps.
+    of the canonical expert, with the grasps that were learned.
 
     Raises:
         LearningError: another combination of runs.
@@ -42,9 +42,9 @@ def two_level_policy(directories: Sequence[Path]) -> HierarchicalPolicy:
             f"{', '.join(MOVER_LEARNERS)}"
         )
     mover = _mover(*movers[0]) if movers else PlannedMover()
+    grasps = str(load_run(deciders[0] if deciders else movers[0][1])["settings"]["grasps"])
     if not deciders:
-        return planned_decisions(mover)
-    grasps = str(load_run(deciders[0])["settings"]["grasps"])
+        return planned_decisions(mover, grasps)
     decider = LearnedDecider.load(deciders[0] / DECISIONS_FILE)
     return HierarchicalPolicy(decider, mover, "side" if grasps == "side" else "all")
 

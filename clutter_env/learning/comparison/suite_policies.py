@@ -155,11 +155,17 @@ _RANDOM = {"random": False, "random-skills": True}
 _GOAL_FAMILIES = ("reach", "pick")
 _LEARNED = {
     "keyframes": "clutter_env.learning.comparison.learned_policies:keyframes",
+    "keyframes-all": "clutter_env.learning.comparison.learned_policies:keyframes_all",
+    "keyframes-shelf": "clutter_env.learning.comparison.learned_policies:keyframes_shelf",
     "planned-decisions": "clutter_env.learning.comparison.learned_policies:planned_decisions",
+    "planned-decisions-all": "clutter_env.learning.comparison.learned_policies:planned_decisions_all",
+    "planned-decisions-shelf": "clutter_env.learning.comparison.learned_policies:planned_decisions_shelf",
     "planned-motions": "clutter_env.learning.comparison.decision_policies:side",
+    "planned-motions-all": "clutter_env.learning.comparison.decision_policies:all_grasps",
+    "planned-motions-shelf": "clutter_env.learning.comparison.decision_policies:shelf",
 }
 """Where the trained policies are, which need torch: learned decisions and motions, the expert's decisions and learned
-motions, learned decisions and the planner's motions."""
+motions, learned decisions and the planner's motions; with level grasps, all grasps, and under the shelf's board."""
 BUILT_IN = (*_FIXED, *_LEARNED, *_RANDOM)
 """Names of the built-in policies."""
 

@@ -24,7 +24,15 @@ from planners.scene import Scene, SceneError
 from planners.skills.alternatives import Alternatives
 from planners.tamp.solution import Solution
 
-__all__ = ["SEEDS_PER_CHUNK", "Chunk", "DecisionJob", "collect_decisions", "decide_chunk"]
+__all__ = [
+    "SEEDS_PER_CHUNK",
+    "Chunk",
+    "DecisionJob",
+    "canonical_plan",
+    "collect_decisions",
+    "decide_chunk",
+    "drawn_scene",
+]
 
 SEEDS_PER_CHUNK = 20
 _IDENTITY = "dataset.json"
@@ -92,9 +100,9 @@ def decide_chunk(job: DecisionJob, first_seed: int) -> Chunk:
         num_objects = int(env.unwrapped.config.num_objects)  # type: ignore[attr-defined]  # gymnasium's Env has no config
         planner = Planner(env.get_wrapper_attr("robot"), grasps=job.grasps, canonical=True)
         for seed in range(first_seed, min(first_seed + SEEDS_PER_CHUNK, HELD_OUT)):
-            scene, target = _scene(env, seed)
+            scene, target = drawn_scene(env, seed)
             alternatives = alternatives or Alternatives.of(planner, scene, map_placer(scene))
-            solution = _solved(planner, scene, target)
+            solution = canonical_plan(planner, scene, target)
             if solution is None:
                 without_plan += 1
                 continue
@@ -107,7 +115,7 @@ def decide_chunk(job: DecisionJob, first_seed: int) -> Chunk:
     return Chunk(decisions.to_bytes(), len(decisions), without_plan)
 
 
-def _scene(env: gym.Env[Any, Any], seed: int) -> tuple[Scene, str]:
+def drawn_scene(env: gym.Env[Any, Any], seed: int) -> tuple[Scene, str]:
     """The scene of a seed, and its target."""
     _, info = env.reset(seed=seed)
     own: Any = env.unwrapped
@@ -115,7 +123,7 @@ def _scene(env: gym.Env[Any, Any], seed: int) -> tuple[Scene, str]:
     return scene, str(info["target"])
 
 
-def _solved(planner: Planner, scene: Scene, target: str) -> Solution | None:
+def canonical_plan(planner: Planner, scene: Scene, target: str) -> Solution | None:
     """The canonical plan of a scene, if there is one."""
     try:
         found = planner.solve(scene, target)

@@ -13,16 +13,25 @@ from assets.robots import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose, wrapped
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.keyframes.configurations import nearest_home
-from clutter_env.learning.keyframes.features import POSTURE_JOINTS, contact_in_base, features, line_distance
+from clutter_env.learning.keyframes.features import (
+    POSTURE_JOINTS,
+    board_features,
+    contact_in_base,
+    features,
+    line_distance,
+)
 from clutter_env.learning.keyframes.motions import Motion
-from clutter_env.learning.keyframes.phases import LINES, TOWARDS, phase_index
+from clutter_env.learning.keyframes.phases import DRIVEN, LINES, TOWARDS, phase_index
+from clutter_env.learning.keyframes.under_board import cut_at_corners, is_driven
 
 __all__ = ["Examples", "examples_of"]
 
 Array = NDArray[np.float64]
 
-_AT_CONTACT = ("transit", *LINES, "close", "open")
-"""Phases whose keyframe lies at the contact or on a straight line from it, so that it moves with the contact."""
+_AT_CONTACT = ("transit", *LINES, "close", "open", *DRIVEN)
+"""Phases whose arm configuration is that of the contact or of a straight line from it: it moves with the contact."""
+_TO_CONTACT = (*TOWARDS, "reach")
+"""Phases at whose end the gripper is at the contact."""
 _END_REPEATS = 5
 """Examples of the end of a straight line, where accuracy matters most, for one of every step on it."""
 
@@ -39,6 +48,7 @@ class Examples:
         finger: (k,) [m] position of one finger.
         length: (k,) [m] of the straight line, 0 in other phases.
         at_contact: (k,) whether the keyframe moves with the contact.
+        is_under_board: whether the base drives in to the contacts.
     """
 
     features: Array
@@ -48,6 +58,7 @@ class Examples:
     finger: Array
     length: Array
     at_contact: NDArray[np.bool_]
+    is_under_board: bool = False
 
     def __len__(self) -> int:
         return len(self.q)
@@ -56,19 +67,24 @@ class Examples:
 def examples_of(robot: RobotSpec, motions: Iterable[Motion]) -> Examples:
     """The examples of all phases that are learned.
 
+    Where the base drives in under a board to one of the contacts, motions in the open are left out.
+
     Raises:
         DatasetError: there are none.
     """
     parts: list[Examples] = []
-    for motion in motions:
+    every = list(motions)
+    under = [motion for motion in every if is_driven(motion)]
+    for motion in map(cut_at_corners, under) if under else every:
         posture = _posture(robot, motion)
         for phase, steps in motion.runs():
             number = phase_index(motion.contact.skill, phase)
             if number is not None and posture is not None:
-                parts.append(_of_phase(robot, motion, _Phase(phase, number, steps), posture))
+                parts.append(_of_phase(robot, motion, _Phase(phase, number, steps), posture, bool(under)))
     if not parts:
         raise DatasetError("the demonstrations show no contact; collect them with `clutter-env collect --canonical`")
-    return Examples(*(np.concatenate([getattr(part, entry.name) for part in parts]) for entry in fields(Examples)))
+    columns = [entry.name for entry in fields(Examples) if entry.name != "is_under_board"]
+    return Examples(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns), bool(under))
 
 
 class _Phase(NamedTuple):
@@ -81,15 +97,15 @@ class _Phase(NamedTuple):
 
 def _posture(robot: RobotSpec, motion: Motion) -> Array | None:
     """(2,) torso [m] and upper-arm roll [rad] at the contact, less those of home; None if it was not reached."""
-    ends = [motion.keyframes[steps.stop - 1] for phase, steps in motion.runs() if phase in TOWARDS]
+    ends = [motion.keyframes[steps.stop - 1] for phase, steps in motion.runs() if phase in _TO_CONTACT]
     if not ends:
         return None
     joints = list(POSTURE_JOINTS)
     return nearest_home(robot, ends[-1][3:11])[joints] - np.array(robot.home)[joints]
 
 
-def _of_phase(robot: RobotSpec, motion: Motion, part: _Phase, posture: Array) -> Examples:
-    """The keyframe of one phase; of a straight line also the configurations on the way."""
+def _of_phase(robot: RobotSpec, motion: Motion, part: _Phase, posture: Array, is_under_board: bool) -> Examples:
+    """The keyframe of one phase; of a straight line of the arm also the configurations on the way."""
     phase, number, steps = part
     contact, keyframe = motion.contact, motion.keyframes[steps.stop - 1]
     base, q = keyframe[None, :3], keyframe[None, 3:11]
@@ -104,11 +120,17 @@ def _of_phase(robot: RobotSpec, motion: Motion, part: _Phase, posture: Array) ->
         distance = np.concatenate((line_distance(on_way, contact), np.repeat(last, _END_REPEATS)))
     count = len(q)
     # On a line the base has arrived: the contact in its measured frame fits the measured configuration.
-    seen_from = np.broadcast_to(contact.base, base.shape) if phase == "drive" else base
+    # Under a board, all is told as from the base at the contact: the arm is rigid on the drives.
+    seen_from = np.broadcast_to(contact.base, base.shape) if phase == "drive" or is_under_board else base
     sizes = np.broadcast_to(motion.reading.sizes(motion.index)[0], (count, 4))
     return Examples(
         features=features(
-            number, contact_in_base(contact.tcp, seen_from), sizes, distance, np.tile(posture, (count, 1))
+            number,
+            contact_in_base(contact.tcp, seen_from),
+            sizes,
+            distance,
+            np.tile(posture, (count, 1)),
+            board_features(number, contact, count) if is_under_board else None,
         ),
         phase=np.full(count, number),
         base=_relative(base, contact.base),

@@ -75,7 +75,10 @@ def fit_keyframes(
     """
     torch.manual_seed(config.seed)
     limits = ([link.lower for link in robot.chain], [link.upper for link in robot.chain])
-    network, kinematics = KeyframeNetwork(robot.home, *limits, config.width), ArmKinematics(robot)
+    network, kinematics = (
+        KeyframeNetwork(robot.home, *limits, config.width, examples.is_under_board),
+        ArmKinematics(robot),
+    )
     network.seen[np.unique(examples.phase)] = True
     data = _Tensors(examples, kinematics)
 

@@ -17,9 +17,18 @@ from clutter_env.learning.contacts.reading import Reading, planar_pose, read
 from clutter_env.learning.contacts.tracking import action_towards, error_to, stay
 from clutter_env.learning.keyframes.aim import Aim, GripperError
 from clutter_env.learning.keyframes.configurations import shortest_way
-from clutter_env.learning.keyframes.features import contact_in_base, features, line_distance
+from clutter_env.learning.keyframes.features import board_features, contact_in_base, features, line_distance
 from clutter_env.learning.keyframes.network import KeyframeNetwork
-from clutter_env.learning.keyframes.phases import AWAY, FINGERS, LINES, PHASES, TOWARDS, phase_index
+from clutter_env.learning.keyframes.phases import (
+    AWAY,
+    BOARD_PHASES,
+    DRIVEN,
+    FINGERS,
+    LINES,
+    PHASES,
+    TOWARDS,
+    phase_index,
+)
 from clutter_env.learning.keyframes.postures import PostureChoice
 from planners.execution.contact import Contact
 
@@ -37,6 +46,8 @@ _FAR_OFF = 0.03
 """[m] from the contact at which an approach that has come to rest has failed."""
 _AT_BASE, _AT_ARM, _ON_THE_WAY = 0.008, 0.02, 0.08
 """[m], [rad] from a keyframe at which base and arm have arrived, and arms that need not stop there."""
+_AT_CORNER = 0.02
+"""[m], [rad] of the base from a corner of its way under a board, at which it goes on."""
 _NEAR = 0.15
 """[m], [rad] of the joints from a keyframe at which the pose of the gripper is compared with the expected one."""
 _TUCKED = 0.4
@@ -106,7 +117,8 @@ class KeyframeMover:
         self._planned = self._contact = contact
         self._index = self._names.index(contact.object)
         self._first_seen = reading.position(self._index)
-        self._phases = [phase for phase in PHASES[contact.skill] if self._network.has_seen(contact.skill, phase)]
+        phases = (BOARD_PHASES if self._network.is_under_board else PHASES)[contact.skill]
+        self._phases = [phase for phase in phases if self._network.has_seen(contact.skill, phase)]
         self._aim, self._length, self._posture = Aim(), 0.0, self._postures.choose(contact, self._index, reading)
         is_dropped = contact.skill == "place" and not reading.is_held(self._index)
         self._has_failed = is_dropped or not self._phases
@@ -147,7 +159,7 @@ class KeyframeMover:
             phase = self._phases.pop(0)
             if phase == "drive" and self._steps >= _LONGEST:
                 self._has_failed, self._phases = True, []
-            elif phase in TOWARDS and line_distance(reading, self._contact) > _FAR_OFF:
+            elif self._has_stopped_short(phase, reading, keyframe):
                 self._has_failed, self._phases = True, self._phases[1:]
             self.is_done = not self._phases
             if self.is_done:
@@ -160,6 +172,12 @@ class KeyframeMover:
         self._still = self._still + 1 if abs(reading.widths[0] - self._width) < _STILL else 0
         self._width = float(reading.widths[0])
         return keyframe
+
+    def _has_stopped_short(self, phase: str, reading: Reading, keyframe: _Keyframe) -> bool:
+        """Whether the gripper is not at the contact although the way there has ended."""
+        if phase == "reach":
+            return bool(np.linalg.norm(keyframe.expected[:3, 3] - reading.tcp[:3, 3]) > _FAR_OFF)
+        return phase in TOWARDS and bool(line_distance(reading, self._contact) > _FAR_OFF)
 
     def _begin_phase(self, reading: Reading) -> None:
         self._steps = self._still = 0
@@ -181,6 +199,13 @@ class KeyframeMover:
             return is_slow and float(line_distance(reading, self._contact)) < _ARRIVED
         if phase == "drive":
             return keyframe.stops == 1 and bool((error[:3] < _AT_BASE).all())
+        if phase == "reach":
+            is_there = np.linalg.norm(keyframe.expected[:3, 3] - reading.tcp[:3, 3]) < _ARRIVED
+            return is_slow and bool(is_there)
+        if phase in DRIVEN:
+            return bool((error[:3] < _AT_CORNER).all())
+        if phase == "transit" and self._network.is_under_board:
+            return bool((error[3:] < _AT_ARM).all())
         if phase == "transit":
             is_right = GripperError.between(reading.tcp, keyframe.expected).is_small
             return is_right and bool((error[3:] < _AT_ARM).all())
@@ -191,7 +216,7 @@ class KeyframeMover:
     def _keyframe(self, reading: Reading) -> _Keyframe:
         """Where the robot goes now."""
         phase, contact = self._phases[0], self._contact
-        stands = np.array(contact.base) if phase == "drive" else reading.base
+        stands = np.array(contact.base) if self._is_away else reading.base
         here = float(line_distance(reading, contact)) if phase in LINES else 0.0
         ahead, own = here, self._aim.of(contact.tcp)
         expected = np.array(contact.tcp)
@@ -211,13 +236,21 @@ class KeyframeMover:
             base, stops = (way[0], len(way)) if is_tucked else (reading.base, 1 + len(way))
         return _Keyframe(np.concatenate((base, q)), float(predicted[14]), expected, stops)
 
+    @property
+    def _is_away(self) -> bool:
+        """Whether the base is, or may be, away from where it stands at the contact."""
+        phase = self._phases[0]
+        is_arms = phase in (*LINES, "close", "open")
+        return phase == "drive" or (self._network.is_under_board and not is_arms)
+
     def _predict(self, contact: Array, base: Array, reading: Reading, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact (4, 4), a base (3,) and a distance [m] on a line."""
         number = phase_index(self._contact.skill, self._phases[0])
         assert number is not None
         pose = contact_in_base(contact, base)
         sizes = reading.sizes(self._index)[None]
-        row = features(number, pose[None], sizes, np.array([distance]), self._posture[None])
+        board = board_features(number, self._contact, 1) if self._network.is_under_board else None
+        row = features(number, pose[None], sizes, np.array([distance]), self._posture[None], board)
         with torch.no_grad():
             predicted = self._network(torch.from_numpy(row.astype(np.float32)))
         return np.concatenate([part.numpy().reshape(-1) for part in predicted]).astype(float)
@@ -230,7 +263,11 @@ class KeyframeMover:
         On the way the arm lags behind, which is no error of the aim.
         """
         phase, error = self._phases[0], self._error(reading, keyframe.expected)
-        if phase == "transit":
+        if phase == "reach":
+            is_due = float(np.linalg.norm(error.shift)) < _AHEAD
+        elif phase == "transit" and self._network.is_under_board:
+            is_due = False
+        elif phase == "transit":
             is_due = bool(np.abs(error_to(reading, keyframe.goal)[3:]).max() < _NEAR)
         else:
             is_near = bool(line_distance(reading, self._contact) < _AHEAD)
@@ -241,14 +278,14 @@ class KeyframeMover:
     def _error(self, reading: Reading, expected: Array) -> GripperError:
         """Of the gripper; on a straight line without the part along it, since the distance is measured."""
         error = GripperError.between(reading.tcp, expected)
-        if self._phases[0] == "transit":
+        if self._phases[0] in ("transit", "reach"):
             return error
         return error.across(expected[:3, 3] - self._contact.tcp[:3, 3])
 
     def _follow_object(self, reading: Reading) -> None:
         """The contact of a pick moves with the object until the fingers close; the base no longer, once it has come."""
         phase = self._phases[0]
-        if self._planned.skill != "pick" or phase not in ("drive", "ready", "transit", "approach"):
+        if self._planned.skill != "pick" or phase not in ("drive", "ready", "transit", "enter", "reach", "approach"):
             return
         shift = reading.position(self._index) - self._first_seen
         base, tcp = np.array(self._planned.base), np.array(self._planned.tcp)

@@ -12,9 +12,9 @@ import torch
 from torch import nn
 
 from clutter_env.learning.errors import DatasetError
-from clutter_env.learning.keyframes.features import NUM_FEATURES
+from clutter_env.learning.keyframes.features import BOARD_FEATURES, NUM_FEATURES
 from clutter_env.learning.keyframes.ground import Ground
-from clutter_env.learning.keyframes.phases import NUM_PHASES, phase_index
+from clutter_env.learning.keyframes.phases import NUM_BOARD_PHASES, NUM_PHASES, phase_index
 from clutter_env.learning.regression.perceptron import perceptron
 from clutter_env.reporting.json_file import write_atomically
 
@@ -53,6 +53,7 @@ class KeyframeNetwork(nn.Module):
         home: (8,) configuration that the output is added to.
         lower, upper: (8,) limits of the joints, which the output keeps.
         seen: (p,) flags of the phases that the demonstrations show.
+        is_under_board: whether it drives in to contacts under a board, and out again; see `under_board`.
         closed: (2, 2) lowest and highest x and y [m] of the ground that no demonstrated drive enters, see `Ground`.
     """
 
@@ -62,13 +63,24 @@ class KeyframeNetwork(nn.Module):
     seen: torch.Tensor
     closed: torch.Tensor
 
-    def __init__(self, home: Sequence[float], lower: Sequence[float], upper: Sequence[float], width: int = 128) -> None:
+    def __init__(
+        self,
+        home: Sequence[float],
+        lower: Sequence[float],
+        upper: Sequence[float],
+        width: int = 128,
+        is_under_board: bool = False,
+    ) -> None:
         super().__init__()
+        self.is_under_board = is_under_board
+        phases, inputs = NUM_PHASES, NUM_FEATURES
+        if is_under_board:
+            phases, inputs = NUM_PHASES + NUM_BOARD_PHASES, NUM_FEATURES + BOARD_FEATURES
         for name, values in (("home", home), ("lower", lower), ("upper", upper)):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
-        self.register_buffer("seen", torch.zeros(NUM_PHASES, dtype=torch.bool))
+        self.register_buffer("seen", torch.zeros(phases, dtype=torch.bool))
         self.register_buffer("closed", torch.zeros((2, 2), dtype=torch.float64))
-        self.layers = perceptron(NUM_FEATURES, width, sum(_SIZES))
+        self.layers = perceptron(inputs, width, sum(_SIZES))
 
     def forward(self, features: torch.Tensor) -> Prediction:
         """Keyframes of features (k, f)."""
@@ -81,7 +93,7 @@ class KeyframeNetwork(nn.Module):
     def has_seen(self, skill: str, phase: str) -> bool:
         """Whether the demonstrations show a phase of a skill."""
         number = phase_index(skill, phase)
-        return number is not None and bool(self.seen[number])
+        return number is not None and number < len(self.seen) and bool(self.seen[number])
 
     @property
     def ground(self) -> Ground:
@@ -109,7 +121,8 @@ class KeyframeNetwork(nn.Module):
         """
         arrays = load_arrays(path)
         home, lower, upper = (arrays[name].tolist() for name in ("home", "lower", "upper"))
-        network = cls(home, lower, upper, len(arrays["layers.0.bias"]))
+        is_under_board = len(arrays["seen"]) > NUM_PHASES
+        network = cls(home, lower, upper, len(arrays["layers.0.bias"]), is_under_board)
         network.load_state_dict(arrays)
         return network
 

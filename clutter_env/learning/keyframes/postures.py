@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.learning.contacts.reading import Reading, planar_pose
-from clutter_env.learning.keyframes.features import contact_in_base, features
+from clutter_env.learning.keyframes.features import board_features, contact_in_base, features, way_in
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.phases import phase_index
@@ -25,6 +25,8 @@ _ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
 """[rad] of the upper arm from home."""
 _DISTANCES = (0.0, 0.06, 0.12, 0.18)
 """[m] from the contact on the straight line, at which the arm is compared with the objects."""
+_DRIVES = (0.0, 0.12, 0.24, 0.36, 0.48)
+"""[m] that the base has gone straight out from under a board, at which the rigid arm is compared with them."""
 _RADIUS, _ROOM = 0.065, 0.02
 """[m] of the forearm, and of free space around it that is enough."""
 _TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
@@ -46,22 +48,31 @@ class PostureChoice:
 
     def choose(self, contact: Contact, index: int, reading: Reading) -> Array:
         """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home."""
-        phase = "approach" if contact.skill == "pick" else "lower"
+        phase, board = "approach" if contact.skill == "pick" else "lower", None
+        distances, drives = np.array(_DISTANCES), np.zeros(1)
+        if self._network.is_under_board:
+            phase = "reach" if contact.skill == "pick" else "lower"
+            distances, drives = np.zeros(1), np.array(_DRIVES)
         number = phase_index(contact.skill, phase)
         assert number is not None
         pose = contact_in_base(contact.tcp, np.array(contact.base))
-        postures = np.repeat(self._grid, len(_DISTANCES), axis=0)
+        postures = np.repeat(self._grid, len(distances), axis=0)
         count = len(postures)
+        if self._network.is_under_board:
+            board = board_features(number, contact, count)
         rows = features(
             number,
             np.broadcast_to(pose, (count, 4, 4)),
             np.broadcast_to(reading.sizes(index), (count, 4)),
-            np.tile(_DISTANCES, len(self._grid)),
+            np.tile(distances, len(self._grid)),
             postures,
+            board,
         )
         with torch.no_grad():
             origins, _ = self._kinematics.frames(self._network(torch.from_numpy(rows.astype(np.float32))).q)
-        joints = origins.numpy().astype(float).reshape(len(self._grid), len(_DISTANCES), -1, 3)
+        joints = origins.numpy().astype(float).reshape(len(self._grid), len(distances), -1, 3)
+        if self._network.is_under_board:
+            joints = joints - drives[:, None, None] * way_in(contact)
         miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
         lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, _others(contact, index, reading)), 0.0)
         plain = _TORSO_COST * np.abs(self._grid[:, 0]) + np.abs(self._grid[:, 1])

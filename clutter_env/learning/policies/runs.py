@@ -16,6 +16,7 @@ __all__ = [
     "GOAL_ALGORITHMS",
     "MOVER_FILE",
     "MOVER_LEARNERS",
+    "PLAN_LEARNERS",
     "RUN_FILE",
     "SKILL_ALGORITHMS",
     "differences",
@@ -31,6 +32,8 @@ CLONERS = ("bc", "dagger")
 """Learn from an expert."""
 MOVER_LEARNERS = ("keyframes", "chunks", "flow")
 """Learn from demonstrations how contacts are brought about."""
+PLAN_LEARNERS = ("keyframes",)
+"""Those that can do with canonical plans of which nothing is simulated."""
 MOVER_FILE = "mover.npz"
 """Their weights, in the directory of a run."""
 DECISION_LEARNERS = ("decisions", "decisions_dagger")

@@ -14,6 +14,7 @@ from clutter_env.learning.policies.runs import (
     DECISION_LEARNERS,
     GOAL_ALGORITHMS,
     MOVER_LEARNERS,
+    PLAN_LEARNERS,
     RUN_FILE,
     SKILL_ALGORITHMS,
     differences,
@@ -49,8 +50,9 @@ class Run:
         directory: of the run.
         seed: random seed.
         demonstrations: dataset, needed by all that clone; "sac" and "tqc" imitate it and correct the imitation; they
-            need it on Retrieve.
-        episodes: of the dataset to use; None for all. Scenes from which "decisions" collects its examples. Of "ppo" and
+            need it on Retrieve. "keyframes" without them learns from plans.
+        episodes: of the dataset to use; None for all. Scenes from which "decisions" collects its examples, and that are
+            planned for "keyframes" without a dataset. Of "ppo" and
             "maskable_ppo": scenes whose good skills are cloned before reinforcement learning; None for no cloning.
         imitation_steps: gradient steps of the clone that "sac", "tqc", "ppo" and "maskable_ppo" improve.
         rounds: of "dagger" and "decisions_dagger".
@@ -59,7 +61,7 @@ class Run:
         checkpoint_every: steps between checkpoints. Cloning has one at its end, DAgger one after every round.
         evaluation_episodes: held-out scenes played at every checkpoint.
         evaluation_steps: after which each of them is cut off.
-        grasps: name of the grasp set that decisions are made among.
+        grasps: name of the grasp set that decisions are made among, and of plans that are learned from.
     """
 
     task: Task
@@ -95,7 +97,8 @@ class Run:
         if self.task.family not in _FAMILIES[self.algorithm]:
             fitting = ", ".join(name for name in LEARNERS if self.task.family in _FAMILIES[name])
             raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}")
-        if self.algorithm in (*CLONERS, *MOVER_LEARNERS) and self.demonstrations is None:
+        needs = (*CLONERS, *(name for name in MOVER_LEARNERS if name not in PLAN_LEARNERS))
+        if self.algorithm in needs and self.demonstrations is None:
             raise LearningError(f"{self.algorithm} needs demonstrations; make some with `clutter-env collect`")
         if self.algorithm in GOAL_ALGORITHMS and self.task.family == "retrieve" and self.demonstrations is None:
             raise LearningError(

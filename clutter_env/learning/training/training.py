@@ -96,7 +96,7 @@ def train(run: Run, resume: bool = False) -> Trained:
 def _learn(run: Run, resume: bool) -> list[dict[str, float]]:
     """The history of the run."""
     if run.algorithm in MOVER_LEARNERS:
-        return train_mover(run, _episodes(run))
+        return train_mover(run, [] if run.demonstrations is None else _episodes(run))
     if run.algorithm in CLONERS:
         return _clone(run)
     if run.algorithm in DECISION_LEARNERS:
