@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 
-__all__ = ["Reading", "planar_pose", "pose_of_quaternion", "read", "wrapped"]
+__all__ = ["Reading", "base_from", "planar_pose", "pose_of_quaternion", "read", "wrapped"]
 
 Array = NDArray[np.float64]
 
@@ -91,6 +91,12 @@ def planar_pose(base: Array) -> Array:
     T[..., :2, 3] = base[..., :2]
     T[..., 2, 2] = T[..., 3, 3] = 1.0
     return T
+
+
+def base_from(origin: Array, base: Array) -> Array:
+    """A base (3,) in the world that is given in the frame of another one (3,)."""
+    T = planar_pose(origin)
+    return np.append(T[:2, :2] @ base[:2] + T[:2, 3], origin[2] + base[2])
 
 
 def pose_of_quaternion(position: Array, quaternion: Array) -> Array:

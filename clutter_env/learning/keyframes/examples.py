@@ -24,7 +24,7 @@ from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.phases import DRIVEN, LINES, TOWARDS, phase_index
 from clutter_env.learning.keyframes.under_board import cut_at_corners, is_driven
 
-__all__ = ["Examples", "examples_of"]
+__all__ = ["Examples", "examples_of", "posture_of"]
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def examples_of(robot: RobotSpec, motions: Iterable[Motion]) -> Examples:
     every = list(motions)
     under = [motion for motion in every if is_driven(motion)]
     for motion in map(cut_at_corners, under) if under else every:
-        posture = _posture(robot, motion)
+        posture = posture_of(robot, motion)
         for phase, steps in motion.runs():
             number = phase_index(motion.contact.skill, phase)
             if number is not None and posture is not None:
@@ -95,7 +95,7 @@ class _Phase(NamedTuple):
     steps: slice
 
 
-def _posture(robot: RobotSpec, motion: Motion) -> Array | None:
+def posture_of(robot: RobotSpec, motion: Motion) -> Array | None:
     """(2,) torso [m] and upper-arm roll [rad] at the contact, less those of home; None if it was not reached."""
     ends = [motion.keyframes[steps.stop - 1] for phase, steps in motion.runs() if phase in _TO_CONTACT]
     if not ends:

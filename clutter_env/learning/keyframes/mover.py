@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.learning.contacts.protocols import Observation
-from clutter_env.learning.contacts.reading import Reading, planar_pose, read
+from clutter_env.learning.contacts.reading import Reading, base_from, planar_pose, read
 from clutter_env.learning.contacts.tracking import action_towards, error_to, stay
 from clutter_env.learning.keyframes.aim import Aim, GripperError
 from clutter_env.learning.keyframes.configurations import shortest_way
@@ -26,6 +26,7 @@ from clutter_env.learning.keyframes.phases import (
     FINGERS,
     LINES,
     PHASES,
+    RIGID,
     TOWARDS,
     phase_index,
 )
@@ -204,8 +205,6 @@ class KeyframeMover:
             return is_slow and bool(is_there)
         if phase in DRIVEN:
             return bool((error[:3] < _AT_CORNER).all())
-        if phase == "transit" and self._network.is_under_board:
-            return bool((error[3:] < _AT_ARM).all())
         if phase == "transit":
             is_right = GripperError.between(reading.tcp, keyframe.expected).is_small
             return is_right and bool((error[3:] < _AT_ARM).all())
@@ -219,22 +218,29 @@ class KeyframeMover:
         stands = np.array(contact.base) if self._is_away else reading.base
         here = float(line_distance(reading, contact)) if phase in LINES else 0.0
         ahead, own = here, self._aim.of(contact.tcp)
+        arm = RIGID.get(phase, phase) if self._network.is_under_board else phase
+        planned = self._predict(phase, contact.tcp, stands, reading, here)
+        rigid = planned if arm == phase else self._predict(arm, contact.tcp, stands, reading, here)
         expected = np.array(contact.tcp)
-        expected[:3, 3] += contact.tcp[:3, :3] @ self._predict(contact.tcp, stands, reading, here)[11:14]
+        expected[:3, 3] += contact.tcp[:3, :3] @ rigid[11:14]
+        if self._network.is_under_board and phase in ("transit", "enter"):
+            expected = planar_pose(reading.base) @ contact_in_base(expected, np.array(contact.base))
         if phase in AWAY:
-            self._length = float(self._predict(own, stands, reading, here)[15])
+            self._length = float(self._predict(phase, own, stands, reading, here)[15])
             ahead = min(here + _AHEAD, self._length)
         elif phase in TOWARDS and self._error(reading, expected).is_small:
             ahead = max(here - _AHEAD, 0.0)
-        predicted = self._predict(own, stands, reading, ahead)
-        base, q = _in_world(contact.base, predicted[:3]), predicted[3:11]
+        predicted = self._predict(arm, own, stands, reading, ahead)
+        # Under a board the base drives along the contact's line; the aim is the arm's alone.
+        base = base_from(contact.base, (planned if self._network.is_under_board else predicted)[:3])
+        finger, q = float((predicted if arm == phase else planned)[14]), predicted[3:11]
         q = shortest_way(self._robot, reading.q, q)
         stops = 1
         if phase == "drive":
             way = self._ground.way(reading.base, base)
             is_tucked = np.abs(q - reading.q).max() <= _TUCKED
             base, stops = (way[0], len(way)) if is_tucked else (reading.base, 1 + len(way))
-        return _Keyframe(np.concatenate((base, q)), float(predicted[14]), expected, stops)
+        return _Keyframe(np.concatenate((base, q)), finger, expected, stops)
 
     @property
     def _is_away(self) -> bool:
@@ -243,9 +249,9 @@ class KeyframeMover:
         is_arms = phase in (*LINES, "close", "open")
         return phase == "drive" or (self._network.is_under_board and not is_arms)
 
-    def _predict(self, contact: Array, base: Array, reading: Reading, distance: float) -> Array:
+    def _predict(self, phase: str, contact: Array, base: Array, reading: Reading, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact (4, 4), a base (3,) and a distance [m] on a line."""
-        number = phase_index(self._contact.skill, self._phases[0])
+        number = phase_index(self._contact.skill, phase)
         assert number is not None
         pose = contact_in_base(contact, base)
         sizes = reading.sizes(self._index)[None]
@@ -264,9 +270,7 @@ class KeyframeMover:
         """
         phase, error = self._phases[0], self._error(reading, keyframe.expected)
         if phase == "reach":
-            is_due = float(np.linalg.norm(error.shift)) < _AHEAD
-        elif phase == "transit" and self._network.is_under_board:
-            is_due = False
+            is_due = bool(np.abs(error_to(reading, keyframe.goal)).max() < _AT_CORNER)
         elif phase == "transit":
             is_due = bool(np.abs(error_to(reading, keyframe.goal)[3:]).max() < _NEAR)
         else:
@@ -292,9 +296,3 @@ class KeyframeMover:
         tcp[:3, 3] += shift
         base = base + shift * (1.0, 1.0, 0.0) if phase == "drive" else self._contact.base
         self._contact = Contact(self._planned.skill, self._planned.object, base, tcp)
-
-
-def _in_world(origin: Array, base: Array) -> Array:
-    """A base (3,) that is given in the frame of another one."""
-    T = planar_pose(origin)
-    return np.append(T[:2, :2] @ base[:2] + T[:2, 3], origin[2] + base[2])

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from clutter_env.learning.errors import DatasetError
@@ -54,6 +55,7 @@ class KeyframeNetwork(nn.Module):
         lower, upper: (8,) limits of the joints, which the output keeps.
         seen: (p,) flags of the phases that the demonstrations show.
         is_under_board: whether it drives in to contacts under a board, and out again; see `under_board`.
+        shown: (m, 7) contacts and postures demonstrated under a board, see `shown_postures`; none in the open.
         closed: (2, 2) lowest and highest x and y [m] of the ground that no demonstrated drive enters, see `Ground`.
     """
 
@@ -62,6 +64,7 @@ class KeyframeNetwork(nn.Module):
     upper: torch.Tensor
     seen: torch.Tensor
     closed: torch.Tensor
+    shown: torch.Tensor
 
     def __init__(
         self,
@@ -79,6 +82,8 @@ class KeyframeNetwork(nn.Module):
         for name, values in (("home", home), ("lower", lower), ("upper", upper)):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
         self.register_buffer("seen", torch.zeros(phases, dtype=torch.bool))
+        if is_under_board:
+            self.register_buffer("shown", torch.zeros((0, 7)))
         self.register_buffer("closed", torch.zeros((2, 2), dtype=torch.float64))
         self.layers = perceptron(inputs, width, sum(_SIZES))
 
@@ -104,6 +109,10 @@ class KeyframeNetwork(nn.Module):
         """Set which ground the base keeps out of."""
         self.closed = torch.tensor(np.stack((ground.low, ground.high)))
 
+    def offer_postures(self, shown: NDArray[np.float64]) -> None:
+        """Set which postures are chosen from under a board, see `shown_postures`."""
+        self.shown = torch.tensor(shown, dtype=torch.float32)
+
     def save(self, path: Path) -> None:
         """Write the weights; the file is complete, or the old one stays.
 
@@ -123,6 +132,8 @@ class KeyframeNetwork(nn.Module):
         home, lower, upper = (arrays[name].tolist() for name in ("home", "lower", "upper"))
         is_under_board = len(arrays["seen"]) > NUM_PHASES
         network = cls(home, lower, upper, len(arrays["layers.0.bias"]), is_under_board)
+        if is_under_board:
+            network.shown = arrays["shown"]
         network.load_state_dict(arrays)
         return network
 

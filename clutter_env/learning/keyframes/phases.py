@@ -14,6 +14,7 @@ __all__ = [
     "NUM_BOARD_PHASES",
     "NUM_PHASES",
     "PHASES",
+    "RIGID",
     "SKILLS",
     "TOWARDS",
     "phase_index",
@@ -27,6 +28,8 @@ PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType({"pick": _PICK, "place"
 DRIVEN = ("enter", "reach", "back", "leave")
 """Straight drives of the base under a board and out again, the arm rigid: to where the gripper is about to reach around
 the object, along the gripper to the contact, and back."""
+RIGID: Mapping[str, str] = MappingProxyType({"transit": "reach", "enter": "reach", "leave": "back"})
+"""Under a board, phases with the arm configuration of another one."""
 _PICK_UNDER = ("drive", "ready", "transit", "enter", "reach", "close", "lift", "back", "leave", "retreat")
 _PLACE_UNDER = ("drive", "transit", "enter", "reach", "lower", "open", "back", "leave", "retreat")
 BOARD_PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType({"pick": _PICK_UNDER, "place": _PLACE_UNDER})

@@ -13,6 +13,7 @@ from clutter_env.learning.keyframes.features import board_features, contact_in_b
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.phases import phase_index
+from clutter_env.learning.keyframes.shown_postures import nearest_postures
 from planners.execution.contact import Contact
 
 __all__ = ["PostureChoice"]
@@ -25,6 +26,8 @@ _ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
 """[rad] of the upper arm from home."""
 _DISTANCES = (0.0, 0.06, 0.12, 0.18)
 """[m] from the contact on the straight line, at which the arm is compared with the objects."""
+_UNLIKE_COST = 0.2
+"""Cost of a posture under a board for each unit by which the contact where it was demonstrated differs."""
 _DRIVES = (0.0, 0.12, 0.24, 0.36, 0.48)
 """[m] that the base has gone straight out from under a board, at which the rigid arm is compared with them."""
 _RADIUS, _ROOM = 0.065, 0.02
@@ -48,35 +51,39 @@ class PostureChoice:
 
     def choose(self, contact: Contact, index: int, reading: Reading) -> Array:
         """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home."""
-        phase, board = "approach" if contact.skill == "pick" else "lower", None
-        distances, drives = np.array(_DISTANCES), np.zeros(1)
+        is_pick, pose = contact.skill == "pick", contact_in_base(contact.tcp, np.array(contact.base))
+        sizes = reading.sizes(index)
         if self._network.is_under_board:
-            phase = "reach" if contact.skill == "pick" else "lower"
-            distances, drives = np.zeros(1), np.array(_DRIVES)
+            grid, away = nearest_postures(self._network.shown.numpy().astype(float), contact)
+            plain = _UNLIKE_COST * away
+            joints = self._joints(grid, contact, "reach" if is_pick else "lower", sizes, np.zeros(1))
+            joints = joints - np.array(_DRIVES)[:, None, None] * way_in(contact)
+        else:
+            grid = self._grid
+            plain = _TORSO_COST * np.abs(grid[:, 0]) + np.abs(grid[:, 1])
+            joints = self._joints(grid, contact, "approach" if is_pick else "lower", sizes, np.array(_DISTANCES))
+        miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
+        lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, _others(contact, index, reading)), 0.0)
+        return np.asarray(grid[np.argmin(plain + _MISS_COST * miss + _HIT_COST * lacking)])
+
+    def _joints(self, grid: Array, contact: Contact, phase: str, sizes: Array, distances: Array) -> Array:
+        """(k, d, 9, 3) [m] Joints and TCP in the base's frame, in k postures (k, 2) at d distances on a line."""
         number = phase_index(contact.skill, phase)
         assert number is not None
         pose = contact_in_base(contact.tcp, np.array(contact.base))
-        postures = np.repeat(self._grid, len(distances), axis=0)
+        postures = np.repeat(grid, len(distances), axis=0)
         count = len(postures)
-        if self._network.is_under_board:
-            board = board_features(number, contact, count)
         rows = features(
             number,
             np.broadcast_to(pose, (count, 4, 4)),
-            np.broadcast_to(reading.sizes(index), (count, 4)),
-            np.tile(distances, len(self._grid)),
+            np.broadcast_to(sizes, (count, 4)),
+            np.tile(distances, len(grid)),
             postures,
-            board,
+            board_features(number, contact, count) if self._network.is_under_board else None,
         )
         with torch.no_grad():
             origins, _ = self._kinematics.frames(self._network(torch.from_numpy(rows.astype(np.float32))).q)
-        joints = origins.numpy().astype(float).reshape(len(self._grid), len(distances), -1, 3)
-        if self._network.is_under_board:
-            joints = joints - drives[:, None, None] * way_in(contact)
-        miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
-        lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, _others(contact, index, reading)), 0.0)
-        plain = _TORSO_COST * np.abs(self._grid[:, 0]) + np.abs(self._grid[:, 1])
-        return np.asarray(self._grid[np.argmin(plain + _MISS_COST * miss + _HIT_COST * lacking)])
+        return origins.numpy().astype(float).reshape(len(grid), len(distances), -1, 3)
 
 
 def _others(contact: Contact, index: int, reading: Reading) -> Array:

@@ -22,6 +22,8 @@ from clutter_env.learning.keyframes.ground import closed_ground
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.mover import KeyframeMover
 from clutter_env.learning.keyframes.network import KeyframeNetwork, load_arrays
+from clutter_env.learning.keyframes.shown_postures import shown_postures
+from clutter_env.learning.keyframes.under_board import is_driven
 from clutter_env.learning.regression.descent import Report
 
 __all__ = ["FittedMover", "fit_mover", "load_mover"]
@@ -45,6 +47,8 @@ class _Settings(NamedTuple):
 def _keyframes(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings) -> FittedMover:
     config = FitConfig(steps=settings.steps, seed=settings.seed)
     network = fit_keyframes(robot, examples_of(robot, motions), config, settings.report)
+    if network.is_under_board:
+        network.offer_postures(shown_postures(robot, [motion for motion in motions if is_driven(motion)]))
     network.keep_out_of(closed_ground(motions))
     return FittedMover(KeyframeMover(network), network)
 
