@@ -25,8 +25,9 @@ class Arguments:
     """Name of the suite."""
     policy: str = "lookahead"
     """A strategy of the expert with side grasps ("lookahead", "ngr", "dogar", "srivastava") or with all grasps
-    ("lookahead-all", …), "keyframes" (learned decisions and motions), "planned-decisions", "planned-motions", "random",
-    "random-skills", "greedy", "bulldozer", "scripted", the directory of a training run, or module:Class."""
+    ("lookahead-all", …), "keyframes" (learned decisions and motions), "planned-decisions", "planned-motions" (each also
+    "…-all" and "…-shelf"), "random", "random-skills", "greedy", "bulldozer", "scripted", the directory of a training
+    run, or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None

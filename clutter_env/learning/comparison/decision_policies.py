@@ -2,7 +2,7 @@
 
 clutter-env evaluate --suite side-15-v1 --policy clutter_env.learning.comparison.decision_policies:side
 clutter-env evaluate --suite all-25-v1 --policy clutter_env.learning.comparison.decision_policies:all_grasps
-clutter-env evaluate --suite shelf-10-v1 --policy clutter_env.learning.comparison.decision_policies:shelf
+clutter-env evaluate --suite shelf-10-v2 --policy clutter_env.learning.comparison.decision_policies:shelf
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ from clutter_env.learning.training.training import train  # noqa: E402
 from planners.motion.arm import tcp_pose  # noqa: E402
 from planners.scene import RobotState  # noqa: E402
 
-OPEN = Task("clutter_env/Retrieve-o3-v0", {"obstructed": True})
-SHELF = Task("clutter_env/Retrieve-o4-v0", {"layout": "shelf", "obstructed": True})
+OPEN = Task("clutter_env/Retrieve-o5-v0", {"obstructed": True})
+SHELF = Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True})
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +62,9 @@ def test_a_planned_motion_shows_what_a_demonstration_shows(in_the_open: list[Mot
         assert len(motion.reading.base) == len(motion.phases) + 1
 
 
-def test_all_grasps_are_shown_level_tilted_and_from_above(in_the_open: list[Motion]) -> None:
+def test_all_grasps_are_shown_level_and_tilted(in_the_open: list[Motion]) -> None:
     pitches = {round(float(np.degrees(np.arcsin(-motion.contact.tcp[2, 0])))) for motion in in_the_open}
-    assert {0, 60, 90} <= pitches
+    assert {0, 60} <= pitches
 
 
 def test_under_a_board_the_arm_is_rigid_on_the_drives_between_corners(under_a_board: list[Motion]) -> None:
@@ -83,8 +83,10 @@ def test_under_a_board_the_arm_is_rigid_on_the_drives_between_corners(under_a_bo
         np.testing.assert_allclose(gripper_at(found["reach"])[:2, 3], motion.contact.tcp[:2, 3], atol=1e-6)
         along = found["reach"][:2] - found["enter"][:2]
         np.testing.assert_allclose(along, 0.1 * motion.contact.tcp[:2, 0], atol=1e-6)
-        on_drives = [step for step, phase in enumerate(cut.phases) if phase in ("enter", "leave")]
-        assert np.abs(np.diff(motion.reading.q[on_drives], axis=0)).max() < 1e-6 or motion.contact.skill == "place"
+        for phase, steps in cut.runs():
+            if phase in DRIVEN:
+                q = motion.reading.q[steps]
+                np.testing.assert_allclose(q, np.broadcast_to(q[0], q.shape), atol=1e-6)
 
 
 def test_a_network_says_what_it_was_fitted_to(
