@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +83,9 @@ def examples_of(robot: RobotSpec, motions: Iterable[Motion]) -> Examples:
                 parts.append(_of_phase(robot, motion, _Phase(phase, number, steps), posture, bool(under)))
     if not parts:
         raise DatasetError("the demonstrations show no contact; collect them with `clutter-env collect --canonical`")
-    columns = [entry.name for entry in fields(Examples) if entry.name != "is_under_board"]
-    return Examples(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns), bool(under))
+    names = [entry.name for entry in fields(Examples) if entry.name != "is_under_board"]
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return Examples(**columns, is_under_board=bool(under))
 
 
 class _Phase(NamedTuple):
