@@ -1,9 +1,14 @@
-"""How kernels are compiled: numba's `njit`, which also works where compiled kernels cannot be kept."""
+"""How kernels are compiled: numba's `njit`, which also works where compiled kernels cannot be kept, and compiles a kept
+kernel again when one that it calls has changed."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -68,7 +73,26 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return numba.njit(**_OPTIONS, **{**options, "cache": False})(function)
     if options.get("cache"):
         kernel._cache.save_overload = _saves_or_warns(kernel._cache.save_overload)
+        kernel._cache._cache_file._version += f" {_digest_of_kernels(function.__module__.partition('.')[0])}"
     return kernel
+
+
+@cache
+def _digest_of_kernels(package: str) -> str:
+    """Of all files with kernels in this package and in the given one, whose kernels call those of this one.
+
+    Numba asks only whether the file of a kernel has changed. This digest stands beside numba's version in the index of
+    its cache, the first thing that is read there: the rest may name modules that are gone.
+    """
+    digest = sha256()
+    for name in sorted({__package__, package} - {"__main__"}):
+        spec = find_spec(name)
+        folders = spec.submodule_search_locations if spec and spec.submodule_search_locations else ()
+        for path in sorted(path for folder in folders for path in Path(folder).rglob("*.py")):
+            source = path.read_bytes()
+            if b"njit" in source:
+                digest.update(path.name.encode() + b"\0" + source)
+    return digest.hexdigest()
 
 
 def _saves_or_warns(save: Callable[..., None]) -> Callable[..., None]:

@@ -127,3 +127,56 @@ def test_other_errors_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba, "njit", refuse)
     with pytest.raises(RuntimeError, match="another reason"):
         njit(cache=True)(lambda x: x)
+
+
+CALLEE = """
+from irm.compilation import njit
+
+@njit(cache=True)
+def step(x):
+    return x + {step}
+"""
+CALLER = """
+from irm.compilation import njit
+from kernels_of_a_test.callee import step
+
+@njit(cache=True)
+def twice(x):
+    return step(step(x))
+"""
+
+
+def answer_of(folder: Path) -> str:
+    """What the kernel of the package in `folder` computes in a new process."""
+    code = "from kernels_of_a_test.caller import twice; print(twice(1))"
+    path = os.pathsep.join([str(folder), str(ROOT)])
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}
+    )
+    assert not done.returncode, done.stderr
+    return done.stdout.strip()
+
+
+def test_a_kept_kernel_is_compiled_again_if_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+    package = tmp_path / "kernels_of_a_test"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "caller.py").write_text(CALLER)
+    (package / "callee.py").write_text(CALLEE.format(step=1))
+    assert answer_of(tmp_path) == "3"
+    (package / "callee.py").write_text(CALLEE.format(step=10))
+    assert answer_of(tmp_path) == "21"
+
+
+def test_kept_kernels_are_loaded_where_no_kernel_has_changed(tmp_path: Path) -> None:
+    package = tmp_path / "kernels_of_a_test"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "caller.py").write_text(CALLER)
+    (package / "callee.py").write_text(CALLEE.format(step=1))
+    assert answer_of(tmp_path) == "3"
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+    (package / "plain.py").write_text("no_kernel = True")
+    assert answer_of(tmp_path) == "3"
+    assert kept
+    assert kept == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
