@@ -157,26 +157,27 @@ def answer_of(folder: Path) -> str:
     return done.stdout.strip()
 
 
-def test_a_kept_kernel_is_compiled_again_if_one_that_it_calls_has_changed(tmp_path: Path) -> None:
-    package = tmp_path / "kernels_of_a_test"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "caller.py").write_text(CALLER)
-    (package / "callee.py").write_text(CALLEE.format(step=1))
-    assert answer_of(tmp_path) == "3"
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of two kernels, one of which calls the other."""
+    folder = tmp_path / "kernels_of_a_test"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "caller.py").write_text(CALLER)
+    (folder / "callee.py").write_text(CALLEE.format(step=1))
+    return folder
+
+
+def test_a_kept_kernel_is_compiled_again_if_one_that_it_calls_has_changed(package: Path) -> None:
+    assert answer_of(package.parent) == "3"
     (package / "callee.py").write_text(CALLEE.format(step=10))
-    assert answer_of(tmp_path) == "21"
+    assert answer_of(package.parent) == "21"
 
 
-def test_kept_kernels_are_loaded_where_no_kernel_has_changed(tmp_path: Path) -> None:
-    package = tmp_path / "kernels_of_a_test"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "caller.py").write_text(CALLER)
-    (package / "callee.py").write_text(CALLEE.format(step=1))
-    assert answer_of(tmp_path) == "3"
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+def test_kept_kernels_are_loaded_where_no_kernel_has_changed(package: Path) -> None:
+    assert answer_of(package.parent) == "3"
+    kept = {path: path.stat().st_mtime_ns for path in package.rglob("*.nbc")}
     (package / "plain.py").write_text("no_kernel = True")
-    assert answer_of(tmp_path) == "3"
+    assert answer_of(package.parent) == "3"
     assert kept
-    assert kept == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+    assert kept == {path: path.stat().st_mtime_ns for path in package.rglob("*.nbc")}
