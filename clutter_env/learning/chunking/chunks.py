@@ -9,8 +9,8 @@ import torch
 from torch.nn.functional import l1_loss
 
 from clutter_env.learning.chunking.examples import ROW, STEPS, ChunkExamples
-from clutter_env.learning.chunking.network import ChunkConfig, ScaledChunks
-from clutter_env.learning.regression.descent import Report, descend
+from clutter_env.learning.chunking.network import ScaledChunks
+from clutter_env.learning.regression.descent import DescentConfig, Report, descend
 
 __all__ = ["ChunkNetwork", "fit_chunks"]
 
@@ -30,7 +30,7 @@ class ChunkNetwork(ScaledChunks):
         return self.unscaled(self(features[None])[0])
 
 
-def fit_chunks(examples: ChunkExamples, config: ChunkConfig, report: Report = lambda *_: None) -> ChunkNetwork:
+def fit_chunks(examples: ChunkExamples, config: DescentConfig, report: Report = lambda *_: None) -> ChunkNetwork:
     """A network fitted to examples by the mean absolute error.
 
     Args:

@@ -10,8 +10,8 @@ import torch
 from torch.nn.functional import mse_loss
 
 from clutter_env.learning.chunking.examples import ROW, STEPS, ChunkExamples
-from clutter_env.learning.chunking.network import SIZE, ChunkConfig, ScaledChunks
-from clutter_env.learning.regression.descent import Report, descend
+from clutter_env.learning.chunking.network import SIZE, ScaledChunks
+from clutter_env.learning.regression.descent import DescentConfig, Report, descend
 
 __all__ = ["FlowNetwork", "fit_flow"]
 
@@ -41,7 +41,7 @@ class FlowNetwork(ScaledChunks):
         return self.unscaled(chunk.reshape(STEPS, ROW))
 
 
-def fit_flow(examples: ChunkExamples, config: ChunkConfig, report: Report = lambda *_: None) -> FlowNetwork:
+def fit_flow(examples: ChunkExamples, config: DescentConfig, report: Report = lambda *_: None) -> FlowNetwork:
     """A network fitted to examples by conditional flow matching.
 
     Args:

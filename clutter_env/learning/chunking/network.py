@@ -1,8 +1,6 @@
-"""What the two networks that predict chunks share: their settings, their layers and the scale of their outputs."""
+"""What the two networks that predict chunks share: their layers and the scale of their outputs."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import torch
 from torch import nn
@@ -10,31 +8,12 @@ from torch import nn
 from clutter_env.learning.chunking.examples import ROW, STEPS
 from clutter_env.learning.regression.perceptron import perceptron
 
-__all__ = ["SIZE", "ChunkConfig", "ScaledChunks"]
+__all__ = ["SIZE", "ScaledChunks"]
 
 SIZE = STEPS * ROW
 """Numbers in a chunk."""
 _LEAST_SPREAD = 1e-2
 """Added to the spread of the data, so that numbers that never change are not divided by zero."""
-
-
-@dataclass(frozen=True)
-class ChunkConfig:
-    """Settings of a regression.
-
-    Attributes:
-        steps: gradient steps.
-        batch: examples in each step.
-        learning_rate: the first one; it falls to zero along a cosine.
-        width: of the hidden layers.
-        seed: random seed.
-    """
-
-    steps: int = 4000
-    batch: int = 256
-    learning_rate: float = 1e-3
-    width: int = 256
-    seed: int = 0
 
 
 class ScaledChunks(nn.Module):

@@ -12,7 +12,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from clutter_env.learning.decisions.examples import ContactExamples
 from clutter_env.learning.decisions.network import ContactBatch, ContactNetwork
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.regression.descent import Report, descend
+from clutter_env.learning.regression.descent import DescentConfig, Report, descend
 
 __all__ = ["Accuracy", "FitConfig", "accuracy", "batch_of", "fit"]
 
@@ -21,22 +21,12 @@ _REACH_SHARE = 8
 
 
 @dataclass(frozen=True)
-class FitConfig:
-    """Settings.
-
-    Attributes:
-        steps: gradient steps.
-        batch: reached contacts in each.
-        learning_rate: the first one; it falls to zero along a cosine.
-        width: of the hidden layers.
-        seed: random seed.
-    """
+class FitConfig(DescentConfig):
+    """Settings; `batch` counts the reached contacts in each step."""
 
     steps: int = 6000
-    batch: int = 256
     learning_rate: float = 2e-3
     width: int = 96
-    seed: int = 0
 
 
 @dataclass(frozen=True)

@@ -13,29 +13,22 @@ from clutter_env.learning.keyframes.examples import Examples
 from clutter_env.learning.keyframes.features import CENTRE, POSE, POSTURE, POSTURE_JOINTS, POSTURE_SIZE, REACH
 from clutter_env.learning.keyframes.kinematics import ArmKinematics, rotations_about
 from clutter_env.learning.keyframes.network import KeyframeNetwork, Prediction
-from clutter_env.learning.regression.descent import Report, descend
+from clutter_env.learning.regression.descent import DescentConfig, Report, descend
 
 __all__ = ["FitConfig", "fit_keyframes"]
 
 
 @dataclass(frozen=True)
-class FitConfig:
-    """Settings of the regression.
+class FitConfig(DescentConfig):
+    """Settings of the regression, and these.
 
     Attributes:
-        steps: gradient steps.
-        batch: examples in each step.
-        learning_rate: the first one; it falls to zero along a cosine.
-        width: of the hidden layers.
         tcp_weight: of the error of the gripper, beside that of the joints.
         shift, turn, tilt: [m], [rad] about the vertical, [rad]: largest standard deviations by which contacts are
             moved for the loss of the gripper.
         posture: by how many units of its features the posture is changed at most, as a standard deviation.
-        seed: random seed.
     """
 
-    steps: int = 4000
-    batch: int = 256
     learning_rate: float = 2e-3
     width: int = 128
     tcp_weight: float = 10.0
@@ -43,7 +36,6 @@ class FitConfig:
     turn: float = 0.15
     tilt: float = 0.05
     posture: float = 0.7
-    seed: int = 0
 
 
 _JOINT, _LENGTH, _FINGER = 0.05, 0.02, 0.003

@@ -14,7 +14,6 @@ from clutter_env.learning.chunking.chunks import ChunkNetwork, fit_chunks
 from clutter_env.learning.chunking.examples import chunk_examples
 from clutter_env.learning.chunking.flow import FlowNetwork, fit_flow
 from clutter_env.learning.chunking.mover import ChunkMover
-from clutter_env.learning.chunking.network import ChunkConfig
 from clutter_env.learning.contacts.protocols import Mover
 from clutter_env.learning.keyframes.examples import examples_of
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes
@@ -24,7 +23,7 @@ from clutter_env.learning.keyframes.mover import KeyframeMover
 from clutter_env.learning.keyframes.network import KeyframeNetwork, load_arrays
 from clutter_env.learning.keyframes.shown_postures import shown_postures
 from clutter_env.learning.keyframes.under_board import is_driven
-from clutter_env.learning.regression.descent import Report
+from clutter_env.learning.regression.descent import DescentConfig, Report
 
 __all__ = ["FittedMover", "fit_mover", "load_mover"]
 
@@ -54,13 +53,13 @@ def _keyframes(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings)
 
 
 def _chunks(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings) -> FittedMover:
-    config = ChunkConfig(steps=settings.steps, seed=settings.seed)
+    config = DescentConfig(steps=settings.steps, seed=settings.seed)
     network = fit_chunks(chunk_examples(robot, motions), config, settings.report)
     return FittedMover(ChunkMover(network), network)
 
 
 def _flow(robot: RobotSpec, motions: Sequence[Motion], settings: _Settings) -> FittedMover:
-    config = ChunkConfig(steps=settings.steps, seed=settings.seed)
+    config = DescentConfig(steps=settings.steps, seed=settings.seed)
     network = fit_flow(chunk_examples(robot, motions), config, settings.report)
     return FittedMover(ChunkMover(network), network)
 

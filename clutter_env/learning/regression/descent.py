@@ -3,17 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import torch
 
-__all__ = ["Report", "descend"]
+__all__ = ["DescentConfig", "Report", "descend"]
 
 Report: TypeAlias = Callable[[int, float], None]
 """Called with the number of a gradient step and the loss."""
 
 _REPORT_EVERY = 500
 """Steps between two reports."""
+
+
+@dataclass(frozen=True)
+class DescentConfig:
+    """Settings of a regression; each learner has its own values.
+
+    Attributes:
+        steps: gradient steps.
+        batch: examples in each step.
+        learning_rate: the first one; it falls to zero along a cosine.
+        width: of the hidden layers.
+        seed: random seed.
+    """
+
+    steps: int = 4000
+    batch: int = 256
+    learning_rate: float = 1e-3
+    width: int = 256
+    seed: int = 0
 
 
 def descend(

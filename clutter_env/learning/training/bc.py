@@ -13,7 +13,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.policies.features import feature_vector
 from clutter_env.learning.policies.policy import Policy
-from clutter_env.learning.regression.descent import Report, descend
+from clutter_env.learning.regression.descent import DescentConfig, Report, descend
 
 __all__ = ["CloneConfig", "Examples", "clone", "examples_of"]
 
@@ -33,22 +33,11 @@ class Examples:
 
 
 @dataclass(frozen=True)
-class CloneConfig:
-    """Settings of the regression.
-
-    Attributes:
-        steps: gradient steps.
-        batch: examples in each step.
-        learning_rate: the first one; it falls to zero along a cosine.
-        width: of the hidden layers.
-        seed: random seed.
-    """
+class CloneConfig(DescentConfig):
+    """Settings of the regression."""
 
     steps: int = 10_000
     batch: int = 512
-    learning_rate: float = 1e-3
-    width: int = 256
-    seed: int = 0
 
 
 def examples_of(episodes: Iterable[Episode]) -> Examples:
