@@ -42,26 +42,35 @@ NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
 def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> Interval:
     """The mean over groups of their means, with a percentile bootstrap interval.
 
+    Groups and scenes are resampled, the same scenes for all groups, since a hard scene is hard for all of them (the
+    bootstrap of crossed effects, Owen 2007, Annals of Applied Statistics 1, pp. 386-411).
+
     Args:
-        groups: one per training seed (or only one), each with one value per scene; empty groups do not count. Groups
-            are resampled first, then the scenes of each, so that the interval covers both sources of variation.
+        groups: one per training seed (or only one), each with one value per scene, value k that of scene k in every
+            group. NaN, or nothing at the end, where a group has no value; groups without any do not count.
         rng: for resampling.
     """
-    arrays = [np.asarray(group, float) for group in groups if len(group)]
-    if not arrays:
+    filled = [np.asarray(group, float) for group in groups if len(group)]
+    values = np.full((len(filled), max(map(len, filled), default=0)), np.nan)
+    for row, group in zip(values, filled, strict=True):
+        row[: len(group)] = group
+    is_known = ~np.isnan(values)
+    values = values[is_known.any(axis=1)][:, is_known.any(axis=0)]
+    if not values.size:
         return NO_INTERVAL
-    drawn = rng.integers(len(arrays), size=(RESAMPLES, len(arrays)))
-    means = np.empty(drawn.shape)
-    for index, values in enumerate(arrays):
-        places = drawn == index
-        means[places] = _resampled_means(values, int(places.sum()), rng)
-    low, high = np.quantile(means.mean(axis=1), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
-    return Interval(float(np.mean([values.mean() for values in arrays])), float(low), float(high))
+    drawn = rng.integers(len(values), size=(RESAMPLES, len(values)))
+    scenes = rng.integers(values.shape[1], size=(RESAMPLES, values.shape[1]))
+    means = np.stack([_means(row[scenes]) for row in values], axis=1)
+    low, high = np.nanquantile(_means(np.take_along_axis(means, drawn, axis=1)), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    return Interval(float(_means(values).mean()), float(low), float(high))
 
 
-def _resampled_means(values: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Means (count,) of resamples with replacement."""
-    return values[rng.integers(len(values), size=(count, len(values)))].mean(axis=1)
+def _means(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of the numbers of each row; NaN where a row has none."""
+    is_known = ~np.isnan(rows)
+    counts = is_known.sum(axis=1)
+    sums = np.where(is_known, rows, 0.0).sum(axis=1)
+    return np.divide(sums, counts, out=np.full(len(rows), np.nan), where=counts > 0)
 
 
 def wilson(successes: int, trials: int) -> Interval:
@@ -80,9 +89,9 @@ def wilson(successes: int, trials: int) -> Interval:
 def success_interval(runs: Sequence[Sequence[bool]], rng: np.random.Generator) -> Interval:
     """The success rate of a policy.
 
-    One run: Wilson's interval over its scenes. Several runs, one per training seed, on the same scenes: the bootstrap
-    over seeds and scenes; where it is a point because all episodes succeed, or none, Wilson's interval with as many
-    trials as there are scenes (episodes of different seeds on one scene are not independent).
+    One run: Wilson's interval over its scenes. Several runs, one per training seed, on the same scenes in the same
+    order: the bootstrap over seeds and scenes; where it is a point because all episodes succeed, or none, Wilson's
+    interval with as many trials as there are scenes (episodes of different seeds on one scene are not independent).
     """
     played = [run for run in runs if len(run)]
     if len(played) == 1:

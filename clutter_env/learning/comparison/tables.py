@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -72,7 +73,7 @@ def summarise(
     Args:
         scene_set: name of the scenes.
         policy: name of the policy.
-        runs: its scores, one sequence per training seed.
+        runs: its scores, one sequence per training seed, all of the same scenes in the same order.
         floors: minimum number of clearances by seed of the scene, as far as known.
         seed: of the bootstrap.
     """
@@ -165,6 +166,6 @@ def _by_floor(
 
 
 def _moved_per_floor(run: Sequence[Score], floors: Mapping[int, Floor]) -> list[float]:
-    """The quotient on every scene that was solved and whose floor is proved and at least 1."""
+    """The quotient on every scene; NaN where it was not solved, or where no floor of at least 1 is proved."""
     known = {seed: floor.count for seed, floor in floors.items() if floor.is_proved and floor.count}
-    return [score.moved / known[score.seed] for score in run if score.clean and score.seed in known]
+    return [score.moved / known[score.seed] if score.clean and score.seed in known else math.nan for score in run]

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from clutter_env.learning.comparison.evaluation import held_out_seeds
@@ -20,7 +21,7 @@ from clutter_env.learning.policies.runs import MOVER_LEARNERS
 from clutter_env.learning.training.movers import clean_successes, decider_of, task_of
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs
 from clutter_env.reporting.json_file import write_json
-from clutter_env.reporting.statistics import wilson
+from clutter_env.reporting.statistics import Interval, success_interval
 
 __all__ = ["Curve", "Point", "draw", "markdown", "measure", "points"]
 
@@ -103,15 +104,10 @@ def measure(
 
 
 def markdown(results: Mapping[Point, Sequence[bool]]) -> str:
-    """A table: one row for each number of demonstrations, with Wilson's 95% interval over all seeds and scenes."""
+    """A table: one row for each number of demonstrations, with the 95% interval over seeds and scenes of `compare`."""
     lines = ["| demonstrations | learner | number | clean success | seeds × scenes |", "|---|---|---|---|---|"]
     for (source, algorithm, count), runs in _groups(results).items():
-        flat = [success for run in runs for success in run]
-        rate = wilson(sum(flat), len(flat))
-        lines.append(
-            f"| {Path(source).name} | {algorithm} | {count} | {rate.mean:.2f} [{rate.low:.2f}, {rate.high:.2f}] "
-            f"| {len(runs)} × {len(runs[0])} |"
-        )
+        lines.append(f"| {Path(source).name} | {algorithm} | {count} | {_rate(runs)} | {len(runs)} × {len(runs[0])} |")
     return "\n".join(lines)
 
 
@@ -124,8 +120,7 @@ def draw(results: Mapping[Point, Sequence[bool]], file: Path) -> None:
     groups = _groups(results)
     for source, algorithm in dict.fromkeys((source, algorithm) for source, algorithm, _ in groups):
         counts = sorted(count for one, other, count in groups if (one, other) == (source, algorithm))
-        flat = [[success for run in groups[source, algorithm, count] for success in run] for count in counts]
-        rates = [wilson(sum(row), len(row)) for row in flat]
+        rates = [_rate(groups[source, algorithm, count]) for count in counts]
         middle = [rate.mean for rate in rates]
         below = [rate.mean - rate.low for rate in rates]
         above = [rate.high - rate.mean for rate in rates]
@@ -147,6 +142,11 @@ def _train_and_play(point: Point) -> list[bool]:
     successes = clean_successes(env, decider_of(dataset), fitted.mover, held_out_seeds(point.scenes))
     env.close()
     return successes
+
+
+def _rate(runs: Sequence[Sequence[bool]]) -> Interval:
+    """Clean success of the seeds of a point."""
+    return success_interval(runs, np.random.default_rng(0))
 
 
 def _groups(results: Mapping[Point, Sequence[bool]]) -> dict[tuple[str, str, int], list[Sequence[bool]]]:

@@ -13,7 +13,7 @@ from clutter_env.reporting.statistics import bootstrap, success_interval, times,
 
 def test_bootstrap_intervals_enclose_their_mean_and_shrink_with_data() -> None:
     rng = np.random.default_rng(0)
-    few, many = (bootstrap([rng.normal(5.0, 1.0, size)], rng) for size in (20, 2000))
+    few, many = (bootstrap([rng.normal(5.0, 1.0, size).tolist()], rng) for size in (20, 2000))
     assert few.low < few.mean < few.high
     assert many.high - many.low < 0.3 * (few.high - few.low)
     assert bootstrap([[3, 3, 3]], rng) == (3, 3, 3)
@@ -28,6 +28,26 @@ def test_bootstrap_intervals_cover_the_spread_over_training_seeds() -> None:
     assert alike.low == alike.high == 0.5
     assert spread.low < 0.3
     assert spread.high > 0.7
+
+
+def test_seeds_on_the_same_scenes_are_not_more_scenes() -> None:
+    rng = np.random.default_rng(0)
+    one = rng.normal(0.0, 1.0, 20).tolist()
+    alone, together = bootstrap([one], rng), bootstrap([one] * 30, rng)
+    assert together.mean == pytest.approx(alone.mean)
+    assert together.high - together.low == pytest.approx(alone.high - alone.low, rel=0.1)
+
+
+def test_scenes_without_a_value_do_not_count() -> None:
+    rng = np.random.default_rng(0)
+    nan = math.nan
+    assert bootstrap([[2.0, nan, 2.0], [nan, nan, 4.0]], rng).mean == 3.0
+    assert bootstrap([[1.0, nan, 1.0], [nan, nan, nan], []], rng) == (1.0, 1.0, 1.0)
+    assert math.isnan(bootstrap([[nan]], rng).mean)
+    with_gaps, without = (
+        bootstrap([row], np.random.default_rng(1)) for row in ([nan, 1.0, 2.0, nan, 5.0], [1.0, 2.0, 5.0])
+    )
+    assert with_gaps == without
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 10), (10, 10), (7, 10), (100, 100), (1, 3)])

@@ -39,7 +39,7 @@ from clutter_env.learning.keyframes.postures import PostureChoice  # noqa: E402
 from clutter_env.learning.policies.movers import fit_mover, load_mover  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
-from clutter_env.learning.training.curve import Curve, draw, markdown, measure, points  # noqa: E402
+from clutter_env.learning.training.curve import Curve, Point, draw, markdown, measure, points  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402
 from clutter_env.learning.training.training import train  # noqa: E402
 from planners.motion.arm import tcp_pose  # noqa: E402
@@ -203,6 +203,15 @@ def test_a_curve_is_measured_once_and_drawn(demos: Dataset, tmp_path: Path) -> N
     draw(results, tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 0
     assert "| o1 | keyframes | 1 |" in markdown(results)
+
+
+def test_seeds_on_the_same_scenes_do_not_narrow_the_interval_of_a_curve() -> None:
+    successes = [True] * 8 + [False] * 2
+    seeds = {Point("o1", "keyframes", 10, seed, steps=1, scenes=10): successes for seed in range(30)}
+    (row,) = markdown(seeds).splitlines()[2:]
+    low, high = map(float, row.split("[")[1].split("]")[0].split(", "))
+    assert low < 0.75
+    assert high > 0.85
 
 
 def test_the_first_demonstrations_of_a_dataset_are_used(demos: Dataset) -> None:
