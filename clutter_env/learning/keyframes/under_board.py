@@ -21,11 +21,16 @@ Array = NDArray[np.float64]
 
 _MOVED = 0.005
 """[m] from the contact's base pose from which on the base is on a drive: a measured base is not exact."""
+_RIGID = 0.02
+"""[m], [rad] by which torso and arm move at most on a drive with the arm rigid: measured ones are not exact."""
 
 
 def is_driven(motion: Motion) -> bool:
-    """Whether the base drives on the straight lines of a motion: there is a board above the contact."""
-    return any(_is_away(motion, steps).any() for phase, steps in motion.runs() if phase in LINES)
+    """Whether the base drives on the straight lines of a motion with the arm rigid: there is a board above the contact.
+
+    In the open, plans that are not canonical begin a line while the base still drives, and the arm moves meanwhile.
+    """
+    return any(_rigid_drive(motion, steps) > BACK for phase, steps in motion.runs() if phase in LINES)
 
 
 def cut_at_corners(motion: Motion) -> Motion:
@@ -66,9 +71,11 @@ def _keyframe(motion: Motion, name: str, rigid: Array, end: Array) -> Array:
     return keyframe
 
 
-def _is_away(motion: Motion, steps: slice) -> NDArray[np.bool_]:
-    """(n,) At which steps the base is farther from the contact than an arm's line ever takes it."""
-    return np.asarray(_distance(motion, steps) > BACK)
+def _rigid_drive(motion: Motion, steps: slice) -> float:
+    """[m] by which the base comes nearer to where it stands at the contact, with the arm as at the farthest point."""
+    distance, q = _distance(motion, steps), motion.reading.q[steps]
+    is_rigid = np.abs(q - q[distance.argmax()]).max(axis=1) < _RIGID
+    return float(np.ptp(distance[is_rigid]))
 
 
 def _distance(motion: Motion, steps: slice) -> Array:

@@ -36,6 +36,7 @@ from clutter_env.learning.keyframes.mover import KeyframeMover  # noqa: E402
 from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
 from clutter_env.learning.keyframes.phases import PHASES  # noqa: E402
 from clutter_env.learning.keyframes.postures import PostureChoice  # noqa: E402
+from clutter_env.learning.keyframes.under_board import is_driven  # noqa: E402
 from clutter_env.learning.policies.movers import fit_mover, load_mover  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
@@ -104,6 +105,17 @@ def test_a_demonstration_is_cut_into_the_motion_of_its_contact(episodes: list[Ep
         assert len(motion.reading.base) == len(motion.actions) + 1 == len(motion.phases) + 1
         assert [phase for phase, _ in motion.runs()] == list(PHASES["pick"])[: len(list(motion.runs()))]
         assert len(motion.actions) <= len(episode)
+
+
+def test_a_line_that_begins_while_the_base_still_drives_is_no_drive_under_a_board(episodes: list[Episode]) -> None:
+    motion = next(motions_of(episodes))
+    (steps,) = (steps for phase, steps in motion.runs() if phase == "approach")
+    base = motion.reading.base.copy()
+    base[steps, 0] -= np.linspace(0.22, 0.0, steps.stop - steps.start)
+    assert not is_driven(dataclasses.replace(motion, reading=dataclasses.replace(motion.reading, base=base)))
+    rigid = motion.reading.q.copy()
+    rigid[steps] = rigid[steps.start]
+    assert is_driven(dataclasses.replace(motion, reading=dataclasses.replace(motion.reading, base=base, q=rigid)))
 
 
 def at(reading: Reading, step: int) -> Reading:
