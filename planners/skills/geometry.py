@@ -6,7 +6,7 @@ the scene after a skill, if every motion to a free configuration exists and succ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,11 +23,11 @@ from planners.grasping.candidates import (
     as_candidates,
     gripper_poses,
 )
-from planners.grasping.grasp_poses import generate_grasps
+from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear
 from planners.planner import map_placer
-from planners.scene import Scene
+from planners.scene import Body, Scene
 from planners.strategies import find_strategy
 
 __all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geometry"]
@@ -99,15 +99,16 @@ class SkillGeometry:
     def options(self, scene: Scene, skill: Skill) -> list[GraspCandidate]:
         """Grasps for the skill with what is in the way of each."""
         body = scene.body(skill.object)
-        if body.bottom < scene.support.top - OFF_TABLE:
-            return []
         grasps = generate_grasps(body, scene.robot)
-        chosen = [grasp for grasp in grasps if _is_from(grasp.yaw, skill.direction)]
-        if not chosen:
+        return self.candidates(scene, body, [grasp for grasp in grasps if _is_from(grasp.yaw, skill.direction)])
+
+    def candidates(self, scene: Scene, body: Body, grasps: Sequence[GraspPose]) -> list[GraspCandidate]:
+        """Grasps of an object at some gripper poses, with what is in the way of each; none off the table."""
+        if not grasps or body.bottom < scene.support.top - OFF_TABLE:
             return []
         world = self.compiled.world(scene)
-        wanted = gripper_poses(chosen)
-        opening = max(grasp.opening for grasp in chosen)
+        wanted = gripper_poses(grasps)
+        opening = max(grasp.opening for grasp in grasps)
         bases, index = self.placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])

@@ -1,96 +1,64 @@
-"""Examples of what to do next by skills: states of the Skill environment on its kinematic model, with their labels."""
+"""Examples of what to do next by skills: labelled scenes with each of their objects as the target."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.learning.skills.labels import SkillLabels, skill_labels
-from planners.skills.geometry import SkillGeometry, skill_geometry
+from clutter_env.envs.skill import BODY_FIELDS
+from clutter_env.learning.skills.labels import skill_labels
+from clutter_env.learning.skills.scenes import LabelledScenes
 
-__all__ = ["SkillExamples", "collect_skills"]
+__all__ = ["SkillExamples", "examples_of"]
 
-_GOOD_SHARE = 0.6
-"""Share of the steps of a collection that take a good skill; the others try any, so that failures are seen too."""
-_OTHERS = 3
-"""Objects of which it is found in every state from where they can be grasped, whether they must be cleared or not."""
+_PRESENT, _IS_TARGET = BODY_FIELDS.index("present"), BODY_FIELDS.index("is_target")
 
 
 @dataclass(frozen=True, eq=False)
 class SkillExamples:
-    """States with their labels, k of them.
+    """k choices in labelled scenes, all of which have a good skill.
 
     Attributes:
-        observation: (k, f) of the Skill environment.
-        mask: (k, n) skills worth trying, see `SkillEnv.action_masks`.
-        is_good, is_free, is_known: (k, n) see `SkillLabels`.
+        scenes: the scenes.
+        scene: (k,) index of the scene of each choice.
+        target: (k,) index of the target.
+        is_good, is_free: (k, m) see `SkillLabels`.
         clearances: (k,) see `SkillLabels`.
     """
 
-    observation: NDArray[np.float32]
-    mask: NDArray[np.bool_]
+    scenes: LabelledScenes
+    scene: NDArray[np.int64]
+    target: NDArray[np.int64]
     is_good: NDArray[np.bool_]
     is_free: NDArray[np.bool_]
-    is_known: NDArray[np.bool_]
     clearances: NDArray[np.int64]
 
     def __len__(self) -> int:
-        return len(self.observation)
+        return len(self.scene)
 
-    def save(self, path: Path) -> None:
-        """Write them to a file (npz)."""
-        np.savez_compressed(path, **{field.name: getattr(self, field.name) for field in fields(self)})
-
-    @classmethod
-    def load(cls, path: Path) -> SkillExamples:
-        """Read them from a file."""
-        with np.load(path) as file:
-            return cls(*(file[field.name] for field in fields(cls)))
-
-    @classmethod
-    def joined(cls, parts: Sequence[SkillExamples]) -> SkillExamples:
-        """All of several."""
-        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+    def bodies(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(k, n, f) `BODY_FIELDS` of some choices, their targets marked."""
+        bodies = self.scenes.bodies[self.scene[rows]].copy()
+        bodies[..., _IS_TARGET] = 0
+        bodies[np.arange(len(rows)), self.target[rows], _IS_TARGET] = 1
+        return bodies
 
 
-def collect_skills(env: gym.Env[Any, Any], seeds: Sequence[int], rng: np.random.Generator) -> SkillExamples:
-    """Play the scenes of some seeds by good skills and by others, and label all states that have a good one.
-
-    Args:
-        env: a Skill environment on the kinematic model.
-        seeds: of the scenes.
-        rng: chooses the skills.
-    """
-    skills: Any = env.unwrapped
-    rows: list[tuple[NDArray[np.float32], NDArray[np.bool_], SkillLabels]] = []
-    geometry: SkillGeometry | None = None
-    for seed in seeds:
-        observation, _ = env.reset(seed=seed)
-        geometry = geometry or skill_geometry(skills.scene)
-        labels, labelled, is_over = None, None, False
-        while not is_over:
-            if labels is None or labelled is not skills.scene:
-                also = rng.choice(skills.scene.names, _OTHERS, replace=False)
-                labels, labelled = skill_labels(geometry, skills.scene, skills.target, also), skills.scene
-            mask = skills.action_masks(geometric=False)
-            good = np.flatnonzero(mask & labels.is_good)
-            if not len(good):
-                break
-            rows.append((observation, mask, labels))
-            tried = good if rng.random() < _GOOD_SHARE else np.flatnonzero(mask)
-            observation, _, terminated, truncated, _ = env.step(int(rng.choice(tried)))
-            is_over = terminated or truncated
+def examples_of(scenes: LabelledScenes) -> SkillExamples:
+    """All choices with a good skill, every object of every scene being the target once."""
+    found = [
+        (scene, target, skill_labels(scenes.obstacles(scene), target))
+        for scene in range(len(scenes))
+        for target in np.flatnonzero(scenes.bodies[scene, :, _PRESENT]).tolist()
+    ]
+    kept = [(scene, target, labels) for scene, target, labels in found if labels.is_good.any()]
     return SkillExamples(
-        observation=np.array([observation for observation, _, _ in rows]),
-        mask=np.array([mask for _, mask, _ in rows]),
-        is_good=np.array([labels.is_good for _, _, labels in rows]),
-        is_free=np.array([labels.is_free for _, _, labels in rows]),
-        is_known=np.array([labels.is_known for _, _, labels in rows]),
-        clearances=np.array([labels.clearances for _, _, labels in rows]),
+        scenes=scenes,
+        scene=np.array([scene for scene, _, _ in kept]),
+        target=np.array([target for _, target, _ in kept]),
+        is_good=np.array([labels.is_good for _, _, labels in kept]),
+        is_free=np.array([labels.is_free for _, _, labels in kept]),
+        clearances=np.array([labels.clearances for _, _, labels in kept]),
     )

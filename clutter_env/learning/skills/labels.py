@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.scene import Scene
-from planners.skills.geometry import DIRECTIONS, Skill, SkillGeometry
+from clutter_env.learning.skills.obstacles import YAWS_OF_DIRECTION, GraspObstacles
 
 __all__ = ["MOST_CLEARANCES", "SkillLabels", "clearances_left", "skill_labels"]
 
@@ -23,89 +24,82 @@ class SkillLabels:
 
     Attributes:
         is_good: (m,) free skills after which the fewest clearances are left; none if there is no solution.
-        is_free: (m,) whether the skill has a grasp with nothing in its way, of those in `is_known`.
-        is_known: (m,) for which skills `is_free` was found.
+        is_free: (m,) whether the skill has a grasp with nothing in its way.
         clearances: how many are needed before the target is free; -1 if more than `MOST_CLEARANCES`, or if there is no
             solution.
     """
 
     is_good: NDArray[np.bool_]
     is_free: NDArray[np.bool_]
-    is_known: NDArray[np.bool_]
     clearances: int
 
 
-def skill_labels(geometry: SkillGeometry, scene: Scene, target: str, also: Collection[str] = ()) -> SkillLabels:
+def skill_labels(obstacles: GraspObstacles, target: int) -> SkillLabels:
     """The labels of a scene in which nothing is held.
 
     Cleared objects are taken to be in nothing's way: they are put where they keep clear of the target's grasp.
 
     Args:
-        geometry: of the skills.
-        scene: with the target on the table.
-        target: its name.
-        also: objects that need not be cleared, for which free skills are found as well.
+        obstacles: of the scene's grasps.
+        target: index of the target.
     """
-    in_the_way = _obstructions(geometry, scene, target)
-    needed = clearances_left(in_the_way, target)
-    helpful = [
-        name
-        for name in in_the_way
-        if name != target and needed > 0 and clearances_left(in_the_way, target, {name}, needed - 1) >= 0
-    ]
-    size = len(scene.names) * DIRECTIONS + 1
-    is_good, is_free, is_known = (np.zeros(size, dtype=np.bool_) for _ in range(3))
-    for name in {target, *helpful, *also}:
-        actions = slice(scene.names.index(name) * DIRECTIONS, (scene.names.index(name) + 1) * DIRECTIONS)
-        is_known[actions] = True
-        is_free[actions] = [_is_free(geometry, scene, Skill(name, direction)) for direction in range(DIRECTIONS)]
-        is_good[actions] = is_free[actions] & (name in helpful)
-    is_known[-1] = True
-    is_free[-1] = is_good[-1] = needed == 0
-    return SkillLabels(is_good, is_free, is_known, needed)
+    is_free_yaw = obstacles.is_reachable & (obstacles.masks == 0)
+    takes = is_free_yaw[target].any()
+    clears = is_free_yaw[:, YAWS_OF_DIRECTION].any(axis=2)
+    clears[target] = False
+    rows = zip(obstacles.masks, obstacles.is_reachable, strict=True)
+    clearances, first = clearances_left([set(masks[reached].tolist()) for masks, reached in rows], target)
+    is_helpful = np.array([bool(first >> i & 1) for i in range(len(clears))])
+    return SkillLabels(
+        is_good=np.append(clears & is_helpful[:, None], takes),
+        is_free=np.append(clears, takes),
+        clearances=clearances,
+    )
 
 
-def clearances_left(
-    in_the_way: Mapping[str, Collection[frozenset[str]]],
-    target: str,
-    cleared: Collection[str] = (),
-    most: int = MOST_CLEARANCES,
-) -> int:
-    """Fewest clearances before some grasp of the target is free; -1 if more than `most`, or if none frees it.
+def clearances_left(in_the_way: Sequence[set[int]], target: int, most: int = MOST_CLEARANCES) -> tuple[int, int]:
+    """Fewest clearances before some grasp of the target is free, and the mask of objects with which they can begin.
 
     Args:
-        in_the_way: the objects in the way of each grasp of an object, for the target and for what can be cleared.
-        target: its name.
-        cleared: objects that are out of the way already.
+        in_the_way: for every object the masks of what is in the way of its grasps.
+        target: its index.
         most: clearances at most.
+
+    Returns:
+        -1 and 0 if more than `most` are needed, or if none frees it.
     """
-    reached = {frozenset(cleared)}
+    matters = _matter(in_the_way, target)
+    reached = {0: 0}
     for count in range(most + 1):
-        if any(obstacles <= gone for gone in reached for obstacles in in_the_way[target]):
-            return count
-        reached = {
-            gone | {name}
-            for gone in reached
-            for name, grasps in in_the_way.items()
-            if name != target and name not in gone and any(obstacles <= gone for obstacles in grasps)
-        }
-    return -1
+        ways = [first for gone, first in reached.items() if any(not mask & ~gone for mask in in_the_way[target])]
+        if ways:
+            return count, _union(ways)
+        reached = _after_one_more(in_the_way, matters, reached, is_first=count == 0)
+    return -1, 0
 
 
-def _obstructions(geometry: SkillGeometry, scene: Scene, target: str) -> dict[str, list[frozenset[str]]]:
-    """What is in the way of the grasps of the target, and of all that may have to be cleared for it."""
-    found: dict[str, list[frozenset[str]]] = {}
-    todo = [target]
-    while todo:
-        name = todo.pop()
-        masks = {grasp.blockers for grasp in geometry.options(scene, Skill(name))}
-        sets = [frozenset(scene.names_of(mask)) for mask in masks]
-        found[name] = [obstacles for obstacles in sets if target not in obstacles and len(obstacles) <= MOST_CLEARANCES]
-        if frozenset() in found[name]:
-            continue
-        todo += [other for other in frozenset().union(*found[name]) if other not in found and other not in todo]
+def _after_one_more(
+    in_the_way: Sequence[set[int]], matters: Sequence[int], reached: dict[int, int], is_first: bool
+) -> dict[int, int]:
+    """What can be gone after one more clearance, and the objects with which this can begin."""
+    found: dict[int, int] = {}
+    for gone, first in reached.items():
+        for i in matters:
+            bit = 1 << i
+            if not gone & bit and any(not mask & ~gone for mask in in_the_way[i]):
+                found[gone | bit] = found.get(gone | bit, 0) | (bit if is_first else first)
     return found
 
 
-def _is_free(geometry: SkillGeometry, scene: Scene, skill: Skill) -> bool:
-    return any(grasp.blockers == 0 for grasp in geometry.options(scene, skill))
+def _matter(in_the_way: Sequence[set[int]], target: int) -> list[int]:
+    """The objects that may have to be cleared: in the way of the target, or of one of these; without the target."""
+    found, new = 0, _union(in_the_way[target])
+    while new:
+        found |= new
+        hidden = [row for i, row in enumerate(in_the_way) if new >> i & 1 and 0 not in row]
+        new = _union(mask for row in hidden for mask in row) & ~found
+    return [i for i in range(len(in_the_way)) if found >> i & 1 and i != target]
+
+
+def _union(masks: Iterable[int]) -> int:
+    return reduce(or_, masks, 0)

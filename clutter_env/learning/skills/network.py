@@ -1,7 +1,10 @@
 """The network of skills: for every object and direction how good it is to clear it from there, and for the target.
 
-Every object is described beside its neighbours in the frame of every approach direction, by the same small networks.
-So the answer does not depend on the order of the objects, and what is learned of one direction holds for the others.
+It has the structure of the question. It learns two things of every grasp, a yaw of the gripper about an object: whether
+the arm reaches it, and which of the other objects are in its way, one at a time, by the same small networks for all
+objects and yaws. How many objects must be cleared for another one follows from these by a few sums and minima, also
+for the scene without any one of them; small layers turn this into choices. So the answer does not depend on the order
+of the objects, and what is learned of one object, or of one yaw, holds for the others.
 """
 
 from __future__ import annotations
@@ -11,11 +14,14 @@ from typing import NamedTuple
 
 import torch
 from torch import nn
+from torch.nn.functional import logsigmoid, softplus
 
 from clutter_env.envs.skill import BODY_FIELDS
+from clutter_env.learning.skills.clearances import clearances_without
+from clutter_env.learning.skills.obstacles import YAWS, YAWS_OF_DIRECTION
 from planners.skills.geometry import DIRECTIONS
 
-__all__ = ["SkillNetwork", "SkillScores"]
+__all__ = ["GraspScores", "SkillNetwork", "SkillScores"]
 
 WIDTH = 32
 _ROW = len(BODY_FIELDS) + DIRECTIONS
@@ -23,13 +29,34 @@ _GLOBALS = 2
 _PRESENT, _IS_TARGET, _X, _RADIUS, _HEIGHT = (
     BODY_FIELDS.index(name) for name in ("present", "is_target", "x", "half_x", "height")
 )
-_SCALES = (8.0, 25.0)
+_SCALES = (8.0, 40.0)
 """[1/m] Of the squashed copies of offsets: decimetres and centimetres."""
+_GRIPPER = 0.065
+"""[m] Half the width of the gripper: what is less beside its axis than this is in its way."""
 _MIDDLE_RADIUS, _MIDDLE_HEIGHT = 0.03, 0.16
 """[m] Of usual objects, subtracted so that features are about zero."""
 _SMALL = 0.01
 """Standard deviation of the initial weights of the last layers."""
-_PAIR, _SELF = 14, 11
+_HARDLY = -3.0
+"""Initial logit of a neighbour in the way, before it is known where it has to stand."""
+_PLACE, _TURNED, _PAIR, _CLEAR, _STATE = 10, 11, 5, 5, 6
+"""Numbers of features: of a grasp, of a neighbour seen along a yaw, of two objects, of a clearing skill, of a state."""
+_SURELY_NOT = -8.0
+"""Logarithm of the probability that a grasp is free that has just been refused."""
+_LEAST_DOUBT = 0.02
+"""Probability that a refused grasp is not free, at least: the estimate may be wrong."""
+
+
+class GraspScores(NamedTuple):
+    """What the network says of the grasps of n objects in k scenes.
+
+    Attributes:
+        reach: (k, n, yaws) logits that the arm reaches the grasp.
+        blocks: (k, n, yaws, n) logits that the last object is in the way of the first one's grasp.
+    """
+
+    reach: torch.Tensor
+    blocks: torch.Tensor
 
 
 class SkillScores(NamedTuple):
@@ -37,42 +64,37 @@ class SkillScores(NamedTuple):
 
     Attributes:
         logits: (k, m) of choosing each skill.
-        free: (k, m) logits that a skill has a grasp with nothing in its way.
         whole: (k, w) features of the state.
     """
 
     logits: torch.Tensor
-    free: torch.Tensor
     whole: torch.Tensor
 
 
 class SkillNetwork(nn.Module):
-    """Predicts `SkillScores` from flat observations; a permutation of the objects permutes the logits.
-
-    Two rounds: how an object stands among its neighbours from a direction; then whether it stands in the way of the
-    target, from each of its directions.
-    """
+    """Predicts `SkillScores` from flat observations; a permutation of the objects permutes the logits."""
 
     def __init__(self, num_objects: int, width: int = WIDTH) -> None:
         super().__init__()
         self.num_objects = num_objects
         self.latent_dim_pi = num_objects * DIRECTIONS + 1
         self.latent_dim_vf = width
-        self.own = nn.Linear(_SELF, width)
-        self.pair = nn.Linear(_PAIR, width)
-        self.beside = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU())
-        self.among = _layers(2 * width + _SELF, width, width)
-        self.free = nn.Linear(width, 1)
-        self.target_pair = nn.Linear(_PAIR, width)
-        self.target_own = nn.Linear(width, width)
-        self.other_own = nn.Linear(width, width)
-        self.hinders = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU())
-        self.useful = _layers(4 * width + _GLOBALS, width, width)
+        self.reach = nn.Sequential(_layers(_PLACE, 2 * width, 2 * width), nn.Linear(2 * width, 1))
+        self.of_place = nn.Linear(_PLACE, width, bias=False)
+        self.of_turned = nn.Linear(_TURNED, width, bias=False)
+        self.of_pair = nn.Linear(_PAIR, width)
+        self.blocks = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1))
+        nn.init.constant_(self.blocks[-1].bias, _HARDLY)
+        self.useful = _layers(_CLEAR + _STATE, width, width)
         self.clear = nn.Linear(width, 1)
-        self.whole = _layers(3 * width + _GLOBALS, width, width)
+        self.whole = _layers(_STATE, width, width)
         self.take = nn.Linear(width, 1)
-        angles = torch.arange(DIRECTIONS) * (2 * math.pi / DIRECTIONS)
+        angles = torch.arange(YAWS) * (2 * math.pi / YAWS)
         self.register_buffer("headings", torch.stack((angles.cos(), angles.sin()), dim=1), persistent=False)
+        of_direction = torch.from_numpy(YAWS_OF_DIRECTION)
+        self.register_buffer("of_direction", of_direction, persistent=False)
+        covers = torch.zeros(DIRECTIONS, YAWS).scatter(1, of_direction, 1.0)
+        self.register_buffer("covers", covers, persistent=False)
 
     def initialise_heads(self) -> None:
         """Start with equal probabilities: one half for taking the target, the rest shared by all clearing skills."""
@@ -96,67 +118,92 @@ class SkillNetwork(nn.Module):
 
     def scores(self, observation: torch.Tensor) -> SkillScores:
         """All that is known of observations (k, f)."""
-        count = self.num_objects
-        rows = observation[:, :-_GLOBALS].reshape(-1, count, _ROW)
-        rest = observation[:, -_GLOBALS:]
+        return self.choose(observation, self.grasps(self._rows(observation)))
+
+    def grasps(self, rows: torch.Tensor) -> GraspScores:
+        """The grasps in scenes (k, n, f), whatever the target; of the columns those of bodies count."""
+        place = self._place_features(rows)
+        offset = rows[:, None, :, _X : _X + 2] - rows[:, :, None, _X : _X + 2]
+        radius, height = rows[..., _RADIUS], rows[..., _HEIGHT]
+        hidden = (
+            self.of_turned(self._turned_features(offset, radius))
+            + self.of_pair(_pair_features(offset, radius, height))[:, :, None]
+            + self.of_place(place)[:, :, :, None]
+        )
+        return GraspScores(self.reach(place)[..., 0], self.blocks(hidden)[..., 0])
+
+    def choose(self, observation: torch.Tensor, grasps: GraspScores) -> SkillScores:
+        """All that is known of observations (k, f), given the grasps in their scenes."""
+        rows, rest = self._rows(observation), observation[:, -_GLOBALS:]
         present, is_target = rows[..., _PRESENT], rows[..., _IS_TARGET]
-        pairs = self._pair_features(rows)
-        around = self._among(rows, pairs, present)
-        target = (around * is_target[:, :, None, None]).sum(1)
-        target_pairs = (pairs * is_target[:, :, None, None, None]).sum(1)
-        best = around.amax(2)
-        hidden = self.target_pair(target_pairs) + self.target_own(target)[:, None] + self.other_own(best)[:, :, None]
-        hinders = self.hinders(hidden) * (present * (1 - is_target))[:, :, None, None]
-        use = torch.cat((hinders.amax(2), hinders.mean(2)), dim=2)
-        beside = torch.cat((target.amax(1), rest), dim=1)
-        told = torch.cat((use, beside[:, None].expand(-1, count, -1)), dim=2)
-        embedded = self.useful(torch.cat((around, told[:, :, None].expand(-1, -1, DIRECTIONS, -1)), dim=3))
-        whole = self.whole(torch.cat((use.sum(1), beside), dim=1))
-        logits = torch.cat((self.clear(embedded).flatten(1), self.take(whole)), dim=1)
-        free = self.free(around)[..., 0]
-        of_target = (free * is_target[:, :, None]).sum(1).amax(1, keepdim=True)
-        return SkillScores(logits, torch.cat((free.flatten(1), of_target), dim=1), whole)
-
-    def _among(self, rows: torch.Tensor, pairs: torch.Tensor, present: torch.Tensor) -> torch.Tensor:
-        """(k, n, directions, w): every object among its neighbours, seen along every direction."""
-        own = self._own_features(rows)
-        beside = self.beside(self.pair(pairs) + self.own(own)[:, :, None])
         others = present[:, None] * (1 - torch.eye(self.num_objects, device=rows.device))
-        beside = beside * others[..., None, None]
-        pooled: torch.Tensor = self.among(torch.cat((beside.sum(2), beside.amax(2), own), dim=3))
-        return pooled
+        unhindered = logsigmoid(grasps.reach) - (softplus(grasps.blocks) * others[:, :, None]).sum(3)
+        refused = rows[..., len(BODY_FIELDS) :] @ self.covers + is_target[..., None] * rest[:, 1, None, None] > 0
+        doubt = (-torch.expm1(unhindered)).clamp(min=_LEAST_DOUBT)
+        more = torch.where(refused, 1 / doubt, 1.0)
+        blocks = (torch.sigmoid(grasps.blocks) * more[..., None]).clamp(max=1) * others[:, :, None]
+        unreachable = (torch.sigmoid(-grasps.reach) * more).clamp(max=1)
+        needed = clearances_without(blocks, unreachable, is_target)
+        of_target = (needed * is_target[:, :, None]).sum(1)
+        after, now = of_target[:, :-1], of_target[:, -1:]
 
-    def _own_features(self, rows: torch.Tensor) -> torch.Tensor:
-        """(k, n, directions, f): where an object stands on the table, its size, what failed."""
+        free = torch.where(refused, _SURELY_NOT, unhindered)
+        of_directions = free[:, :, self.of_direction].amax(3)
+        taken = (free.amax(2) * is_target).sum(1, keepdim=True)
+        state = torch.cat((now, torch.exp(taken), _logit(taken), after.amin(1, keepdim=True), rest), dim=1)
+        of_object = torch.stack((now - after, after, needed[..., -1]), dim=2)[:, :, None]
+        of_skill = torch.stack((torch.exp(of_directions), _logit(of_directions)), dim=3)
+        of_state = state[:, None, None].expand(*of_directions.shape, _STATE)
+        each = torch.cat((of_skill, of_object.expand(-1, -1, DIRECTIONS, -1), of_state), dim=3)
+        whole = self.whole(state)
+        clears = self.clear(self.useful(each)).flatten(1)
+        return SkillScores(torch.cat((clears, self.take(whole)), dim=1), whole)
+
+    def _rows(self, observation: torch.Tensor) -> torch.Tensor:
+        """(k, n, f): a row for each object."""
+        return observation[:, :-_GLOBALS].reshape(-1, self.num_objects, _ROW)
+
+    def _turned_features(self, offset: torch.Tensor, radius: torch.Tensor) -> torch.Tensor:
+        """(k, n, yaws, n, f) of offsets (k, n, n, 2) between objects with these radii (k, n), seen along every yaw."""
+        ahead, aside = self._turned(offset[:, :, None])
+        of_other = radius[:, None, None]
+        beside = aside.abs() - of_other
+        features = [3 * ahead, 10 * (ahead - of_other), 3 * aside, 10 * aside.abs()]
+        features += [torch.tanh(scale * (beside - _GRIPPER)) for scale in _SCALES]
+        features.append(torch.tanh(_SCALES[1] * (beside - radius[:, :, None, None])))
+        for scale in _SCALES:
+            features += [torch.tanh(scale * ahead), torch.tanh(scale * aside)]
+        return torch.stack(features, dim=4)
+
+    def _place_features(self, rows: torch.Tensor) -> torch.Tensor:
+        """(k, n, yaws, f): where an object stands on the table as seen along every yaw, and its size."""
         x, y = rows[..., _X], rows[..., _X + 1]
-        ahead, aside = self._turned(rows[..., _X : _X + 2])
-        headings = self.headings.expand(*ahead.shape, 2)
-        failed = rows[..., len(BODY_FIELDS) :]
+        ahead, aside = self._turned(rows[:, :, None, None, _X : _X + 2])
+        headings = self.headings.expand(*ahead.shape[:3], 2)
         radius, height = 100 * (rows[..., _RADIUS] - _MIDDLE_RADIUS), 20 * (rows[..., _HEIGHT] - _MIDDLE_HEIGHT)
         each = (x, 3 * x * x, y, 3 * y * y, radius, height)
-        shared = torch.stack(each, dim=2)[:, :, None].expand(-1, -1, DIRECTIONS, -1)
-        return torch.cat((torch.stack((ahead, aside, failed), dim=3), headings, shared), dim=3)
-
-    def _pair_features(self, rows: torch.Tensor) -> torch.Tensor:
-        """(k, n, n, directions, f): the second object as seen from the first along every direction."""
-        place, radius, height = rows[..., _X : _X + 2], rows[..., _RADIUS], rows[..., _HEIGHT]
-        offset = place[:, None] - place[:, :, None]
-        ahead, aside = self._turned(offset)
-        gap = offset.norm(dim=3) - radius[:, None] - radius[:, :, None]
-        features = [3 * ahead, 3 * aside]
-        for scale in _SCALES:
-            features += [torch.tanh(scale * ahead), torch.tanh(scale * aside), torch.tanh(scale * aside.abs())]
-        sizes = (100 * (radius - _MIDDLE_RADIUS), 20 * (height - _MIDDLE_HEIGHT), rows[..., _IS_TARGET])
-        of_other = [value[:, None].expand_as(gap) for value in sizes]
-        taller = 20 * (height[:, None] - height[:, :, None])
-        alone = torch.stack((*of_other, torch.tanh(40 * gap), 3 * gap, taller), dim=3)
-        return torch.cat((torch.stack(features, dim=4), alone[..., None, :].expand(*ahead.shape, 6)), dim=4)
+        shared = torch.stack(each, dim=2)[:, :, None].expand(-1, -1, YAWS, -1)
+        return torch.cat((ahead, aside, headings, shared), dim=3)
 
     def _turned(self, offset: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Offsets (..., 2) ahead and to the left of every direction, (..., directions) each."""
-        cosine, sine = self.headings.unbind(1)
-        x, y = offset[..., :1], offset[..., 1:]
+        """Offsets (k, n, 1, m, 2) ahead and to the left of every yaw, (k, n, yaws, m) each."""
+        cosine, sine = self.headings[:, 0, None], self.headings[:, 1, None]
+        x, y = offset[..., 0], offset[..., 1]
         return cosine * x + sine * y, cosine * y - sine * x
+
+
+def _pair_features(offset: torch.Tensor, radius: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
+    """(k, n, n, f): the sizes of the second object (k, n) beside those of the first, and the gap between them."""
+    gap = offset.norm(dim=3) - radius[:, None] - radius[:, :, None]
+    of_other = [100 * (radius - _MIDDLE_RADIUS), 20 * (height - _MIDDLE_HEIGHT)]
+    pair = [value[:, None].expand_as(gap) for value in of_other]
+    pair += [20 * (height[:, None] - height[:, :, None]), torch.tanh(40 * gap), 3 * gap]
+    return torch.stack(pair, dim=3)
+
+
+def _logit(log_probability: torch.Tensor) -> torch.Tensor:
+    """The logit of a probability whose logarithm is given, scaled to about 1."""
+    return 0.2 * (log_probability - torch.log((-torch.expm1(log_probability)).clamp(min=1e-4)))
 
 
 def _layers(inputs: int, width: int, outputs: int) -> nn.Sequential:

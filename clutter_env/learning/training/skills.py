@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 
-from clutter_env.learning.skills.examples import SkillExamples, collect_skills
+from clutter_env.learning.skills.examples import SkillExamples, examples_of
 from clutter_env.learning.skills.fitting import FitConfig, fit
+from clutter_env.learning.skills.scenes import LabelledScenes, collect_scenes
 from clutter_env.learning.training.run import Run
 
 __all__ = ["clone_skills"]
 
-EXAMPLES_FOLDER = "examples"
+SCENES_FOLDER = "scenes"
 _SCENES_OF_A_FILE = 100
 
 
@@ -34,9 +35,9 @@ def clone_skills(run: Run, model: Any) -> None:
 
 
 def _examples(run: Run) -> SkillExamples:
-    """The examples of the run's scenes."""
+    """The examples from the run's scenes."""
     assert run.episodes is not None
-    folder = run.directory / EXAMPLES_FOLDER
+    folder = run.directory / SCENES_FOLDER
     folder.mkdir(exist_ok=True)
     env = run.task.make()
     parts = []
@@ -44,7 +45,7 @@ def _examples(run: Run) -> SkillExamples:
         seeds = range(start, min(run.episodes, start + _SCENES_OF_A_FILE))
         path = folder / f"{seeds[0]}-{seeds[-1]}.npz"
         if not path.exists():
-            collect_skills(env, seeds, np.random.default_rng(start)).save(path)
-        parts.append(SkillExamples.load(path))
+            collect_scenes(env, seeds, np.random.default_rng(start)).save(path)
+        parts.append(LabelledScenes.load(path))
     env.close()
-    return SkillExamples.joined(parts)
+    return examples_of(LabelledScenes.joined(parts))
