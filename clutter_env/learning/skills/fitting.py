@@ -25,7 +25,7 @@ _OUT = -1e9
 """Logit of a skill that is not worth trying."""
 _VALUE_WEIGHT = 0.5
 _SHARES = (0.2, 0.3, 0.3, 0.15, 0.05)
-"""Shares of the choices that need 0, 1, … clearances."""
+"""Weights of all choices together that need 0, 1, … clearances, when choices are drawn within a scene."""
 _CHOICES_EVERY = 2
 """Steps of which one also learns choices: most of what there is to learn is geometry, and cheap."""
 _REFUSALS = 2
@@ -161,7 +161,7 @@ def _grasp_loss(grasps: GraspScores, examples: SkillExamples, scenes: NDArray[np
 
 
 def _weights(examples: SkillExamples) -> NDArray[np.float64]:
-    """(k,) weights with which choices are drawn, so that each number of clearances has its share."""
+    """(k,) weights of choices within their scene: `_SHARES`, divided among those that need as many clearances."""
     counts = np.bincount(examples.clearances, minlength=len(_SHARES))
     return np.asarray((np.array(_SHARES) / np.maximum(counts, 1))[examples.clearances])
 
