@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from sb3_contrib import TQC, MaskablePPO
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -34,6 +35,7 @@ from clutter_env.learning.policies.features import (
 )
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.priced import PricedReplayBuffer
+from clutter_env.learning.policies.priced_critics import PricedSACPolicy, PricedTQCPolicy
 from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
 from clutter_env.learning.policies.symmetric import SymmetricReplayBuffer
@@ -41,6 +43,7 @@ from clutter_env.reporting.json_file import write_atomically, write_json, writte
 
 __all__ = [
     "ALGORITHMS",
+    "GRIPPER_SCALE",
     "Checkpoints",
     "GoalFeatures",
     "ScaledActions",
@@ -61,17 +64,19 @@ _MODEL, _BUFFER = "model.zip", "replay_buffer.pkl"
 BASE_SCALE, TURN_SCALE = 0.1, 0.2
 """Shares of the greatest velocity of the base, and of the greatest turning rate of the gripper, that a full action of a
 learner commands. Goals are within the arm's reach; at full speed the noise of exploration drives the base away."""
+GRIPPER_SCALE = 0.5
+"""Share of the greatest velocity of the gripper that a full action commands of a learner without an imitation. At full
+speed the commanded pose, which is not observed, leads the arm by up to 5 cm, and the arm swings where it is folded."""
 
 
 class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
-    """Scales the actions of a learner, so that base and gripper turn and move more slowly."""
+    """Scales the actions of a learner without an imitation, so that base and gripper turn and move more slowly."""
 
     def __init__(self, env: gym.Env) -> None:
         super().__init__(env)
-        self.scale = np.ones(env.action_space.shape or (), np.float32)
-        self.scale[:3] = BASE_SCALE
+        self.scale = _action_scale(env)
         if env.get_wrapper_attr("control_mode") == "ee":
-            self.scale[6:9] = TURN_SCALE
+            self.scale[3:6] = GRIPPER_SCALE
 
     def action(self, action: Any) -> Any:
         """The environment's action for an action of the learner."""
@@ -86,8 +91,15 @@ def training_env(name: str, env: gym.Env, imitation: Policy | None = None) -> gy
     """The environment as a learner sees it: with the action scale of its algorithm, and the imitation it corrects."""
     if name not in GOAL_ALGORITHMS:
         return env
-    scaled = ScaledActions(env)
-    return scaled if imitation is None else CorrectedActions(env, imitation, scaled.scale)
+    return ScaledActions(env) if imitation is None else CorrectedActions(env, imitation, _action_scale(env))
+
+
+def _action_scale(env: gym.Env) -> NDArray[np.float32]:
+    scale = np.ones(env.action_space.shape or (), np.float32)
+    scale[:3] = BASE_SCALE
+    if env.get_wrapper_attr("control_mode") == "ee":
+        scale[6:9] = TURN_SCALE
+    return scale
 
 
 class GoalFeatures(BaseFeaturesExtractor):
@@ -144,7 +156,7 @@ def make_model(name: str, env: gym.Env, seed: int, log: Path | None = None, has_
         policy = MaskableSkillPolicy if name == "maskable_ppo" else SkillPolicy
         return ALGORITHMS[name](policy, **(_IMPROVING if has_clone else _FROM_NOTHING), **common)
     if not has_clone:
-        return ALGORITHMS[name](**_OFF_POLICY, **common)
+        return ALGORITHMS[name](PricedSACPolicy if name == "sac" else PricedTQCPolicy, **_OFF_POLICY, **common)
     correcting = NormalisedSACPolicy if name == "sac" else NormalisedTQCPolicy
     model = ALGORITHMS[name](correcting, replay_buffer_class=SymmetricReplayBuffer, **_CORRECTING, **common)
     _begin_with_small_corrections(model.policy.actor)
@@ -222,7 +234,6 @@ def _falling_rate(share_left: float) -> float:
 
 _OFF_POLICY: Mapping[str, Any] = MappingProxyType(
     {
-        "policy": "MultiInputPolicy",
         "replay_buffer_class": PricedReplayBuffer,
         "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
         "learning_rate": _falling_rate,

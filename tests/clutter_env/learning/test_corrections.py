@@ -16,7 +16,7 @@ from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, GAIN  # no
 from clutter_env.learning.errors import LearningError  # noqa: E402
 from clutter_env.learning.policies.agents import POLICY_FILE, load_agent, model_agent  # noqa: E402
 from clutter_env.learning.policies.chosen import consider, forget_chosen  # noqa: E402
-from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations  # noqa: E402
+from clutter_env.learning.policies.corrections import CORRECTION_SHARE, CorrectedActions, corrected_observations  # noqa: E402
 from clutter_env.learning.policies.features import feature_vector  # noqa: E402
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
 from clutter_env.learning.policies.rl import make_model, save_model, training_env  # noqa: E402
@@ -91,6 +91,9 @@ def test_half_of_every_batch_are_demonstrations(corrected: CorrectedActions) -> 
 def test_the_largest_correction_leaves_the_object_between_the_fingers(corrected: CorrectedActions) -> None:
     velocity = corrected.scale[3:6] * PICK.make().unwrapped.robot.max_tcp_velocity[0]
     assert (velocity / GAIN < FINGER_ROOM).all()
+    assert np.allclose(corrected.scale[3:6], CORRECTION_SHARE), (
+        "of the full speed, unlike learners without an imitation"
+    )
 
 
 def test_what_acts_are_the_weights_that_did_best_on_validation_scenes(

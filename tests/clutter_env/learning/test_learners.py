@@ -23,8 +23,8 @@ from clutter_env.learning.errors import LearningError, UnknownTask  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
 from clutter_env.learning.policies.features import feature_vector  # noqa: E402
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
-from clutter_env.learning.policies.priced import DISTANCE_PRICE, MOTION_PRICE  # noqa: E402
-from clutter_env.learning.policies.rl import GoalFeatures, ScaledActions, make_model, training_env  # noqa: E402
+from clutter_env.learning.policies.priced import DISTANCE_PRICE, MOTION_PRICE, NEAR_PRICE  # noqa: E402
+from clutter_env.learning.policies.rl import GRIPPER_SCALE, GoalFeatures, ScaledActions, make_model, training_env  # noqa: E402
 from clutter_env.learning.policies.runs import load_run  # noqa: E402
 from clutter_env.learning.skills.network import SkillNetwork  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
@@ -158,6 +158,7 @@ def test_scaled_actions_are_undone() -> None:
     env = ScaledActions(REACH.make())
     action = np.linspace(-1, 1, 10, dtype=np.float32)
     assert np.allclose(env.reverse_action(env.action(action)), action)
+    assert np.allclose(env.action(np.ones(10, np.float32))[3:6], GRIPPER_SCALE)
 
 
 def test_distance_and_motion_have_a_price_in_rewards_with_hindsight() -> None:
@@ -167,9 +168,28 @@ def test_distance_and_motion_have_a_price_in_rewards_with_hindsight() -> None:
     reached = drawn.next_observations
     away = (reached["achieved_goal"] - reached["desired_goal"]).float().norm(dim=1, keepdim=True)
     price = MOTION_PRICE * drawn.actions.square().mean(dim=1, keepdim=True) + DISTANCE_PRICE * away
+    price += NEAR_PRICE * away.minimum(torch.tensor(GOAL_TOLERANCE))
     assert torch.allclose(drawn.rewards + price, -(away > GOAL_TOLERANCE).float(), atol=1e-5)
     assert (price > 0).all()
-    assert 0 < MOTION_PRICE < 1
+    at_full_speed = 3 / drawn.actions.shape[1] * MOTION_PRICE
+    assert at_full_speed < 1 + (DISTANCE_PRICE + NEAR_PRICE) * GOAL_TOLERANCE, "the fastest way stays the best one"
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
+def test_critics_know_the_price_of_motion(algorithm: str) -> None:
+    model = make_model(algorithm, training_env(algorithm, REACH.make()), 0)
+    for critic in (model.critic, model.critic_target):
+        for network in critic.q_networks:
+            torch.nn.init.zeros_(network.network[-1].weight)
+            torch.nn.init.zeros_(network.network[-1].bias)
+    observation, _ = REACH.make().reset(seed=0)
+    seen, _ = model.policy.obs_to_tensor(observation)
+    action = torch.linspace(-1, 1, 10)[None]
+    for critic in (model.critic, model.critic_target):
+        values = torch.as_tensor(torch.cat(critic(seen, action)) if algorithm == "sac" else critic(seen, action))
+        assert torch.allclose(values, -MOTION_PRICE * action.square().mean(), atol=1e-6)
+    moved = {id(weight) for group in model.critic.optimizer.param_groups for weight in group["params"]}
+    assert {id(weight) for weight in model.critic.parameters()} == moved
 
 
 def test_renumbering_the_objects_renumbers_the_logits() -> None:
