@@ -20,6 +20,7 @@ __all__ = [
     "PlayedScene",
     "Score",
     "SuitePolicy",
+    "begin_episode",
     "held_out_seeds",
     "play",
     "play_scene",
@@ -150,6 +151,13 @@ def play(env: gym.Env, act: Callable[[Any], Any], seed: int, max_steps: int | No
     return play_scene(DrawnScene(seed), env, _Function(act), max_steps)
 
 
+def begin_episode(act: Callable[[Any], Any]) -> None:
+    """Let a function from observations to actions forget the last episode, if it has a method `reset` for that."""
+    reset = getattr(act, "reset", None)
+    if reset is not None:
+        reset()
+
+
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
     """Seeds on which nothing is trained."""
     return range(first, first + count)
@@ -173,12 +181,12 @@ class DrawnScene:
 
 @dataclass(frozen=True)
 class _Function:
-    """A policy without memory."""
+    """A function as a policy; it has a method `reset` if it remembers something."""
 
     act: Callable[[Any], Any]
 
-    def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:
-        pass
+    def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
+        begin_episode(self.act)
 
 
 def _is_retrieved(env: gym.Env, info: Mapping[str, Any]) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from clutter_env.learning.comparison.evaluation import SuitePolicy
+from clutter_env.learning.comparison.evaluation import SuitePolicy, begin_episode
 from clutter_env.learning.comparison.run_names import run_directories
 from clutter_env.learning.demonstrations.experts import (
     PLANNERS,
@@ -137,6 +137,7 @@ def _run_policy(directories: Sequence[Path]) -> SuitePolicy:
         if id(env) not in loaded:
             loaded.clear()
             loaded[id(env)] = load_agent(directory, env)
+        begin_episode(loaded[id(env)])
         return loaded[id(env)]
 
     is_of_skills = family(task["env_id"]) == "skill"

@@ -8,9 +8,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from clutter_env.learning.policies.chosen import put_chosen
-from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations
+from clutter_env.learning.policies.corrections import CorrectedActions, CorrectedAgent
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, acting_part, load_model, training_env
 from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
@@ -18,7 +19,7 @@ from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_ru
 __all__ = ["POLICY_FILE", "Agent", "load_agent", "model_agent"]
 
 Agent = Callable[[Any], Any]
-"""From an observation to the action."""
+"""From an observation to the action. One that remembers something has a method `reset`, which begins an episode."""
 POLICY_FILE = "policy.pt"
 
 
@@ -69,11 +70,10 @@ def model_agent(algorithm: str, model: Any, env: gym.Env, imitation: Policy | No
 
 def _corrected(model: Any, env: gym.Env, imitation: Policy) -> Agent:
     assert isinstance(env, CorrectedActions)
+    assert env.imitation is imitation
 
-    def act(observation: Any) -> Any:
-        """The imitation's action with the most probable correction."""
-        seen = corrected_observations(imitation, observation)
-        action, _ = model.predict(seen, deterministic=True)
-        return env.corrected(seen[-len(action) :], action)
+    def correct(seen: NDArray[np.float32]) -> NDArray[Any]:
+        """The most probable correction."""
+        return np.asarray(model.predict(seen, deterministic=True)[0])
 
-    return act
+    return CorrectedAgent(env, correct)

@@ -11,7 +11,12 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from clutter_env.learning.demonstrations.episode import Episode
-from clutter_env.learning.policies.corrections import CorrectedActions, corrected_observations
+from clutter_env.learning.policies.corrections import (
+    HELD_STEPS,
+    CorrectedActions,
+    corrected_observations,
+    learning_rewards,
+)
 
 __all__ = ["SymmetricReplayBuffer"]
 
@@ -27,22 +32,25 @@ class SymmetricReplayBuffer(ReplayBuffer):
 
     def keep(self, env: CorrectedActions, episodes: Sequence[Episode]) -> int:
         """Keep the steps of episodes as demonstrations, as the learner in `env` sees them; their number."""
-        count = sum(map(len, episodes))
+        count = sum(len(episode) - HELD_STEPS + 1 for episode in episodes)
         kept = ReplayBuffer(count, self.observation_space, self.action_space, self.device)
         for episode in episodes:
             seen = corrected_observations(env.imitation, episode.observations)
             imitated = seen[:-1, -episode.actions.shape[1] :]
             actions = env.corrections(imitated, episode.actions)
-            for step in range(len(episode)):
-                is_last = step == len(episode) - 1
-                info = {"TimeLimit.truncated": is_last and episode.truncated}
+            before = {name: values[:-1] for name, values in episode.observations.items()}
+            after = {name: values[1:] for name, values in episode.observations.items()}
+            rewards = learning_rewards(before, after, episode.rewards, actions)
+            for first in range(len(episode) - HELD_STEPS + 1):
+                last = first + HELD_STEPS
+                is_last = last == len(episode)
                 kept.add(
-                    seen[step],
-                    seen[step + 1],
-                    actions[step],
-                    np.array([episode.rewards[step]]),
+                    seen[first],
+                    seen[last],
+                    actions[first:last].mean(axis=0),
+                    np.array([rewards[first:last].sum()]),
                     np.array([is_last]),
-                    [info],
+                    [{"TimeLimit.truncated": is_last and episode.truncated}],
                 )
         self.demonstrations = kept
         return count

@@ -51,7 +51,7 @@ from clutter_env.reporting.json_file import write_json
 
 __all__ = ["Trained", "train"]
 
-CRITICS_ALONE = 2000
+CRITICS_ALONE = 1000
 """Steps of the environment during which a learner that corrects an imitation keeps to the imitation."""
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""

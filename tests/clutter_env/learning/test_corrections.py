@@ -6,19 +6,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
+from clutter_env.learning.comparison.evaluation import begin_episode  # noqa: E402
 from clutter_env.learning.demonstrations.episode import record  # noqa: E402
 from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
-from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, GAIN  # noqa: E402
 from clutter_env.learning.errors import LearningError  # noqa: E402
 from clutter_env.learning.policies.agents import POLICY_FILE, load_agent, model_agent  # noqa: E402
 from clutter_env.learning.policies.chosen import consider, forget_chosen  # noqa: E402
-from clutter_env.learning.policies.corrections import CORRECTION_SHARE, CorrectedActions, corrected_observations  # noqa: E402
-from clutter_env.learning.policies.features import feature_vector  # noqa: E402
+from clutter_env.learning.policies.corrections import (  # noqa: E402
+    HELD_STEPS,
+    CorrectedActions,
+    CorrectedAgent,
+    corrected_observations,
+)
+from clutter_env.learning.policies.features import (  # noqa: E402
+    OBJECT_ROW,
+    OBJECTS_FROM,
+    TCP_POSITION,
+    feature_vector,
+)
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
+from clutter_env.learning.policies.progress import remaining_steps  # noqa: E402
 from clutter_env.learning.policies.rl import make_model, save_model, training_env  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.averaging import AveragedActor  # noqa: E402
@@ -46,16 +58,69 @@ def test_no_correction_is_the_imitation(corrected: CorrectedActions) -> None:
     observation, _ = plain.reset(seed=0)
     assert np.array_equal(seen, corrected_observations(corrected.imitation, observation))
     for _ in range(3):
-        seen, reward, *_ = corrected.step(np.zeros(10))
-        observation, other, *_ = plain.step(corrected.imitation.act(observation))
+        seen, reward, *_ = corrected.step(np.zeros(4))
+        first, total = observation, 0.0
+        for _ in range(HELD_STEPS):
+            observation, other, *_ = plain.step(corrected.imitation.act(observation))
+            total += other
         assert np.allclose(seen, corrected_observations(corrected.imitation, observation), atol=1e-6)
-        assert reward == other
+        assert reward == pytest.approx(total + remaining_steps(first) - remaining_steps(observation))
 
 
 def test_corrections_are_undone_as_far_as_they_reach(corrected: CorrectedActions) -> None:
-    imitated, action = np.linspace(-0.5, 0.5, 10), np.linspace(1, -1, 10)
-    assert np.allclose(corrected.corrections(imitated, corrected.corrected(imitated, action)), action, atol=1e-4)
+    imitated, action = np.linspace(-0.5, 0.5, 10), np.linspace(0.4, -0.4, 4)
+    changed = corrected.corrected(imitated, action)
+    assert np.flatnonzero(np.abs(changed - imitated) > 1e-6).tolist() == corrected.indices.tolist()
+    assert np.allclose(corrected.corrections(imitated, changed), action, atol=1e-4)
     assert np.abs(corrected.corrections(imitated, imitated + 9.0)).max() == 1.0
+
+
+def test_an_agent_holds_its_corrections_and_forgets_them_at_the_start_of_an_episode(
+    corrected: CorrectedActions,
+) -> None:
+    asked: list[int] = []
+
+    def correct(seen: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Zero at first, then one."""
+        asked.append(len(seen))
+        return np.full(4, float(len(asked) > 1))
+
+    agent = CorrectedAgent(corrected, correct)
+    observation, _ = PICK.make().reset(seed=2)
+    imitated = corrected.imitation.act(observation)
+    for _ in range(HELD_STEPS):
+        assert np.allclose(agent(observation), imitated)
+    assert len(asked) == 1
+    assert not np.allclose(agent(observation), imitated, atol=1e-3)
+    begin_episode(agent)
+    agent(observation)
+    assert len(asked) == 3
+
+
+def test_the_script_makes_progress_until_the_goal_is_reached() -> None:
+    env = PICK.make()
+    episode = record(PICK, env, make_expert(env), seed=3)
+    remaining = remaining_steps(episode.observations)
+    assert remaining.shape == (len(episode) + 1,)
+    assert remaining[0] > 20 > 5 > remaining[-1]
+    held = episode.observations["observation"][:, OBJECTS_FROM + OBJECT_ROW.index("held")] > 0
+    assert remaining[~held].min() > remaining[held].min() + 5
+
+
+def test_a_gripper_beside_the_object_has_to_rise_first() -> None:
+    observation, _ = PICK.make().reset(seed=0)
+    vector = observation["observation"]
+    at = vector[OBJECTS_FROM + OBJECT_ROW["position"].start :][:3]
+
+    def remaining(x: float, z: float) -> float:
+        """With the TCP at an offset [m] from the object's centre."""
+        moved = vector.copy()
+        moved[TCP_POSITION] = at + (x, 0.0, z)
+        return float(remaining_steps({**observation, "observation": moved}))
+
+    beside, over, lower = remaining(0.1, 0.0), remaining(0.1, 0.15), remaining(0.0, 0.1)
+    assert beside > over > remaining(0.0, 0.15) > lower
+    assert remaining(0.06, 0.0) > over, "sliding towards the object pushes it away"
 
 
 @pytest.mark.parametrize("algorithm", ["sac", "tqc"])
@@ -78,22 +143,14 @@ def test_half_of_every_batch_are_demonstrations(corrected: CorrectedActions) -> 
     episode = record(PICK, env, make_expert(env), seed=3)
     buffer = make_model("sac", corrected, 0, has_clone=True).replay_buffer
     seen, _ = corrected.reset(seed=0)
-    buffer.add(seen, seen, np.zeros(10), np.array([7.0]), np.array([False]), [{}])
+    buffer.add(seen, seen, np.zeros(4), np.array([7.0]), np.array([False]), [{}])
     assert (buffer.sample(10).rewards == 7.0).all()
-    assert buffer.keep(corrected, [episode]) == len(episode)
+    assert buffer.keep(corrected, [episode]) == len(episode) - HELD_STEPS + 1
     batch = buffer.sample(10)
     assert (batch.rewards == 7.0).sum() == 5
     assert batch.observations.shape == (10, seen.size)
     shown = buffer.demonstrations
     assert not shown.dones.sum() - shown.timeouts.sum(), "an episode of Pick ends by its time limit"
-
-
-def test_the_largest_correction_leaves_the_object_between_the_fingers(corrected: CorrectedActions) -> None:
-    velocity = corrected.scale[3:6] * PICK.make().unwrapped.robot.max_tcp_velocity[0]
-    assert (velocity / GAIN < FINGER_ROOM).all()
-    assert np.allclose(corrected.scale[3:6], CORRECTION_SHARE), (
-        "of the full speed, unlike learners without an imitation"
-    )
 
 
 def test_what_acts_are_the_weights_that_did_best_on_validation_scenes(
