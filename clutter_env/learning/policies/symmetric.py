@@ -31,8 +31,8 @@ class SymmetricReplayBuffer(ReplayBuffer):
     demonstrations: ReplayBuffer | None = None
 
     def keep(self, env: CorrectedActions, episodes: Sequence[Episode]) -> int:
-        """Keep the steps of episodes as demonstrations, as the learner in `env` sees them; their number."""
-        count = sum(len(episode) - HELD_STEPS + 1 for episode in episodes)
+        """Keep all stretches of `HELD_STEPS` steps of episodes, as the learner in `env` sees them; their number."""
+        count = sum(max(len(episode) - HELD_STEPS + 1, 0) for episode in episodes)
         kept = ReplayBuffer(count, self.observation_space, self.action_space, self.device)
         for episode in episodes:
             seen = corrected_observations(env.imitation, episode.observations)
