@@ -43,7 +43,7 @@ def target_features(features: NDArray[np.float32]) -> NDArray[np.float32]:
     """Those features (..., n) of `feature_vector` that do not tell one scene from another: (..., m).
 
     They are the offsets, velocities, the height and the width of the gripper, the target's size, and whether it is
-    held. With all features the critics remember by the base's position how the few hundred episodes ended.
+    held. With all features corrections drove the base in one direction throughout an episode.
     """
     target = _target(features[..., :-_OFFSETS])
     parts = (
