@@ -62,7 +62,7 @@ def test_no_correction_is_the_imitation(corrected: CorrectedActions) -> None:
         first, total = observation, 0.0
         for _ in range(HELD_STEPS):
             observation, other, *_ = plain.step(corrected.imitation.act(observation))
-            total += other
+            total += float(other)
         assert np.allclose(seen, corrected_observations(corrected.imitation, observation), atol=1e-6)
         assert reward == pytest.approx(total + remaining_steps(first) - remaining_steps(observation))
 
