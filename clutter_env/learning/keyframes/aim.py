@@ -54,7 +54,11 @@ class GripperError:
     @property
     def is_small(self) -> bool:
         """Whether the gripper may go on along its line."""
-        return bool(np.linalg.norm(self.shift) < _CLOSE and np.linalg.norm(self.turn) < _ALIGNED)
+        return self.is_within(1.0)
+
+    def is_within(self, share: float) -> bool:
+        """Whether it is at most a share of the greatest small error."""
+        return bool(np.linalg.norm(self.shift) < share * _CLOSE and np.linalg.norm(self.turn) < share * _ALIGNED)
 
 
 class Aim:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.learning.contacts.reading import wrapped
 
-__all__ = ["nearest_home", "shortest_way"]
+__all__ = ["is_wrist_turned", "nearest_home", "shortest_way", "with_wrist_turned"]
 
 Array = NDArray[np.float64]
 
@@ -34,10 +34,32 @@ def nearest_home(robot: RobotSpec, q: Array) -> Array:
     return turned
 
 
+def with_wrist_turned(robot: RobotSpec, q: Array) -> Array:
+    """Configurations (..., 8) with the same gripper pose, the wrist bent the other way and the forearm half a turn on.
+
+    A robot whose arm does not end in a roll, a bend and a roll about one line keeps its configurations.
+    """
+    turned = np.array(q)
+    for first in _rolls_and_bends(robot)[-1:]:
+        turned[..., first + 1] *= -1.0
+        turned[..., (first, first + 2)] += np.pi
+    return turned
+
+
+def is_wrist_turned(robot: RobotSpec, q: Array) -> bool:
+    """Whether the wrist is bent the other way than at home, in a configuration (8,)."""
+    return any(q[first + 1] * robot.home[first + 1] < 0 for first in _rolls_and_bends(robot)[-1:])
+
+
 def shortest_way(robot: RobotSpec, q: Array, goals: Array) -> Array:
-    """Goals (..., 8) with joints that turn without end on the shorter way from a configuration (8,)."""
+    """Goals (..., 8) with joints that turn by more than one turn on the shorter way from a configuration (8,).
+
+    Where that way leads beyond a limit of the joint it is the longer one.
+    """
     endless, turned = list(_endless(robot)), np.array(goals)
-    turned[..., endless] = q[endless] + wrapped(turned[..., endless] - q[endless])
+    lower, upper = np.array([(robot.chain[i].lower, robot.chain[i].upper) for i in endless]).reshape(-1, 2).T
+    near = q[endless] + wrapped(turned[..., endless] - q[endless])
+    turned[..., endless] = near - 2 * np.pi * (near > upper) + 2 * np.pi * (near < lower)
     return turned
 
 
@@ -58,5 +80,5 @@ def _rolls_and_bends(robot: RobotSpec) -> tuple[int, ...]:
 
 @cache
 def _endless(robot: RobotSpec) -> tuple[int, ...]:
-    """Numbers of the joints that turn without end."""
+    """Numbers of the joints that turn by more than one turn."""
     return tuple(i for i, link in enumerate(robot.chain) if link.upper - link.lower > 2 * np.pi)

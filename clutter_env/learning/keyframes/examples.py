@@ -12,23 +12,22 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose, wrapped
 from clutter_env.learning.errors import DatasetError
+from clutter_env.learning.keyframes.boards.cutting import cut_at_corners, is_driven
 from clutter_env.learning.keyframes.configurations import nearest_home
 from clutter_env.learning.keyframes.features import (
     POSTURE_JOINTS,
-    board_features,
     contact_in_base,
     features,
     line_distance,
 )
 from clutter_env.learning.keyframes.motions import Motion
-from clutter_env.learning.keyframes.phases import DRIVEN, LINES, TOWARDS, phase_index
-from clutter_env.learning.keyframes.under_board import cut_at_corners, is_driven
+from clutter_env.learning.keyframes.phases import ELSEWHERE, LINES, TOWARDS, phase_index
 
 __all__ = ["Examples", "examples_of", "posture_of"]
 
 Array = NDArray[np.float64]
 
-_AT_CONTACT = ("transit", *LINES, "close", "open", *DRIVEN)
+_AT_CONTACT = ("transit", *LINES, "close", "open")
 """Phases whose arm configuration is that of the contact or of a straight line from it: it moves with the contact."""
 _TO_CONTACT = (*TOWARDS, "reach")
 """Phases at whose end the gripper is at the contact."""
@@ -43,7 +42,7 @@ class Examples:
     Attributes:
         features: (k, f) see `features.features`.
         phase: (k,) number of the phase.
-        base: (k, 3) where the base is to stand, in its frame at the contact: x, y [m], yaw [rad].
+        base: (k, 3) where the base is to stand, in its frame at the contact: x, y [m], yaw [rad]; 0 under a board.
         q: (k, 8) torso [m] and arm [rad], angles within a turn of home.
         finger: (k,) [m] position of one finger.
         length: (k,) [m] of the straight line, 0 in other phases.
@@ -78,7 +77,7 @@ def examples_of(robot: RobotSpec, motions: Iterable[Motion]) -> Examples:
     for motion in map(cut_at_corners, under) if under else every:
         posture = posture_of(robot, motion)
         for phase, steps in motion.runs():
-            number = phase_index(motion.contact.skill, phase)
+            number = None if under and phase in ELSEWHERE else phase_index(motion.contact.skill, phase)
             if number is not None and posture is not None:
                 parts.append(_of_phase(robot, motion, _Phase(phase, number, steps), posture, bool(under)))
     if not parts:
@@ -101,8 +100,13 @@ def posture_of(robot: RobotSpec, motion: Motion) -> Array | None:
     ends = [motion.keyframes[steps.stop - 1] for phase, steps in motion.runs() if phase in _TO_CONTACT]
     if not ends:
         return None
+    return _posture(robot, ends[-1][3:11])
+
+
+def _posture(robot: RobotSpec, q: Array) -> Array:
+    """(..., 2) of configurations (..., 8)."""
     joints = list(POSTURE_JOINTS)
-    return nearest_home(robot, ends[-1][3:11])[joints] - np.array(robot.home)[joints]
+    return np.asarray(nearest_home(robot, q)[..., joints] - np.array(robot.home)[joints])
 
 
 def _of_phase(robot: RobotSpec, motion: Motion, part: _Phase, posture: Array, is_under_board: bool) -> Examples:
@@ -121,7 +125,7 @@ def _of_phase(robot: RobotSpec, motion: Motion, part: _Phase, posture: Array, is
         distance = np.concatenate((line_distance(on_way, contact), np.repeat(last, _END_REPEATS)))
     count = len(q)
     # On a line the base has arrived: the contact in its measured frame fits the measured configuration.
-    # Under a board, all is told as from the base at the contact: the arm is rigid on the drives.
+    # Under a board, all is told as from the base at the contact, and where else it stands is geometry.
     seen_from = np.broadcast_to(contact.base, base.shape) if phase == "drive" or is_under_board else base
     sizes = np.broadcast_to(motion.reading.sizes(motion.index)[0], (count, 4))
     return Examples(
@@ -130,11 +134,10 @@ def _of_phase(robot: RobotSpec, motion: Motion, part: _Phase, posture: Array, is
             contact_in_base(contact.tcp, seen_from),
             sizes,
             distance,
-            np.tile(posture, (count, 1)),
-            board_features(number, contact, count) if is_under_board else None,
+            _posture(robot, q) if is_under_board else np.tile(posture, (count, 1)),
         ),
         phase=np.full(count, number),
-        base=_relative(base, contact.base),
+        base=np.zeros((count, 3)) if is_under_board else _relative(base, contact.base),
         q=nearest_home(robot, q),
         finger=np.full(count, keyframe[11]),
         length=np.full(count, length),

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.learning.contacts.reading import Reading, planar_pose
-from clutter_env.learning.keyframes.phases import NUM_BOARD_PHASES, NUM_PHASES
+from clutter_env.learning.keyframes.phases import NUM_PHASES
 from planners.execution.contact import Contact
 
 __all__ = [
-    "BOARD_FEATURES",
     "CENTRE",
     "NUM_FEATURES",
     "POSE",
@@ -18,12 +17,10 @@ __all__ = [
     "POSTURE_JOINTS",
     "POSTURE_SIZE",
     "REACH",
-    "board_features",
     "contact_in_base",
     "features",
     "line_distance",
     "pose_features",
-    "way_in",
 ]
 
 Array = NDArray[np.float64]
@@ -40,8 +37,6 @@ POSE = slice(NUM_PHASES, NUM_PHASES + _POSE_SIZE)
 NUM_FEATURES = NUM_PHASES + _POSE_SIZE + 4 + 1 + len(_NEAR) + 2
 POSTURE = slice(NUM_FEATURES - 2, NUM_FEATURES)
 """Where the posture at the contact stands among the features."""
-BOARD_FEATURES = NUM_BOARD_PHASES + 4
-"""Features that follow where a network knows how to drive under a board, see `board_features`."""
 POSTURE_JOINTS = (0, 3)
 """Numbers of the joints, torso lift and upper-arm roll, that are free where the gripper is given."""
 POSTURE_SIZE = (0.1, 0.5)
@@ -65,38 +60,22 @@ def features(
     sizes: Array,
     distance: Array,
     posture: Array,
-    board: Array | None = None,
 ) -> Array:
-    """(k, NUM_FEATURES) of k situations; (k, NUM_FEATURES + BOARD_FEATURES) with those of the board.
+    """(k, NUM_FEATURES) of k situations.
 
     Args:
         phase: (k,) numbers of `phase_index`.
         base_contact: (k, 4, 4) contact in the base's frame.
         sizes: (k, 4) of the object, as `Reading.sizes`.
         distance: (k,) [m] from the contact on a straight line, 0 in other phases.
-        posture: (k, 2) torso [m] and upper-arm roll [rad] at the contact, less those of the home configuration.
-        board: (k, BOARD_FEATURES) of a network that drives under a board.
+        posture: (k, 2) torso [m] and upper-arm roll [rad], less those of the home configuration: at the contact, or
+            under a board those of the keyframe itself.
     """
-    one_hot = np.eye(NUM_PHASES + NUM_BOARD_PHASES)[:, :NUM_PHASES][np.broadcast_to(phase, (len(base_contact),))]
+    one_hot = np.eye(NUM_PHASES)[np.broadcast_to(phase, (len(base_contact),))]
     way = [distance / REACH, *(np.tanh(scale * distance) for scale in _NEAR)]
     size = np.concatenate((sizes[..., :3] * 20 - 1, sizes[..., 3:]), axis=-1)
     parts = (one_hot, pose_features(base_contact), size, np.stack(way, axis=-1), posture / POSTURE_SIZE)
-    return np.concatenate(parts if board is None else (*parts, board), axis=-1)
-
-
-def board_features(phase: NDArray[np.int64] | int, contact: Contact, count: int) -> Array:
-    """(count, BOARD_FEATURES): which of the phases under a board, and how far a contact lies behind the table's edge.
-
-    The distance is along the world's x axis, and is told as a vector in the frame of the base at the contact.
-    """
-    one_hot = np.eye(NUM_PHASES + NUM_BOARD_PHASES)[:, NUM_PHASES:][np.broadcast_to(phase, (count,))]
-    inwards = np.concatenate((way_in(contact)[:2], 2 * contact.tcp[0, 3] * way_in(contact)[:2]))
-    return np.concatenate((one_hot, np.tile(inwards, (count, 1))), axis=-1)
-
-
-def way_in(contact: Contact) -> Array:
-    """(3,) The world's x axis, along which bases drive in under a board, in the frame of the base at a contact."""
-    return np.array((np.cos(contact.base[2]), -np.sin(contact.base[2]), 0.0))
+    return np.concatenate(parts, axis=-1)
 
 
 def line_distance(reading: Reading, contact: Contact) -> Array:

@@ -30,8 +30,13 @@ class ArmKinematics:
 
     def frames(self, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Origins (k, 9, 3) [m] of all joints and of the TCP, and orientations (k, 3, 3) of the TCP."""
+        origins, rotations = self.links(q)
+        return origins, rotations[:, -1]
+
+    def links(self, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Origins (k, 9, 3) [m] and orientations (k, 9, 3, 3) of the links behind all joints, and of the TCP."""
         R = torch.eye(3).expand(len(q), 3, 3)
-        p, origins = torch.zeros(len(q), 3), []
+        p, origins, rotations = torch.zeros(len(q), 3), [], []
         for joint, (offset, turn, axis, prismatic) in enumerate(self._chain):
             p = p + R @ offset
             R = R if turn is None else R @ turn
@@ -40,8 +45,10 @@ class ArmKinematics:
             else:
                 R = R @ rotations_about(axis, q[:, joint])
             origins.append(p)
+            rotations.append(R)
         p = p + R @ self._tip
-        return torch.stack((*origins, p), dim=1), R if self._tip_turn is None else R @ self._tip_turn
+        R = R if self._tip_turn is None else R @ self._tip_turn
+        return torch.stack((*origins, p), dim=1), torch.stack((*rotations, R), dim=1)
 
 
 def _place(place: NDArray[np.float64]) -> tuple[torch.Tensor, torch.Tensor | None]:

@@ -4,41 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.learning.contacts.protocols import Observation
-from clutter_env.learning.contacts.reading import Reading, base_from, planar_pose, read
+from clutter_env.learning.contacts.reading import Reading, read
 from clutter_env.learning.contacts.tracking import action_towards, error_to, stay
 from clutter_env.learning.keyframes.aim import Aim, GripperError
-from clutter_env.learning.keyframes.configurations import shortest_way
-from clutter_env.learning.keyframes.features import board_features, contact_in_base, features, line_distance
+from clutter_env.learning.keyframes.boards.guide import BoardGuide
+from clutter_env.learning.keyframes.features import line_distance
+from clutter_env.learning.keyframes.guide import AHEAD, Guide, Keyframe, gripper_error
 from clutter_env.learning.keyframes.network import KeyframeNetwork
-from clutter_env.learning.keyframes.phases import (
-    AWAY,
-    BOARD_PHASES,
-    DRIVEN,
-    FINGERS,
-    LINES,
-    PHASES,
-    RIGID,
-    TOWARDS,
-    phase_index,
-)
-from clutter_env.learning.keyframes.postures import PostureChoice
+from clutter_env.learning.keyframes.open_guide import OpenGuide
+from clutter_env.learning.keyframes.phases import AWAY, DRIVEN, FINGERS, TOWARDS
+from clutter_env.scene.layout import Layout
 from planners.execution.contact import Contact
 
 __all__ = ["KeyframeMover"]
 
 Array = NDArray[np.float64]
 
-_AHEAD = 0.06
-"""[m] On a straight line the robot goes to the configuration this far ahead, which keeps the gripper on the line."""
 _ARRIVED = 0.004
 """[m] from the contact at which the gripper has arrived; it leaves 12 mm on each side of an object."""
 _LEFT = 0.015
@@ -47,12 +36,12 @@ _FAR_OFF = 0.03
 """[m] from the contact at which an approach that has come to rest has failed."""
 _AT_BASE, _AT_ARM, _ON_THE_WAY = 0.008, 0.02, 0.08
 """[m], [rad] from a keyframe at which base and arm have arrived, and arms that need not stop there."""
-_AT_CORNER = 0.02
+_AT_CORNER = 0.01
 """[m], [rad] of the base from a corner of its way under a board, at which it goes on."""
+_SETTLED = 0.02
+"""[m], [rad] of the robot from where it stands at a contact, at which the aim is corrected."""
 _NEAR = 0.15
 """[m], [rad] of the joints from a keyframe at which the pose of the gripper is compared with the expected one."""
-_TUCKED = 0.4
-"""[m], [rad] of the arm from its configuration for driving within which the base drives."""
 _SLOW = 0.05
 """[m/s], [rad/s] below which a joint counts as at rest."""
 _OPEN, _STILL = 0.002, 0.0005
@@ -62,19 +51,6 @@ _SETTLE = 4
 _LONGEST = 120
 """Control steps after which a phase is over, wherever the robot is; the longest straight drives take about 80. A drive
 whose next corner, or whose end, takes longer is blocked, and the contact is missed."""
-
-
-class _Keyframe(NamedTuple):
-    """Where the robot goes now: whole-body configuration (11,) and finger position [m]; and where the TCP should be.
-
-    A drive goes round the ground that demonstrations keep out of: `stops` is how many base poses are left on its way,
-    with the present one where the arm is tucked in first.
-    """
-
-    goal: Array
-    finger: float
-    expected: Array
-    stops: int = 1
 
 
 class KeyframeMover:
@@ -92,7 +68,6 @@ class KeyframeMover:
 
     def __init__(self, network: KeyframeNetwork) -> None:
         self._network = network.eval()
-        self._ground = network.ground
         self._steps, self._still, self._width, self._stops = 0, 0, 0.0, 1
         self.is_done, self.has_missed = True, False
 
@@ -106,9 +81,13 @@ class KeyframeMover:
         return cls(KeyframeNetwork.load(path))
 
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
-        """Start an episode: only the robot's limits and the names of the objects are read from the environment."""
+        """Start an episode: the robot, the names of the objects and, under a board, the furniture are what is read."""
         self._robot: RobotSpec = env.unwrapped.robot  # type: ignore[attr-defined]  # Retrieve
-        self._postures = PostureChoice(self._network, self._robot)
+        layout: Layout = env.unwrapped.layout  # type: ignore[attr-defined]  # Retrieve
+        is_under_board = self._network.is_under_board
+        self._guide: Guide = (
+            BoardGuide(self._network, self._robot, layout) if is_under_board else OpenGuide(self._network, self._robot)
+        )
         self._names: tuple[str, ...] = env.unwrapped.object_names  # type: ignore[attr-defined]  # Retrieve
         self.is_done, self.has_missed = True, False
 
@@ -118,9 +97,7 @@ class KeyframeMover:
         self._planned = self._contact = contact
         self._index = self._names.index(contact.object)
         self._first_seen = reading.position(self._index)
-        phases = (BOARD_PHASES if self._network.is_under_board else PHASES)[contact.skill]
-        self._phases = [phase for phase in phases if self._network.has_seen(contact.skill, phase)]
-        self._aim, self._length, self._posture = Aim(), 0.0, self._postures.choose(contact, self._index, reading)
+        self._aim, self._phases = Aim(), self._guide.begin(contact, self._index, reading)
         is_dropped = contact.skill == "place" and not reading.is_held(self._index)
         self._has_failed = is_dropped or not self._phases
         self.is_done, self.has_missed = self._has_failed, self._has_failed
@@ -150,7 +127,7 @@ class KeyframeMover:
 
     # Phases.
 
-    def _advance(self, reading: Reading) -> _Keyframe:
+    def _advance(self, reading: Reading) -> Keyframe:
         """Go on to the phase that the robot is in; its keyframe."""
         keyframe = self._keyframe(reading)
         if keyframe.stops < self._stops:
@@ -174,7 +151,7 @@ class KeyframeMover:
         self._width = float(reading.widths[0])
         return keyframe
 
-    def _has_stopped_short(self, phase: str, reading: Reading, keyframe: _Keyframe) -> bool:
+    def _has_stopped_short(self, phase: str, reading: Reading, keyframe: Keyframe) -> bool:
         """Whether the gripper is not at the contact although the way there has ended."""
         if phase == "reach":
             return bool(np.linalg.norm(keyframe.expected[:3, 3] - reading.tcp[:3, 3]) > _FAR_OFF)
@@ -184,7 +161,7 @@ class KeyframeMover:
         self._steps = self._still = 0
         self._width = float(reading.widths[0])
 
-    def _is_over(self, reading: Reading, keyframe: _Keyframe) -> bool:
+    def _is_over(self, reading: Reading, keyframe: Keyframe) -> bool:
         """Whether the robot has measurably come to the end of the present phase, or does not get there."""
         phase = self._phases[0]
         if self._steps >= _LONGEST:
@@ -195,7 +172,7 @@ class KeyframeMover:
         error = np.abs(error_to(reading, keyframe.goal))
         is_slow = bool((np.abs(reading.velocity) < _SLOW).all()) and self._steps > _SETTLE
         if phase in AWAY:
-            return is_slow or float(line_distance(reading, self._contact)) > self._length - _LEFT
+            return is_slow or float(line_distance(reading, self._contact)) > keyframe.length - _LEFT
         if phase in TOWARDS:
             return is_slow and float(line_distance(reading, self._contact)) < _ARRIVED
         if phase == "drive":
@@ -206,85 +183,32 @@ class KeyframeMover:
         if phase in DRIVEN:
             return bool((error[:3] < _AT_CORNER).all())
         if phase == "transit":
-            is_right = GripperError.between(reading.tcp, keyframe.expected).is_small
+            is_right = GripperError.between(reading.tcp, keyframe.expected).is_within(keyframe.slack)
             return is_right and bool((error[3:] < _AT_ARM).all())
         return bool((error[3:] < _ON_THE_WAY).all())
 
-    # Keyframes.
-
-    def _keyframe(self, reading: Reading) -> _Keyframe:
+    def _keyframe(self, reading: Reading) -> Keyframe:
         """Where the robot goes now."""
-        phase, contact = self._phases[0], self._contact
-        stands = np.array(contact.base) if self._is_away else reading.base
-        here = float(line_distance(reading, contact)) if phase in LINES else 0.0
-        ahead, own = here, self._aim.of(contact.tcp)
-        arm = RIGID.get(phase, phase) if self._network.is_under_board else phase
-        planned = self._predict(phase, contact.tcp, stands, reading, here)
-        rigid = planned if arm == phase else self._predict(arm, contact.tcp, stands, reading, here)
-        expected = np.array(contact.tcp)
-        expected[:3, 3] += contact.tcp[:3, :3] @ rigid[11:14]
-        if self._network.is_under_board and phase in ("transit", "enter"):
-            expected = planar_pose(reading.base) @ contact_in_base(expected, np.array(contact.base))
-        if phase in AWAY:
-            self._length = float(self._predict(phase, own, stands, reading, here)[15])
-            ahead = min(here + _AHEAD, self._length)
-        elif phase in TOWARDS and self._error(reading, expected).is_small:
-            ahead = max(here - _AHEAD, 0.0)
-        predicted = self._predict(arm, own, stands, reading, ahead)
-        # Under a board the base drives along the contact's line; the aim is the arm's alone.
-        base = base_from(contact.base, (planned if self._network.is_under_board else predicted)[:3])
-        finger, q = float((predicted if arm == phase else planned)[14]), predicted[3:11]
-        q = shortest_way(self._robot, reading.q, q)
-        stops = 1
-        if phase == "drive":
-            way = self._ground.way(reading.base, base)
-            is_tucked = np.abs(q - reading.q).max() <= _TUCKED
-            base, stops = (way[0], len(way)) if is_tucked else (reading.base, 1 + len(way))
-        return _Keyframe(np.concatenate((base, q)), finger, expected, stops)
-
-    @property
-    def _is_away(self) -> bool:
-        """Whether the base is, or may be, away from where it stands at the contact."""
-        phase = self._phases[0]
-        is_arms = phase in (*LINES, "close", "open")
-        return phase == "drive" or (self._network.is_under_board and not is_arms)
-
-    def _predict(self, phase: str, contact: Array, base: Array, reading: Reading, distance: float) -> Array:
-        """The network's output as one vector (16,), for a contact (4, 4), a base (3,) and a distance [m] on a line."""
-        number = phase_index(self._contact.skill, phase)
-        assert number is not None
-        pose = contact_in_base(contact, base)
-        sizes = reading.sizes(self._index)[None]
-        board = board_features(number, self._contact, 1) if self._network.is_under_board else None
-        row = features(number, pose[None], sizes, np.array([distance]), self._posture[None], board)
-        with torch.no_grad():
-            predicted = self._network(torch.from_numpy(row.astype(np.float32)))
-        return np.concatenate([part.numpy().reshape(-1) for part in predicted]).astype(float)
+        return self._guide.keyframe(self._phases[0], self._contact, self._aim, reading)
 
     # Feedback.
 
-    def _correct_aim(self, reading: Reading, keyframe: _Keyframe) -> None:
+    def _correct_aim(self, reading: Reading, keyframe: Keyframe) -> None:
         """Correct the aim at both ends of the straight line to a contact, and where the gripper is off the line.
 
         On the way the arm lags behind, which is no error of the aim.
         """
-        phase, error = self._phases[0], self._error(reading, keyframe.expected)
+        phase = self._phases[0]
+        error = gripper_error(phase, reading, keyframe.expected, self._contact)
         if phase == "reach":
-            is_due = bool(np.abs(error_to(reading, keyframe.goal)).max() < _AT_CORNER)
+            is_due = bool(np.abs(error_to(reading, keyframe.goal)).max() < _SETTLED)
         elif phase == "transit":
             is_due = bool(np.abs(error_to(reading, keyframe.goal)[3:]).max() < _NEAR)
         else:
-            is_near = bool(line_distance(reading, self._contact) < _AHEAD)
+            is_near = bool(line_distance(reading, self._contact) < AHEAD)
             is_due = phase in TOWARDS and (is_near or not error.is_small)
         if is_due:
             self._aim.correct(error)
-
-    def _error(self, reading: Reading, expected: Array) -> GripperError:
-        """Of the gripper; on a straight line without the part along it, since the distance is measured."""
-        error = GripperError.between(reading.tcp, expected)
-        if self._phases[0] in ("transit", "reach"):
-            return error
-        return error.across(expected[:3, 3] - self._contact.tcp[:3, 3])
 
     def _follow_object(self, reading: Reading) -> None:
         """The contact of a pick moves with the object until the fingers close; the base no longer, once it has come."""

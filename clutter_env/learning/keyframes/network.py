@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from torch import nn
 
 from clutter_env.learning.errors import DatasetError
-from clutter_env.learning.keyframes.features import BOARD_FEATURES, NUM_FEATURES
+from clutter_env.learning.keyframes.features import NUM_FEATURES
 from clutter_env.learning.keyframes.ground import Ground
-from clutter_env.learning.keyframes.phases import NUM_BOARD_PHASES, NUM_PHASES, phase_index
+from clutter_env.learning.keyframes.phases import NUM_PHASES, phase_index
 from clutter_env.learning.regression.perceptron import perceptron
 from clutter_env.reporting.json_file import write_atomically
 
@@ -54,7 +54,7 @@ class KeyframeNetwork(nn.Module):
         home: (8,) configuration that the output is added to.
         lower, upper: (8,) limits of the joints, which the output keeps.
         seen: (p,) flags of the phases that the demonstrations show.
-        is_under_board: whether it drives in to contacts under a board, and out again; see `under_board`.
+        is_under_board: whether it drives in to contacts under a board, and out again; see `boards`.
         shown: (m, 7) contacts and postures demonstrated under a board, see `shown_postures`; none in the open.
         closed: (2, 2) lowest and highest x and y [m] of the ground that no demonstrated drive enters, see `Ground`.
     """
@@ -76,16 +76,13 @@ class KeyframeNetwork(nn.Module):
     ) -> None:
         super().__init__()
         self.is_under_board = is_under_board
-        phases, inputs = NUM_PHASES, NUM_FEATURES
-        if is_under_board:
-            phases, inputs = NUM_PHASES + NUM_BOARD_PHASES, NUM_FEATURES + BOARD_FEATURES
         for name, values in (("home", home), ("lower", lower), ("upper", upper)):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
-        self.register_buffer("seen", torch.zeros(phases, dtype=torch.bool))
+        self.register_buffer("seen", torch.zeros(NUM_PHASES, dtype=torch.bool))
         if is_under_board:
             self.register_buffer("shown", torch.zeros((0, 7)))
         self.register_buffer("closed", torch.zeros((2, 2), dtype=torch.float64))
-        self.layers = perceptron(inputs, width, sum(_SIZES))
+        self.layers = perceptron(NUM_FEATURES, width, sum(_SIZES))
 
     def forward(self, features: torch.Tensor) -> Prediction:
         """Keyframes of features (k, f)."""
@@ -98,7 +95,7 @@ class KeyframeNetwork(nn.Module):
     def has_seen(self, skill: str, phase: str) -> bool:
         """Whether the demonstrations show a phase of a skill."""
         number = phase_index(skill, phase)
-        return number is not None and number < len(self.seen) and bool(self.seen[number])
+        return number is not None and bool(self.seen[number])
 
     @property
     def ground(self) -> Ground:
@@ -130,7 +127,7 @@ class KeyframeNetwork(nn.Module):
         """
         arrays = load_arrays(path)
         home, lower, upper = (arrays[name].tolist() for name in ("home", "lower", "upper"))
-        is_under_board = len(arrays["seen"]) > NUM_PHASES
+        is_under_board = "shown" in arrays
         network = cls(home, lower, upper, len(arrays["layers.0.bias"]), is_under_board)
         if is_under_board:
             network.shown = arrays["shown"]

@@ -9,12 +9,11 @@ __all__ = [
     "AWAY",
     "BOARD_PHASES",
     "DRIVEN",
+    "ELSEWHERE",
     "FINGERS",
     "LINES",
-    "NUM_BOARD_PHASES",
     "NUM_PHASES",
     "PHASES",
-    "RIGID",
     "SKILLS",
     "TOWARDS",
     "phase_index",
@@ -28,12 +27,12 @@ PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType({"pick": _PICK, "place"
 DRIVEN = ("enter", "reach", "back", "leave")
 """Straight drives of the base under a board and out again, the arm rigid: to where the gripper is about to reach around
 the object, along the gripper to the contact, and back."""
-RIGID: Mapping[str, str] = MappingProxyType({"transit": "reach", "enter": "reach", "leave": "back"})
-"""Under a board, phases with the arm configuration of another one."""
 _PICK_UNDER = ("drive", "ready", "transit", "enter", "reach", "close", "lift", "back", "leave", "retreat")
 _PLACE_UNDER = ("drive", "transit", "enter", "reach", "lower", "open", "back", "leave", "retreat")
 BOARD_PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType({"pick": _PICK_UNDER, "place": _PLACE_UNDER})
-"""By skill, under a board; see `under_board`."""
+"""By skill, under a board; see `boards.cutting`."""
+ELSEWHERE = ("transit", *DRIVEN)
+"""Phases under a board whose arm configuration is one of a straight line at the contact."""
 LINES = ("approach", "lift", "lower", "rise")
 """Straight lines of the gripper to a contact and away from it."""
 TOWARDS, AWAY = ("approach", "lower"), ("lift", "rise")
@@ -41,10 +40,8 @@ TOWARDS, AWAY = ("approach", "lower"), ("lift", "rise")
 FINGERS = ("ready", "close", "open")
 """Only the fingers move."""
 
-_OPEN = tuple((skill, phase) for skill in SKILLS for phase in PHASES[skill])
-_ALL = (*_OPEN, *((skill, phase) for skill in SKILLS for phase in DRIVEN))
-NUM_PHASES, NUM_BOARD_PHASES = len(_OPEN), len(_ALL) - len(_OPEN)
-"""How many phases there are in the open, and how many more under a board; their numbers follow those in the open."""
+_ALL = tuple((skill, phase) for skill in SKILLS for phase in PHASES[skill])
+NUM_PHASES = len(_ALL)
 
 
 def phase_index(skill: str, phase: str) -> int | None:

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.learning.contacts.reading import Reading, planar_pose
-from clutter_env.learning.keyframes.features import board_features, contact_in_base, features, way_in
+from clutter_env.learning.keyframes.features import contact_in_base, features
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.phases import phase_index
-from clutter_env.learning.keyframes.shown_postures import nearest_postures
 from planners.execution.contact import Contact
 
 __all__ = ["PostureChoice"]
@@ -26,10 +25,6 @@ _ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
 """[rad] of the upper arm from home."""
 _DISTANCES = (0.0, 0.06, 0.12, 0.18)
 """[m] from the contact on the straight line, at which the arm is compared with the objects."""
-_UNLIKE_COST = 0.2
-"""Cost of a posture under a board for each unit by which the contact where it was demonstrated differs."""
-_DRIVES = (0.0, 0.12, 0.24, 0.36, 0.48)
-"""[m] that the base has gone straight out from under a board, at which the rigid arm is compared with them."""
 _RADIUS, _ROOM = 0.065, 0.02
 """[m] of the forearm, and of free space around it that is enough."""
 _TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
@@ -53,15 +48,9 @@ class PostureChoice:
         """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home."""
         is_pick, pose = contact.skill == "pick", contact_in_base(contact.tcp, np.array(contact.base))
         sizes = reading.sizes(index)
-        if self._network.is_under_board:
-            grid, away = nearest_postures(self._network.shown.numpy().astype(float), contact)
-            plain = _UNLIKE_COST * away
-            joints = self._joints(grid, contact, "reach" if is_pick else "lower", sizes, np.zeros(1))
-            joints = joints - np.array(_DRIVES)[:, None, None] * way_in(contact)
-        else:
-            grid = self._grid
-            plain = _TORSO_COST * np.abs(grid[:, 0]) + np.abs(grid[:, 1])
-            joints = self._joints(grid, contact, "approach" if is_pick else "lower", sizes, np.array(_DISTANCES))
+        grid = self._grid
+        plain = _TORSO_COST * np.abs(grid[:, 0]) + np.abs(grid[:, 1])
+        joints = self._joints(grid, contact, "approach" if is_pick else "lower", sizes, np.array(_DISTANCES))
         miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
         lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, _others(contact, index, reading)), 0.0)
         return np.asarray(grid[np.argmin(plain + _MISS_COST * miss + _HIT_COST * lacking)])
@@ -79,7 +68,6 @@ class PostureChoice:
             np.broadcast_to(sizes, (count, 4)),
             np.tile(distances, len(grid)),
             postures,
-            board_features(number, contact, count) if self._network.is_under_board else None,
         )
         with torch.no_grad():
             origins, _ = self._kinematics.frames(self._network(torch.from_numpy(rows.astype(np.float32))).q)

@@ -15,14 +15,14 @@ from clutter_env.learning.chunking.examples import chunk_examples
 from clutter_env.learning.chunking.flow import FlowNetwork, fit_flow
 from clutter_env.learning.chunking.mover import ChunkMover
 from clutter_env.learning.contacts.protocols import Mover
+from clutter_env.learning.keyframes.boards.cutting import is_driven
+from clutter_env.learning.keyframes.boards.shown_postures import shown_postures
 from clutter_env.learning.keyframes.examples import examples_of
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes
 from clutter_env.learning.keyframes.ground import closed_ground
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.mover import KeyframeMover
 from clutter_env.learning.keyframes.network import KeyframeNetwork, load_arrays
-from clutter_env.learning.keyframes.shown_postures import shown_postures
-from clutter_env.learning.keyframes.under_board import is_driven
 from clutter_env.learning.regression.descent import DescentConfig, Report
 
 __all__ = ["FittedMover", "fit_mover", "load_mover"]

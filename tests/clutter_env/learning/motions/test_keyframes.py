@@ -27,7 +27,7 @@ from clutter_env.learning.demonstrations.episode_file import write_episode  # no
 from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
 from clutter_env.learning.errors import DatasetError, LearningError  # noqa: E402
 from clutter_env.learning.keyframes.aim import Aim, GripperError  # noqa: E402
-from clutter_env.learning.keyframes.configurations import nearest_home, shortest_way  # noqa: E402
+from clutter_env.learning.keyframes.configurations import nearest_home, shortest_way, with_wrist_turned  # noqa: E402
 from clutter_env.learning.keyframes.examples import examples_of  # noqa: E402
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes  # noqa: E402
 from clutter_env.learning.keyframes.kinematics import ArmKinematics  # noqa: E402
@@ -91,11 +91,31 @@ def test_the_form_nearest_to_home_has_the_same_gripper_pose() -> None:
 
 
 def test_the_shorter_way_is_at_most_half_a_turn() -> None:
-    q = configurations()
+    q, home = configurations(), np.array(FETCH.home)
     endless = [3, 5, 7]
-    way = shortest_way(FETCH, q[0], q) - q[0]
+    way = shortest_way(FETCH, home, q) - home
     assert np.abs(way[:, endless]).max() <= np.pi + 1e-9
-    np.testing.assert_allclose(np.cos(way), np.cos(q - q[0]), atol=1e-9)
+    np.testing.assert_allclose(np.cos(way), np.cos(q - home), atol=1e-9)
+
+
+def test_the_shorter_way_keeps_within_the_limits() -> None:
+    q = np.array(FETCH.home)
+    q[5] = FETCH.chain[5].lower + 0.1
+    (goal,) = shortest_way(FETCH, q, np.array(FETCH.home)[None] - 3.1 * np.eye(8)[5])
+    assert goal[5] == pytest.approx(-3.1)
+    q[5] += 0.2
+    (goal,) = shortest_way(FETCH, q, np.array(FETCH.home)[None])
+    assert goal[5] == pytest.approx(-2 * np.pi)
+
+
+def test_a_wrist_bent_the_other_way_has_the_same_gripper_pose() -> None:
+    q = configurations()
+    turned = with_wrist_turned(FETCH, q)
+    kinematics = ArmKinematics(FETCH)
+    (p, R), (also_p, also_R) = (kinematics.tcp(torch.tensor(one, dtype=torch.float32)) for one in (q, turned))
+    np.testing.assert_allclose(p, also_p, atol=1e-5)
+    np.testing.assert_allclose(R, also_R, atol=1e-5)
+    np.testing.assert_allclose(turned[:, 6], -q[:, 6])
 
 
 def test_a_demonstration_is_cut_into_the_motion_of_its_contact(episodes: list[Episode]) -> None:

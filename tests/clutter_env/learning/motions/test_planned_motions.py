@@ -13,14 +13,13 @@ import assets  # noqa: E402
 import clutter_env  # noqa: E402, F401  registers the environments
 from assets.robots import FETCH  # noqa: E402
 from clutter_env.learning.comparison.suite_policies import load_policy, policy_grasps  # noqa: E402
+from clutter_env.learning.keyframes.boards.cutting import cut_at_corners, is_driven  # noqa: E402
 from clutter_env.learning.keyframes.examples import examples_of  # noqa: E402
-from clutter_env.learning.keyframes.features import BOARD_FEATURES, NUM_FEATURES  # noqa: E402
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes  # noqa: E402
 from clutter_env.learning.keyframes.motions import Motion  # noqa: E402
 from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
 from clutter_env.learning.keyframes.phases import BOARD_PHASES, DRIVEN, PHASES  # noqa: E402
 from clutter_env.learning.keyframes.planned import planned_motions  # noqa: E402
-from clutter_env.learning.keyframes.under_board import cut_at_corners, is_driven  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402
@@ -92,15 +91,15 @@ def test_under_a_board_the_arm_is_rigid_on_the_drives_between_corners(under_a_bo
 def test_a_network_says_what_it_was_fitted_to(
     in_the_open: list[Motion], under_a_board: list[Motion], tmp_path: Path
 ) -> None:
-    for motions, count in ((in_the_open, NUM_FEATURES), (under_a_board, NUM_FEATURES + BOARD_FEATURES)):
+    for motions, is_under_board in ((in_the_open, False), (under_a_board, True)):
         examples = examples_of(FETCH, motions)
-        assert examples.features.shape[1] == count
+        assert examples.is_under_board == is_under_board
         network = fit_keyframes(FETCH, examples, FitConfig(steps=2, batch=16))
         network.save(tmp_path / "network.npz")
         loaded = KeyframeNetwork.load(tmp_path / "network.npz")
-        assert loaded.is_under_board == (count > NUM_FEATURES)
-        assert loaded.has_seen("pick", "enter") == loaded.is_under_board
-        assert loaded.has_seen("pick", "approach") != loaded.is_under_board
+        assert loaded.is_under_board == is_under_board
+        assert loaded.has_seen("pick", "lift")
+        assert loaded.has_seen("pick", "approach") != is_under_board
     assert not KeyframeNetwork.load(assets.path("policies/keyframes-side.npz")).is_under_board
 
 

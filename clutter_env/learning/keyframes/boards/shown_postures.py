@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.learning.contacts.reading import wrapped
+from clutter_env.learning.keyframes.boards.cutting import cut_at_corners
 from clutter_env.learning.keyframes.examples import posture_of
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.phases import SKILLS
-from clutter_env.learning.keyframes.under_board import cut_at_corners
 from planners.execution.contact import Contact
 
 __all__ = ["nearest_postures", "shown_postures"]
