@@ -32,6 +32,10 @@ _PLACING_FINGERS = {"enter": "lower", "reach": "lower", "transit": "lower", "bac
 """Phases in which the fingers are as in another one."""
 _ROUNDS = 2
 """Rounds of correction by forward kinematics in a control step."""
+_REFUSALS = 2
+"""Times that a contact is refused in an episode; a decider that still asks for it has nothing better."""
+_ALIKE = 0.005
+"""[m], [rad] by which a contact may differ from the one that was refused before, and is the same."""
 _SLACK = 0.4
 """Share of the errors elsewhere that the gripper may have where the base drives in: table and wrist are 3 mm apart."""
 _SAME = 1e-4
@@ -51,12 +55,22 @@ class BoardGuide:
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._robot, self._ground, self._table = robot, network.ground, table_of(layout)
+        self._refused: list[Contact] = []
         self._line, self._postures = ArmLine(network, robot), BoardPostures(network, robot, layout)
 
     def begin(self, contact: Contact, index: int, reading: Reading) -> list[str]:
-        """Choose the posture at a contact of object `index`; the phases to go through."""
+        """Choose the posture at a contact of object `index`; the phases to go through.
+
+        There are none where arm or gripper would run into something: the contact is refused.
+        """
         self._sizes = reading.sizes(index)
-        self._posture = self._postures.choose(contact, index, reading)
+        base_tcp = contact_in_base(contact.tcp, np.array(contact.base))
+        opened = "ready" if contact.skill == "pick" else "open"
+        finger = self._line.finger(contact.skill, opened, base_tcp, self._sizes, np.zeros(2))
+        self._posture = self._postures.choose(contact, index, reading, finger)
+        if self._posture.is_blocked and sum(_is_same(contact, other) for other in self._refused) < _REFUSALS:
+            self._refused.append(contact)
+            return []
         self._last = _Arm(np.zeros((4, 4)), 0.0, reading.q)
         return list(BOARD_PHASES[contact.skill])
 
@@ -110,3 +124,10 @@ class BoardGuide:
         base_tcp = contact_in_base(contact.tcp, np.array(contact.base))
         posture = np.zeros(2) if like in _TUCKED else self._posture.low
         return self._line.finger(contact.skill, like, base_tcp, self._sizes, posture)
+
+
+def _is_same(contact: Contact, other: Contact) -> bool:
+    """Whether it is the same contact."""
+    if (contact.skill, contact.object) != (other.skill, other.object):
+        return False
+    return np.allclose(contact.tcp, other.tcp, atol=_ALIKE) and np.allclose(contact.base, other.base, atol=_ALIKE)

@@ -11,6 +11,7 @@ from assets.robots import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.keyframes.boards.arm_balls import ArmBalls
 from clutter_env.learning.keyframes.boards.arm_line import ArmLine
+from clutter_env.learning.keyframes.boards.gripper_points import GripperPoints
 from clutter_env.learning.keyframes.boards.shown_postures import nearest_postures
 from clutter_env.learning.keyframes.boards.stations import table_of, way_points
 from clutter_env.learning.keyframes.boards.surroundings import Surroundings
@@ -55,6 +56,10 @@ _MISS_COST, _ROOM_COST, _HIT_COST = 60.0, 20.0, 300.0
 ball of the arm."""
 
 
+_MOST_RISK = 6.0
+"""Risk up to which an arm is expected to get through."""
+
+
 class BoardPosture(NamedTuple):
     """How the arm is held at a contact and above it.
 
@@ -63,6 +68,7 @@ class BoardPosture(NamedTuple):
         low, high: (2,) torso [m] and upper-arm roll [rad] at the contact and at that height, less those of home.
         is_turned: whether the wrist is bent the other way than at home.
         risk: cost of free space that is missing about the arm on the way, summed over its balls.
+        is_blocked: whether the arm or the open gripper would run into something for certain.
     """
 
     height: float
@@ -70,6 +76,7 @@ class BoardPosture(NamedTuple):
     high: Array
     is_turned: bool
     risk: float
+    is_blocked: bool = False
 
     def at(self, height: float) -> Array:
         """(2,) at a height [m] above the contact."""
@@ -95,10 +102,14 @@ class BoardPostures:
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._shown = network.shown.numpy().astype(float)
         self._line, self._balls = ArmLine(network, robot), ArmBalls(robot)
+        self._gripper = GripperPoints(robot)
         self._robot, self._layout, self._table = robot, layout, table_of(layout)
 
-    def choose(self, contact: Contact, index: int, reading: Reading) -> BoardPosture:
-        """The posture at a contact of object `index`: the best that keeps clear, or the one with the least risk."""
+    def choose(self, contact: Contact, index: int, reading: Reading, finger: float = 0.0) -> BoardPosture:
+        """The posture at a contact of object `index`: the best that keeps clear, or the one with the least risk.
+
+        The open gripper has each finger at `finger` [m].
+        """
         shown, away = nearest_postures(self._shown, contact)
         plain = np.concatenate((_UNLIKE_COST * away, np.full(len(_GRID), away[0] * _UNLIKE_COST + _STRANGE)))
         forms = self._forms(contact, reading)
@@ -114,7 +125,17 @@ class BoardPostures:
         risks = risk[row] + also_risk
         found = int(np.argmin(cost[row] + dear + risks + _MISS_COST * (miss[row] + also_miss)))
         of = row[found]
-        return BoardPosture(float(height[found]), low[of], high[found], bool(turned[of]), float(risks[found]))
+        is_blocked = risks[found] > _MOST_RISK or self._is_gripper_blocked(scene, finger)
+        return BoardPosture(
+            float(height[found]), low[of], high[found], bool(turned[of]), float(risks[found]), bool(is_blocked)
+        )
+
+    def _is_gripper_blocked(self, scene: _Scene, finger: float) -> bool:
+        """Whether the open gripper runs into something on its way: in to a pick, out from a placement."""
+        tcp = scene.contact.tcp
+        points = self._gripper.at(finger) @ tcp[:3, :3].T + tcp[:3, 3]
+        way = np.pad(way_points(self._table, scene.contact), ((0, 0), (0, 1)))
+        return scene.around.contain(points + way[:, None])
 
     def _forms(self, contact: Contact, reading: Reading) -> tuple[bool, ...]:
         """Which ways the wrist may be bent, as `BoardPosture.is_turned`: with an object in the gripper as it is now."""

@@ -25,6 +25,7 @@ class Surroundings:
     Attributes:
         centre, half: (m, 3) [m] of the boxes.
         position: (n, 3) [m] centres of the cylinders; `radius`, `height` (n,) [m] their radii and half heights.
+        core: (n,) [m] radii within which the objects are in any case: one may be a box.
     """
 
     centre: Array
@@ -32,6 +33,7 @@ class Surroundings:
     position: Array
     radius: Array
     height: Array
+    core: Array
 
     @classmethod
     def of(cls, layout: Layout, reading: Reading, index: int) -> Surroundings:
@@ -48,6 +50,7 @@ class Surroundings:
             position=rows[is_other][:, _ROW["position"]] @ T[:3, :3].T + T[:3, 3],
             radius=half[:, :2].max(axis=1),
             height=half[:, 2],
+            core=half[:, :2].min(axis=1),
         )
 
     def distance(self, points: Array) -> Array:
@@ -60,3 +63,11 @@ class Surroundings:
         across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - self.radius, 0.0)
         above = np.maximum(np.abs(away[..., 2]) - self.height, 0.0)
         return np.minimum(nearest, np.hypot(across, above).min(axis=-1))
+
+    def contain(self, points: Array) -> bool:
+        """Whether any of the points (..., 3) is inside a box or an object for certain."""
+        if (np.abs(points[..., None, :] - self.centre) < self.half).all(axis=-1).any():
+            return True
+        away = points[..., None, :] - self.position
+        is_beside = np.hypot(away[..., 0], away[..., 1]) < self.core
+        return bool((is_beside & (np.abs(away[..., 2]) < self.height)).any())
