@@ -1,4 +1,4 @@
-"""The gripper as points on its surface, for what it would run into: its collision solids, read from the robot's model."""
+"""The gripper as points on its surface, for what it would run into: solids of the robot's model."""
 
 from __future__ import annotations
 

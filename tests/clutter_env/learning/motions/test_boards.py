@@ -17,6 +17,8 @@ from clutter_env.learning.contacts.reading import Reading, planar_pose, read  # 
 from clutter_env.learning.keyframes.boards.arm_balls import ArmBalls  # noqa: E402
 from clutter_env.learning.keyframes.boards.arm_line import ArmLine  # noqa: E402
 from clutter_env.learning.keyframes.boards.cutting import cut_at_corners  # noqa: E402
+from clutter_env.learning.keyframes.boards.gripper_points import GripperPoints  # noqa: E402
+from clutter_env.learning.keyframes.boards.guide import BoardGuide  # noqa: E402
 from clutter_env.learning.keyframes.boards.postures import BoardPostures  # noqa: E402
 from clutter_env.learning.keyframes.boards.stations import Stations, table_of, way_points  # noqa: E402
 from clutter_env.learning.keyframes.boards.surroundings import Surroundings  # noqa: E402
@@ -25,7 +27,7 @@ from clutter_env.learning.keyframes.examples import posture_of  # noqa: E402
 from clutter_env.learning.keyframes.features import contact_in_base  # noqa: E402
 from clutter_env.learning.keyframes.motions import Motion  # noqa: E402
 from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
-from clutter_env.learning.keyframes.phases import ELSEWHERE  # noqa: E402
+from clutter_env.learning.keyframes.phases import BOARD_PHASES, ELSEWHERE  # noqa: E402
 from clutter_env.learning.keyframes.planned import planned_motions  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.scene.layout import LAYOUTS  # noqa: E402
@@ -85,7 +87,7 @@ def test_foresight_leads_the_gripper_to_where_it_is_wanted(motions: list[Motion]
 
 
 def test_balls_lie_along_the_solids_of_the_arm() -> None:
-    world = CollisionWorld.from_scene(Scene(FETCH, RobotState(np.zeros(3), np.array(FETCH.home), 0.0), ()))
+    world = CollisionWorld.from_scene(Scene(FETCH, RobotState(np.zeros(3), np.array(FETCH.home), 0.0), (), ()))
     balls = ArmBalls(FETCH)
     attached = world.attached(None)
     scratch = make_scratch(world.robot, attached)
@@ -101,9 +103,40 @@ def test_balls_lie_along_the_solids_of_the_arm() -> None:
             np.testing.assert_allclose(balls.radius[own], world.robot.radius[solid])
 
 
+def test_fingers_of_the_gripper_move_apart() -> None:
+    gripper = GripperPoints(FETCH)
+    closed, opened = gripper.at(0.0), gripper.at(0.03)
+    moved = opened - closed
+    is_finger = np.abs(moved).max(axis=1) > 0
+    np.testing.assert_allclose(np.abs(moved[is_finger]), np.broadcast_to((0.0, 0.03, 0.0), moved[is_finger].shape))
+    assert (moved[is_finger][:, 1] * np.sign(closed[is_finger][:, 1].round(3)) >= 0).all()
+    assert 0.0 < opened[is_finger][:, 0].max() < 0.05
+    assert closed[~is_finger][:, 0].max() < 0.0
+
+
+def test_only_what_is_inside_for_certain_is_contained() -> None:
+    around = Surroundings(
+        np.zeros((1, 3)),
+        np.array([[0.5, 0.5, 0.1]]),
+        np.array([[2.0, 0.0, 0.0]]),
+        radius=np.array([0.1]),
+        height=np.array([0.2]),
+        core=np.array([0.05]),
+    )
+    outside = np.array([[0.0, 0.0, 0.15], [2.07, 0.0, 0.0], [2.0, 0.0, 0.3]])
+    assert not around.contain(outside)
+    for inside in ([0.4, 0.0, 0.05], [2.04, 0.0, 0.1]):
+        assert around.contain(np.array([*outside, inside]))
+
+
 def test_distances_are_those_to_boxes_and_upright_cylinders() -> None:
     around = Surroundings(
-        np.zeros((1, 3)), np.array([[0.5, 0.5, 0.1]]), np.array([[2.0, 0.0, 0.0]]), np.array([0.1]), np.array([0.2])
+        np.zeros((1, 3)),
+        np.array([[0.5, 0.5, 0.1]]),
+        np.array([[2.0, 0.0, 0.0]]),
+        radius=np.array([0.1]),
+        height=np.array([0.2]),
+        core=np.array([0.1]),
     )
     points = np.array([[0.0, 0.0, 0.05], [0.0, 0.8, 0.5], [2.0, 0.3, 0.0], [2.0, 0.0, 0.3]])
     np.testing.assert_allclose(around.distance(points), [0.0, 0.5, 0.2, 0.1])
@@ -125,7 +158,7 @@ def test_a_posture_keeps_clear_of_what_stands_in_its_way(
     small[OBSERVATION_LAYOUT["objects"]["half_extents"]] = 0.01
     crowded = dataclasses.replace(reading, objects=np.concatenate((alone, small[None])))
     other = choice.choose(contact, 0, crowded)
-    assert other.risk < 300 * 0.05
+    assert not other.is_blocked
     assert np.abs(other.low - free.low).max() > 0.04 or other.is_turned != free.is_turned
 
 
@@ -136,3 +169,21 @@ def test_a_wrist_keeps_its_form_while_an_object_is_held(network: KeyframeNetwork
     for q in (np.array(FETCH.home), with_wrist_turned(FETCH, np.array(FETCH.home))):
         posture = choice.choose(place.contact, 0, dataclasses.replace(held, q=q))
         assert posture.is_turned == is_wrist_turned(FETCH, q)
+
+
+def test_a_contact_that_something_is_in_the_way_of_is_refused_at_first(
+    motions: list[Motion], network: KeyframeNetwork, reading: Reading
+) -> None:
+    contact = motions[0].contact
+    T = np.linalg.inv(planar_pose(reading.base))
+    column = reading.objects[0].copy()
+    before = contact.tcp[:3, 3] - (0.15, 0.0, 0.0)
+    column[OBSERVATION_LAYOUT["objects"]["position"]] = T[:3, :3] @ before + T[:3, 3]
+    column[OBSERVATION_LAYOUT["objects"]["half_extents"]] = (0.03, 0.03, 0.1)
+    guide = BoardGuide(network, FETCH, LAYOUT)
+    free, blocked = (
+        dataclasses.replace(reading, objects=rows)
+        for rows in (reading.objects[:1], np.concatenate((reading.objects[:1], column[None])))
+    )
+    assert guide.begin(contact, 0, free) == list(BOARD_PHASES["pick"])
+    assert [bool(guide.begin(contact, 0, blocked)) for _ in range(3)] == [False, False, True]
