@@ -27,6 +27,7 @@ from clutter_env.learning.demonstrations.episode_file import write_episode  # no
 from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
 from clutter_env.learning.errors import DatasetError, LearningError  # noqa: E402
 from clutter_env.learning.keyframes.aim import Aim, GripperError  # noqa: E402
+from clutter_env.learning.keyframes.boards.cutting import is_driven  # noqa: E402
 from clutter_env.learning.keyframes.configurations import nearest_home, shortest_way, with_wrist_turned  # noqa: E402
 from clutter_env.learning.keyframes.examples import examples_of  # noqa: E402
 from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes  # noqa: E402
@@ -36,7 +37,6 @@ from clutter_env.learning.keyframes.mover import KeyframeMover  # noqa: E402
 from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
 from clutter_env.learning.keyframes.phases import PHASES  # noqa: E402
 from clutter_env.learning.keyframes.postures import PostureChoice  # noqa: E402
-from clutter_env.learning.keyframes.under_board import is_driven  # noqa: E402
 from clutter_env.learning.policies.movers import fit_mover, load_mover  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
