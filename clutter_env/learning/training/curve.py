@@ -126,6 +126,9 @@ def draw(results: Mapping[Point, Sequence[bool]], file: Path) -> None:
         above = [rate.high - rate.mean for rate in rates]
         axis.errorbar(counts, middle, (below, above), marker="o", capsize=3, label=f"{algorithm}, {Path(source).name}")
     axis.set(xscale="log", xlabel="demonstrations", ylabel="clean success", ylim=(0, 1.03))
+    shown = sorted({count for *_, count in groups})
+    axis.set_xticks(shown, [f"{count:,}" for count in shown])
+    axis.minorticks_off()
     axis.grid(alpha=0.3)
     axis.legend(fontsize="small")
     file.parent.mkdir(parents=True, exist_ok=True)
