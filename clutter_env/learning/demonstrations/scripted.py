@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from assets.robots import RobotSpec
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.goal import GoalEnv
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
 
-__all__ = ["SCRIPTS", "Step", "bulldoze"]
+__all__ = ["SCRIPTS", "Step", "bulldoze", "grasp_height"]
 
 Array = NDArray[np.float64]
 Step = tuple[str, NDArray[Any]]
@@ -158,12 +159,17 @@ def _within_reach(env: BaseEnv, point: Array) -> Array:
     return np.array([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left])
 
 
+def grasp_height(robot: RobotSpec, half_height: ArrayLike) -> Array:
+    """(...) [m] of the TCP above the table at the grasp of objects with these half heights (...) [m]."""
+    return np.maximum(robot.grasp_height, GRASP_SHARE * 2 * np.asarray(half_height))
+
+
 def _target_grasp(env: BaseEnv) -> tuple[Array, float, float]:
     """TCP position (3,) [m] of the grasp, height [m] from which the gripper descends, opening [m] of the gripper."""
     assert env.world.scene is not None
     at = env.measurements.poses[env.target_slot, :3]
     half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
-    height = max(env.robot.grasp_height, GRASP_SHARE * 2 * half_height)
+    height = grasp_height(env.robot, half_height)
     return np.array([at[0], at[1], TABLE_HEIGHT + height]), at[2] + half_height + HOVER, 2 * (half_width + FINGER_ROOM)
 
 

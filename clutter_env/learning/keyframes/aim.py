@@ -8,19 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-__all__ = ["Aim", "GripperError"]
-
+__all__ = ["MOST_SHIFT", "MOST_TURN", "Aim", "GripperError"]
 
 Array = NDArray[np.float64]
 
 _GAIN = 0.15
 """Share of the measured error by which the aim moves in a control step; the arm follows in 0.1 s."""
-_MOST_SHIFT, _MOST_TURN = 0.06, 0.3
-"""[m], [rad] by which the aim may differ from the contact."""
+MOST_SHIFT, MOST_TURN = 0.06, 0.3
+"""[m], [rad] by which the aim may differ from the contact: the network was fitted to such."""
 _CLOSE, _ALIGNED = 0.008, 0.08
 """[m], [rad] that a gripper may be off a straight line while it goes on along the line; it leaves 12 mm a side."""
-
-
 _SHORT = 0.02
 """[m] from the contact up to which the error along the line counts too."""
 
@@ -69,9 +66,9 @@ class Aim:
 
     def correct(self, error: GripperError) -> None:
         """Move the aim by a share of an error."""
-        self._shift = _limited(self._shift + _GAIN * error.shift, _MOST_SHIFT)
+        self._shift = _limited(self._shift + _GAIN * error.shift, MOST_SHIFT)
         turn = Rotation.from_rotvec(_GAIN * error.turn) * Rotation.from_rotvec(self._turn)
-        self._turn = _limited(turn.as_rotvec(), _MOST_TURN)
+        self._turn = _limited(turn.as_rotvec(), MOST_TURN)
 
     def of(self, contact: Array) -> Array:
         """The aim (4, 4) for a contact (4, 4), both in the world."""

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.envs.observation import OBSERVATION_LAYOUT
+from clutter_env.learning.contacts.cylinders import Cylinders
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.keyframes.features import contact_in_base, features
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
@@ -34,7 +34,6 @@ _ELBOW, _WRIST = 4, 7
 """Numbers of the joints between which the forearm and the wrist lie; the gripper beyond is where the contact says."""
 _SHARES = np.array((0.0, 0.5))
 """Points on the links, as shares of their length."""
-_ROW = OBSERVATION_LAYOUT["objects"]
 
 
 class PostureChoice:
@@ -51,8 +50,10 @@ class PostureChoice:
         grid = self._grid
         plain = _TORSO_COST * np.abs(grid[:, 0]) + np.abs(grid[:, 1])
         joints = self._joints(grid, contact, "approach" if is_pick else "lower", sizes, np.array(_DISTANCES))
+        T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(reading.base)
+        others = Cylinders.beside(reading, index, T)
         miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
-        lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, _others(contact, index, reading)), 0.0)
+        lacking = np.maximum(_ROOM + _RADIUS - _distance(joints, others), 0.0)
         return np.asarray(grid[np.argmin(plain + _MISS_COST * miss + _HIT_COST * lacking)])
 
     def _joints(self, grid: Array, contact: Contact, phase: str, sizes: Array, distances: Array) -> Array:
@@ -74,24 +75,8 @@ class PostureChoice:
         return origins.numpy().astype(float).reshape(len(grid), len(distances), -1, 3)
 
 
-def _others(contact: Contact, index: int, reading: Reading) -> Array:
-    """(n, 5) of all other objects, in the base's frame at the contact: position, radius, half height [m]."""
-    rows = reading.objects
-    is_other = rows[:, _ROW.index("present")] > 0
-    is_other[index] = False
-    T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(reading.base)
-    position = rows[is_other][:, _ROW["position"]] @ T[:3, :3].T + T[:3, 3]
-    half = rows[is_other][:, _ROW["half_extents"]]
-    return np.column_stack((position, half[:, :2].max(axis=1), half[:, 2]))
-
-
-def _distance(joints: Array, others: Array) -> Array:
+def _distance(joints: Array, others: Cylinders) -> Array:
     """(k,) [m] from the forearm's axis on the way to the nearest object, for joints (k, d, 9, 3)."""
-    if not len(others):
-        return np.full(len(joints), np.inf)
     starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
     points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
-    away = points[:, :, :, None] - others[:, :3]
-    across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - others[:, 3], 0.0)
-    above = np.maximum(np.abs(away[..., 2]) - others[:, 4], 0.0)
-    return np.asarray(np.hypot(across, above).min(axis=(1, 2, 3)))
+    return np.asarray(others.distance(points).min(axis=(1, 2)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from assets.robots import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
-from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, GRASP_SHARE, HOVER
+from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, HOVER, grasp_height
 from clutter_env.learning.policies.features import NEAR_SCALES, OBJECT_ROW, OBJECTS_FROM, TCP_POSITION
 
 __all__ = ["progress", "remaining_steps", "shows_target", "target_features"]
@@ -72,11 +72,11 @@ def remaining_steps(observation: Observation) -> NDArray[np.float64]:
     target = _target(vector)
     half_extents = target[..., OBJECT_ROW["half_extents"]]
     half_width, half_height = half_extents[..., 1], half_extents[..., _HEIGHT]
-    grasp_height = np.maximum(FETCH.grasp_height, GRASP_SHARE * 2 * half_height)
+    at_grasp = grasp_height(FETCH, half_height)
     offset = vector[..., TCP_POSITION] - target[..., OBJECT_ROW["position"]]
     aside = np.hypot(offset[..., 0], offset[..., 1])
-    height = offset[..., _HEIGHT] + half_height - grasp_height
-    above = HOVER + 2 * half_height - grasp_height
+    height = offset[..., _HEIGHT] + half_height - at_grasp
+    above = HOVER + 2 * half_height - at_grasp
     beside = np.clip((aside - BESIDE[0]) / (BESIDE[1] - BESIDE[0]), 0.0, 1.0)
     narrow = np.maximum(2 * (half_width + FINGER_ROOM) - vector[..., _WIDTHS.start], 0.0)
     way = aside + np.abs(height) + beside * 2 * np.maximum(above - np.maximum(height, 0.0), 0.0)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from assets.robots import RobotSpec
+from clutter_env.learning.keyframes.aim import MOST_SHIFT, MOST_TURN
 from clutter_env.learning.keyframes.features import POSTURE_JOINTS, features
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
 from clutter_env.learning.keyframes.network import KeyframeNetwork
@@ -21,9 +22,8 @@ _LINE = {"pick": "lift", "place": "lower"}
 """The phase whose straight line leads through a contact."""
 _GAIN = 0.8
 """Share of the foreseen error by which the pose that the network is told moves in a round."""
-_MOST_SHIFT, _MOST_TURN, _MOST_BEND = 0.06, 0.3, np.array((0.1, 0.5))
-"""[m], [rad] by which that pose may differ from the wanted one, and [m], [rad] of the posture: the network was fitted
-to such."""
+_MOST_BEND = np.array((0.1, 0.5))
+"""[m], [rad] by which the posture that it is told may differ from the wanted one: it was fitted to such."""
 
 
 class ArmLine:
@@ -71,10 +71,10 @@ class ArmLine:
             if left:
                 off = Rotation.from_matrix(wanted[:, :3, :3] @ rotation.numpy().transpose(0, 2, 1))
                 step = Rotation.from_rotvec(_GAIN * off.as_rotvec())
-                shift = _limited(shift + _GAIN * error, _MOST_SHIFT)
+                shift = _limited(shift + _GAIN * error, MOST_SHIFT)
                 bend += _GAIN * (postures + self._home - q[:, list(POSTURE_JOINTS)])
                 bend = np.clip(bend, -_MOST_BEND, _MOST_BEND)
-                turn = _limited((step * Rotation.from_rotvec(turn)).as_rotvec(), _MOST_TURN)
+                turn = _limited((step * Rotation.from_rotvec(turn)).as_rotvec(), MOST_TURN)
         return q, np.linalg.norm(error, axis=1)
 
     def _predict(

@@ -54,8 +54,6 @@ gripper that reaches down to the table has no more than 9 mm."""
 _MISS_COST, _ROOM_COST, _HIT_COST = 60.0, 20.0, 300.0
 """Costs of a metre by which the gripper misses its pose, and of a metre that is missing to either free space about a
 ball of the arm."""
-
-
 _MOST_RISK = 6.0
 """Risk up to which an arm is expected to get through."""
 
@@ -85,11 +83,12 @@ class BoardPosture(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """A contact, the size of its object, and what stands about it."""
+    """A contact, the size (4,) of its object, what stands about it, and the base's way (w, 3) [m] out from there."""
 
     contact: Contact
     sizes: Array
     around: Surroundings
+    way: Array
 
 
 class BoardPostures:
@@ -115,7 +114,8 @@ class BoardPostures:
         forms = self._forms(contact, reading)
         low, turned = np.tile(np.concatenate((shown, _GRID)), (len(forms), 1)), np.repeat(forms, len(plain))
         cost = np.tile(plain, len(forms)) + _TURNED_COST * turned
-        scene = _Scene(contact, reading.sizes(index), Surroundings.of(self._layout, reading, index))
+        way = np.pad(way_points(self._table, contact), ((0, 0), (0, 1)))
+        scene = _Scene(contact, reading.sizes(index), Surroundings.of(self._layout, reading, index), way)
         risk, miss = self._judge(scene, np.zeros(len(low)), low, turned)
         best = np.argsort(cost + risk + _MISS_COST * miss, kind="stable")[:_KEPT]
         row, lift = (axis.ravel() for axis in np.meshgrid(best, np.arange(len(_LIFTS)), indexing="ij"))
@@ -134,8 +134,7 @@ class BoardPostures:
         """Whether the open gripper runs into something on its way: in to a pick, out from a placement."""
         tcp = scene.contact.tcp
         points = self._gripper.at(finger) @ tcp[:3, :3].T + tcp[:3, 3]
-        way = np.pad(way_points(self._table, scene.contact), ((0, 0), (0, 1)))
-        return scene.around.contain(points + way[:, None])
+        return scene.around.contain(points + scene.way[:, None])
 
     def _forms(self, contact: Contact, reading: Reading) -> tuple[bool, ...]:
         """Which ways the wrist may be bent, as `BoardPosture.is_turned`: with an object in the gripper as it is now."""
@@ -149,7 +148,6 @@ class BoardPostures:
         q[turned] = with_wrist_turned(self._robot, q[turned])
         T = planar_pose(base)
         centres = self._balls.centres(q) @ T[:3, :3].T + T[:3, 3]
-        way = np.pad(way_points(self._table, contact), ((0, 0), (0, 1)))
-        room = scene.around.distance(centres[:, :, None] + way).min(axis=2) - self._balls.radius
+        room = scene.around.distance(centres[:, :, None] + scene.way).min(axis=2) - self._balls.radius
         costs = _ROOM_COST * np.maximum(_ROOM - room, 0.0) + _HIT_COST * np.maximum(_LEAST_ROOM - room, 0.0)
         return costs.sum(axis=1), miss

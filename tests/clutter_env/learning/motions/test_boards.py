@@ -13,6 +13,7 @@ import assets  # noqa: E402
 import clutter_env  # noqa: E402, F401  registers the environments
 from assets.robots import FETCH  # noqa: E402
 from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
+from clutter_env.learning.contacts.cylinders import Cylinders  # noqa: E402
 from clutter_env.learning.contacts.reading import Reading, planar_pose, read  # noqa: E402
 from clutter_env.learning.keyframes.boards.arm_balls import ArmBalls  # noqa: E402
 from clutter_env.learning.keyframes.boards.arm_line import ArmLine  # noqa: E402
@@ -114,15 +115,14 @@ def test_fingers_of_the_gripper_move_apart() -> None:
     assert closed[~is_finger][:, 0].max() < 0.0
 
 
+def box_and_object(core: float) -> Surroundings:
+    """A box about the origin, and an object of radius 0.1 m two metres ahead of it."""
+    found = Cylinders(np.array([[2.0, 0.0, 0.0]]), np.array([0.1]), height=np.array([0.2]), core=np.array([core]))
+    return Surroundings(np.zeros((1, 3)), np.array([[0.5, 0.5, 0.1]]), found)
+
+
 def test_only_what_is_inside_for_certain_is_contained() -> None:
-    around = Surroundings(
-        np.zeros((1, 3)),
-        np.array([[0.5, 0.5, 0.1]]),
-        np.array([[2.0, 0.0, 0.0]]),
-        radius=np.array([0.1]),
-        height=np.array([0.2]),
-        core=np.array([0.05]),
-    )
+    around = box_and_object(core=0.05)
     outside = np.array([[0.0, 0.0, 0.15], [2.07, 0.0, 0.0], [2.0, 0.0, 0.3]])
     assert not around.contain(outside)
     for inside in ([0.4, 0.0, 0.05], [2.04, 0.0, 0.1]):
@@ -130,14 +130,7 @@ def test_only_what_is_inside_for_certain_is_contained() -> None:
 
 
 def test_distances_are_those_to_boxes_and_upright_cylinders() -> None:
-    around = Surroundings(
-        np.zeros((1, 3)),
-        np.array([[0.5, 0.5, 0.1]]),
-        np.array([[2.0, 0.0, 0.0]]),
-        radius=np.array([0.1]),
-        height=np.array([0.2]),
-        core=np.array([0.1]),
-    )
+    around = box_and_object(core=0.1)
     points = np.array([[0.0, 0.0, 0.05], [0.0, 0.8, 0.5], [2.0, 0.3, 0.0], [2.0, 0.0, 0.3]])
     np.testing.assert_allclose(around.distance(points), [0.0, 0.5, 0.2, 0.1])
 
