@@ -1,34 +1,23 @@
 """What things are: robots, furniture, PDDL text, trained weights. Imports nothing else of the project."""
 
-from pathlib import Path
+from assets.acting_joints import ActingJoints
+from assets.files import folder, names, path
+from assets.frames import rotation_of
+from assets.robots import FETCH, PR2, ArmSpec, ChainLink, InvalidRobot, LinkMesh, RobotSpec, UnknownRobot, robot
 
-__all__ = ["folder", "names", "path"]
-
-_ROOT = Path(__file__).resolve().parent
-
-
-def folder(name: str) -> Path:
-    """Path of a folder of `assets/`."""
-    return _ROOT / name
-
-
-def names(kind: str) -> tuple[str, ...]:
-    """Names, without their ending, of the JSON files in the folder `kind` of `assets/`, in alphabetical order."""
-    return tuple(sorted(file.stem for file in folder(kind).glob("*.json")))
-
-
-def path(relative: str) -> Path:
-    """Path of a data file shipped with the package.
-
-    Args:
-        relative: path below `assets/`, for example `"mjcf/fetch.xml"`; an absolute path is taken as it is.
-
-    Raises:
-        FileNotFoundError: no such file; the message lists the files that exist.
-    """
-    file = _ROOT / relative
-    if not file.is_file():
-        suffixes = {".xml", ".pddl", ".json", ".npz"}
-        known = sorted(str(f.relative_to(_ROOT)) for f in _ROOT.rglob("*") if f.suffix in suffixes)
-        raise FileNotFoundError(f"no asset {relative!r}; known assets: {', '.join(known)}")
-    return file
+__all__ = [
+    "FETCH",
+    "PR2",
+    "ActingJoints",
+    "ArmSpec",
+    "ChainLink",
+    "InvalidRobot",
+    "LinkMesh",
+    "RobotSpec",
+    "UnknownRobot",
+    "folder",
+    "names",
+    "path",
+    "robot",
+    "rotation_of",
+]

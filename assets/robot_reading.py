@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets import path as asset_path
 from assets.arm_reading import ModelArm, load_model, read_arm
+from assets.files import path as asset_path
 from assets.robot_parts import ChainLink, InvalidRobot
 
 __all__ = ["RobotPage", "page_of", "read_fields"]

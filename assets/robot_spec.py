@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from assets import path
+from assets.files import path
 from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, InvalidRobot, LinkMesh
 from assets.spec_checks import check_chain, check_names, check_numbers, check_unit, require
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 from numbers import Integral
 from typing import Any, TypeGuard
 
-from assets.robots import InvalidRobot, RobotSpec, UnknownRobot
-from assets.robots import robot as find_robot
+from assets import InvalidRobot, RobotSpec, UnknownRobot
+from assets import robot as find_robot
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity

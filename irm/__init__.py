@@ -10,6 +10,7 @@ Example:
     print(placement.status, placement.poses)
 """
 
+from irm.arm.frames import PRISMATIC, frames_of, pose_of
 from irm.arm.kinematics import ArmChain
 from irm.checks.classification import classify, predict
 from irm.checks.decide import decide
@@ -18,8 +19,9 @@ from irm.errors import ReachabilityError
 from irm.floor.free_space import FreeSpace
 from irm.floor.robot_outline import robot_radius
 from irm.floor.solid_boxes import SolidBoxes
-from irm.maps.cache import cached_map, cached_table
+from irm.maps.cache import cache_folder, cached_map, cached_table, is_map_at_hand
 from irm.maps.certificate.table import CertificateTable
+from irm.maps.parameters import MapParameters
 from irm.maps.pose_tables import read_pose_table, read_reuleaux
 from irm.maps.reachability import ReachabilityMap
 from irm.queries.classical import ClassicalInverseReachabilityMap
@@ -29,12 +31,14 @@ from irm.queries.status import Status
 from irm.visibility.map import VisibilityMap, cached_visibility
 
 __all__ = [
+    "PRISMATIC",
     "ArmChain",
     "BasePlacement",
     "CertificateTable",
     "ClassicalInverseReachabilityMap",
     "FreeSpace",
     "InverseReachabilityMap",
+    "MapParameters",
     "NotVerified",
     "PlacementBatch",
     "ReachabilityError",
@@ -43,11 +47,15 @@ __all__ = [
     "Status",
     "Verified",
     "VisibilityMap",
+    "cache_folder",
     "cached_map",
     "cached_table",
     "cached_visibility",
     "classify",
     "decide",
+    "frames_of",
+    "is_map_at_hand",
+    "pose_of",
     "predict",
     "read_pose_table",
     "read_reuleaux",

@@ -10,34 +10,92 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 from planners.arms import ArmsError
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
-from planners.execution.controlled_env import ControlledEnv
+from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners.collision.world import CollisionWorld
+from planners.execution.contact import Contact, StepLabel, contact_of, contacts, label_of
+from planners.execution.contact_motion import plan_contact
+from planners.execution.controlled_env import ControlledEnv, controlled_env
 from planners.execution.direct import ExecutionResult, execute
+from planners.execution.executor import Command, Executor, Outcome
 from planners.execution.expert import EpisodeReport, ExpertConfig, ExpertError, TampExpert
-from planners.planner import Planner, clearance_floor, solve, warmup
-from planners.scene import Scene
-from planners.strategies import STRATEGIES, Strategy
+from planners.execution.following import follow
+from planners.execution.holding import held_object
+from planners.execution.monitor import MonitorConfig, Sensor
+from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.base_placement import map_parameters
+from planners.grasping.candidates import GraspCandidates, gripper_poses
+from planners.grasping.driven_configurations import driven_configurations
+from planners.grasping.families import SIDE, find_grasp_set
+from planners.grasping.grasp_poses import generate_grasps, gripper_opening
+from planners.motion.arm import NoPath, tcp_pose
+from planners.motion.trajectory import CONTROL_STEP
+from planners.placing.locations import stand_at
+from planners.placing.placements import PlacementSearch
+from planners.placing.release import rotated
+from planners.planner import Planner, clearance_floor, map_placer, solve, warmup
+from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene.cover import BACK, drive_out, heading, is_covered
+from planners.scene.resting import release_pitch
+from planners.scene.static_obstacle import StaticObstacle
+from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
+from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
+from planners.skills.motion import SkillPlanner
+from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, PlanFileError, Solution
 
 __all__ = [
+    "BACK",
+    "CONTROL_STEP",
+    "DIRECTIONS",
+    "DIRECTION_CLASSES",
+    "SIDE",
     "STRATEGIES",
+    "Alternatives",
+    "ArmConfigurations",
     "ArmsError",
+    "Body",
     "BoundAction",
     "Cause",
     "ClearanceFloor",
+    "CollisionWorld",
+    "Command",
+    "CompiledScenes",
+    "ConfigurationGrid",
+    "Contact",
     "ControlledEnv",
     "EpisodeReport",
     "ExecutionResult",
+    "Executor",
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
+    "GraspCandidates",
+    "GripperPoses",
     "GroundAction",
+    "HeldObject",
     "Infeasible",
+    "MonitorConfig",
+    "MotionLayer",
+    "NoPath",
     "NoPlan",
+    "Outcome",
+    "PlacementSearch",
     "PlanFileError",
     "Planner",
+    "RobotArrays",
     "Scene",
+    "SceneError",
+    "Sensor",
+    "Skill",
+    "SkillFailure",
+    "SkillGeometry",
+    "SkillPlanner",
     "Solution",
+    "StaticObstacle",
+    "StepLabel",
     "Strategy",
     "SymbolicState",
     "TampExpert",
@@ -45,7 +103,33 @@ __all__ = [
     "TaskPlanner",
     "TaskProblem",
     "clearance_floor",
+    "contact_of",
+    "contacts",
+    "controlled_env",
+    "direction_class",
+    "drive_out",
+    "driven_configurations",
     "execute",
+    "find_grasp_set",
+    "find_strategy",
+    "follow",
+    "generate_grasps",
+    "gripper_opening",
+    "gripper_poses",
+    "heading",
+    "held_object",
+    "is_covered",
+    "label_of",
+    "map_parameters",
+    "map_placer",
+    "plan_contact",
+    "release_pitch",
+    "robot_arrays",
+    "rotated",
+    "scan_configurations",
+    "skill_geometry",
     "solve",
+    "stand_at",
+    "tcp_pose",
     "warmup",
 ]

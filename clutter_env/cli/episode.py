@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import clutter_env
-from assets.robots import robot as find_robot
+from assets import robot as find_robot
 from clutter_env.experiments.clearance_table.trials import Trial
 from clutter_env.experiments.episodes.episode import (
     PLANNING_S,
@@ -33,9 +33,8 @@ from clutter_env.reporting.command import run_command
 from clutter_env.reporting.json_file import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
-from irm.maps.cache import cache_folder, cached_map, is_map_at_hand
-from planners.grasping.base_placement import map_parameters
-from planners.strategies import find_strategy
+from irm import cache_folder, cached_map, is_map_at_hand
+from planners import find_strategy, map_parameters
 
 
 @dataclass(frozen=True)

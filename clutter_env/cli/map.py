@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from clutter_env.reporting.command import run_command
-from irm.maps.parameters import MapParameters
+from irm import MapParameters
 
 if TYPE_CHECKING:
-    from assets.robots import RobotSpec
-    from irm.arm.chain import ArmChain
+    from assets import RobotSpec
+    from irm import ArmChain
 
 OTHERS = {name: f"clutter_env.cli.maps.{name}" for name in ("check", "figures", "benchmark", "rm4d")}
 """Sub-commands beside `build`, and their modules."""
@@ -76,7 +76,7 @@ def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""
     from clutter_env.experiments.maps.building import build_map
     from clutter_env.reporting.json_file import write_json
-    from irm.arm.chain import ArmChain
+    from irm import ArmChain
 
     robot = _robot(arguments)
     parameters = MapParameters(
@@ -99,7 +99,7 @@ def run(arguments: Arguments) -> None:
 def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
     """The robot that the arguments name, compared with its MJCF file if wanted."""
     from clutter_env.experiments.maps.model_check import check_chain, checked_arm, robot_by_name
-    from irm.arm.chain import ArmChain
+    from irm import ArmChain
 
     if arguments.mjcf is None:
         robot = robot_by_name(arguments.robot)

@@ -23,7 +23,7 @@ import tyro
 from clutter_env.reporting.command import run_command
 
 if TYPE_CHECKING:
-    from assets.robots import RobotSpec
+    from assets import RobotSpec
 
 __all__ = ["main"]
 
@@ -67,8 +67,8 @@ def run(arguments: Arguments) -> None:
 
 def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     """The robot, and whether a home configuration was given: if not, it has the middle of the joints' ranges."""
+    from assets import RobotSpec
     from assets.arm_reading import load_model, read_arm
-    from assets.robots import RobotSpec
     from clutter_env.experiments.maps.model_check import robot_by_name
 
     if not arguments.robot.endswith(".xml"):

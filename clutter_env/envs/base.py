@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.identity import environment_kind

@@ -9,8 +9,8 @@ from typing import Any
 
 import mujoco
 
-from assets.robots import RobotSpec, UnknownRobot
-from assets.robots import robot as find_robot
+from assets import RobotSpec, UnknownRobot
+from assets import robot as find_robot
 from clutter_env.config import EnvConfig
 from clutter_env.scene.layout import LAYOUTS, Layout
 

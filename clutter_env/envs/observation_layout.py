@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.acting_joints import ActingJoints
-from assets.robots import FETCH, RobotSpec
+from assets import FETCH, ActingJoints, RobotSpec
 
 __all__ = ["OBJECT_FIELDS", "OBSERVATION_LAYOUT", "Column", "EntryLayout", "entry_slices", "observation_layout"]
 

@@ -21,12 +21,20 @@ from clutter_env.envs.generator import generator_kept_on_error
 from clutter_env.envs.judge import is_as_placed
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
-from planners.execution.executor import Command
-from planners.execution.following import follow
-from planners.execution.monitor import MonitorConfig, Sensor
-from planners.scene import Body, Scene
-from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
-from planners.skills.motion import SkillPlanner
+from planners import (
+    DIRECTIONS,
+    Body,
+    Command,
+    MonitorConfig,
+    Scene,
+    Sensor,
+    Skill,
+    SkillFailure,
+    SkillGeometry,
+    SkillPlanner,
+    follow,
+    skill_geometry,
+)
 
 __all__ = ["BODY_FIELDS", "FEASIBILITIES", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
 

@@ -11,8 +11,7 @@ from typing import Protocol, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from assets.acting_joints import ActingJoints
-from assets.robots import RobotSpec
+from assets import ActingJoints, RobotSpec
 from clutter_env.errors import ActionError
 from clutter_env.simulation.control import ControlState, JointController, real_array
 from clutter_env.simulation.ee_control import EndEffectorController

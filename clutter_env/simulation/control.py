@@ -14,8 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from assets.acting_joints import ActingJoints
-from assets.robots import RobotSpec
+from assets import ActingJoints, RobotSpec
 from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
 from clutter_env.errors import ActionError
 from clutter_env.simulation.model import ModelIndex

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.simulation.control import CONTROL_STEP
 from clutter_env.simulation.differential_ik import differential_ik
 from clutter_env.simulation.pose_arithmetic import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import mujoco
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 
 __all__ = ["add_meshes", "has_visuals", "mesh_folder"]
 

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.acting_joints import ActingJoints
-from assets.robots import RobotSpec
+from assets import ActingJoints, RobotSpec
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
 from clutter_env.scene.table_scene import object_name

@@ -5,8 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from assets.frames import rotation_of
-from assets.robots import RobotSpec
+from assets import RobotSpec, rotation_of
 from clutter_env.errors import ConfigError
 
 __all__ = ["check_robot"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.errors import ActionError, StateError
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.table_scene import TableScene

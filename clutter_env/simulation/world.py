@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.acting_joints import ActingJoints
-from assets.robots import RobotSpec
+from assets import ActingJoints, RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.apply_scene import apply_scene

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose, wrapped
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.keyframes.configurations import nearest_home
 from clutter_env.learning.keyframes.features import contact_in_base, pose_features
 from clutter_env.learning.keyframes.motions import Motion
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["ROW", "STEPS", "ChunkExamples", "chunk_examples", "situation"]
 

@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.config import CONTROL_HZ
 from clutter_env.learning.chunking.examples import situation
 from clutter_env.learning.contacts.protocols import Observation
 from clutter_env.learning.contacts.reading import Reading, planar_pose, read
 from clutter_env.learning.contacts.tracking import error_to, stay
 from clutter_env.learning.keyframes.configurations import shortest_way
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["ChunkMover", "Chunker"]
 

@@ -143,8 +143,8 @@ def find_floor(scene: Scene, grasps: str) -> Floor:
     if isinstance(scene, SuiteScene):
         return scene.floor(grasps)
     # The other policies do without the planner and its compiled kernels.
-    from planners.planner import clearance_floor
-    from planners.scene import Scene as PlannerScene
+    from planners import Scene as PlannerScene
+    from planners import clearance_floor
 
     env = scene.make()
     try:

@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 
 from clutter_env.learning.contacts.protocols import Observation
 from clutter_env.learning.contacts.reading import read
-from planners.execution.contact import Contact, contacts
-from planners.execution.controlled_env import controlled_env
-from planners.execution.holding import held_object
-from planners.planner import Planner
-from planners.scene import Scene, SceneError
-from planners.tamp.solution import Infeasible
+from planners import Contact, Infeasible, Planner, Scene, SceneError, contacts, controlled_env, held_object
 
 __all__ = ["MOST_PLANS", "PlannedDecider"]
 

@@ -10,19 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.learning.contacts.protocols import Observation
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.execution.contact import Contact
-from planners.execution.contact_motion import plan_contact
-from planners.execution.controlled_env import controlled_env
-from planners.execution.executor import Command, Executor, Outcome
-from planners.execution.holding import held_object
-from planners.execution.monitor import MonitorConfig, Sensor
-from planners.grasping.candidates import GraspCandidates
-from planners.motion.arm import NoPath
-from planners.placing.placements import PlacementSearch
-from planners.planner import Planner, map_placer
-from planners.scene import Scene, SceneError
-from planners.tamp.motion_layer import MotionLayer
+from planners import (
+    Command,
+    CompiledScenes,
+    Contact,
+    Executor,
+    GraspCandidates,
+    MonitorConfig,
+    MotionLayer,
+    NoPath,
+    Outcome,
+    PlacementSearch,
+    Planner,
+    Scene,
+    SceneError,
+    Sensor,
+    controlled_env,
+    held_object,
+    map_placer,
+    plan_contact,
+)
 
 __all__ = ["PlannedMover"]
 

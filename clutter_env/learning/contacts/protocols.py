@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeAlias
 import gymnasium as gym
 from numpy.typing import NDArray
 
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["Decider", "Mover", "Observation"]
 

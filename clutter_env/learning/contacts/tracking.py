@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.config import CONTROL_HZ
 from clutter_env.learning.contacts.reading import Reading, wrapped
 

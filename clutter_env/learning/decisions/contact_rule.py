@@ -13,15 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
-from planners.execution.contact import Contact
-from planners.grasping.candidates import gripper_poses
-from planners.grasping.families import find_grasp_set
-from planners.grasping.grasp_poses import generate_grasps
-from planners.placing.release import rotated
-from planners.scene import Body, HeldObject
-from planners.scene.resting import release_pitch
+from planners import Body, Contact, HeldObject, find_grasp_set, generate_grasps, gripper_poses, release_pitch, rotated
 
 __all__ = ["TURNS", "ContactChoices", "ContactRule", "crowding"]
 

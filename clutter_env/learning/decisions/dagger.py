@@ -14,7 +14,7 @@ import numpy as np
 from clutter_env.learning.decisions.contact_rule import ContactRule
 from clutter_env.learning.decisions.examples import ContactExamples, pick_examples, place_examples, random_points
 from clutter_env.learning.decisions.kinematic import Chooser, KinematicOutcome, placed_body, simulate_decisions
-from planners.scene import Scene
+from planners import Scene
 
 __all__ = ["Visited", "visit"]
 

@@ -18,7 +18,7 @@ from clutter_env.learning.decisions.examples import object_rows
 from clutter_env.learning.decisions.model_file import DecisionModel
 from clutter_env.learning.decisions.network import ContactBatch, ContactNetwork
 from clutter_env.learning.decisions.observed import Changes, ObservedScene, are_standing, observed_scene
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["LearnedDecider"]
 

@@ -13,8 +13,7 @@ import gymnasium as gym
 
 from clutter_env.learning.decisions.examples import scene_of
 from clutter_env.learning.decisions.kinematic import Chooser, KinematicOutcome, simulate_decisions
-from planners.planner import Planner
-from planners.scene import Scene
+from planners import Planner, Scene
 
 __all__ = ["DecisionScore", "evaluate_decisions", "score", "starts"]
 

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from clutter_env.learning.decisions.contact_rule import ContactChoices, ContactRule
 from clutter_env.learning.decisions.labels import ContactLabels, label_picks, label_places
-from planners.collision.world import CollisionWorld
-from planners.placing.locations import stand_at
-from planners.scene import Body, HeldObject, Scene
+from planners import Body, CollisionWorld, HeldObject, Scene, stand_at
 
 __all__ = [
     "OBJECT_COLUMNS",

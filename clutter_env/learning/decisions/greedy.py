@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from clutter_env.learning.decisions.contact_rule import ContactChoices, ContactRule, crowding
 from clutter_env.learning.decisions.examples import object_rows
 from clutter_env.learning.decisions.observed import Changes, ObservedScene, are_standing, observed_scene
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["GreedyDecider"]
 

@@ -15,10 +15,7 @@ import numpy as np
 from clutter_env.learning.decisions.contact_rule import ContactChoices
 from clutter_env.learning.decisions.labels import label_picks, label_places
 from clutter_env.learning.decisions.observed import ObservedScene
-from planners.collision.world import CollisionWorld
-from planners.execution.contact import Contact
-from planners.placing.locations import stand_at
-from planners.scene import Body, HeldObject, Scene
+from planners import Body, CollisionWorld, Contact, HeldObject, Scene, stand_at
 
 __all__ = ["Chooser", "KinematicOutcome", "apply_contact", "as_observed", "is_contact_free", "simulate_decisions"]
 

@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.learning.decisions.contact_rule import ContactChoices
-from irm.arm.kinematics import ArmChain
-from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import (
+from irm import ArmChain
+from planners import (
     ArmConfigurations,
+    CollisionWorld,
     ConfigurationGrid,
     GripperPoses,
+    driven_configurations,
+    gripper_opening,
+    is_covered,
     scan_configurations,
+    stand_at,
 )
-from planners.grasping.driven_configurations import driven_configurations
-from planners.grasping.grasp_poses import gripper_opening
-from planners.placing.locations import stand_at
-from planners.scene.cover import is_covered
 
 __all__ = ["ContactLabels", "label_picks", "label_places"]
 

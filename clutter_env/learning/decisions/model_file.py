@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from assets.robots import robot
+from assets import robot
 from clutter_env.learning.decisions.contact_rule import ContactRule
 from clutter_env.learning.decisions.network import ContactNetwork
 from clutter_env.learning.errors import LearningError

@@ -13,7 +13,7 @@ from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.learning.contacts.reading import planar_pose, pose_of_quaternion, read
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.table_scene import object_name
-from planners.scene import Body, HeldObject
+from planners import Body, HeldObject
 
 __all__ = ["Changes", "ObservedScene", "are_standing", "observed_scene"]
 

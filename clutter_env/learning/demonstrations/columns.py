@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.envs.observation_layout import Column, EntryLayout, observation_layout
 
 __all__ = ["Columns", "episode_columns"]

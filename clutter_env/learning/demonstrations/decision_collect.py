@@ -18,11 +18,7 @@ from clutter_env.learning.errors import CollectionError, DatasetError, LearningE
 from clutter_env.learning.task import HELD_OUT, Task, versions
 from clutter_env.parallel.jobs import Crash, Killed
 from clutter_env.reporting.json_file import json_text, write_atomically, write_json
-from planners.grasping.families import find_grasp_set
-from planners.planner import Planner, map_placer
-from planners.scene import Scene, SceneError
-from planners.skills.alternatives import Alternatives
-from planners.tamp.solution import Solution
+from planners import Alternatives, Planner, Scene, SceneError, Solution, find_grasp_set, map_placer
 
 __all__ = [
     "SEEDS_PER_CHUNK",

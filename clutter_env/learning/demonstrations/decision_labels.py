@@ -11,11 +11,17 @@ from numpy.typing import NDArray
 
 from clutter_env.envs.observation_layout import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.learning.demonstrations.decision_file import KINDS
-from planners.execution.contact import Contact, contact_of
-from planners.motion.arm import tcp_pose
-from planners.scene import Scene
-from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
-from planners.tamp.solution import BoundAction, Solution
+from planners import (
+    DIRECTION_CLASSES,
+    Alternatives,
+    BoundAction,
+    Contact,
+    Scene,
+    Solution,
+    contact_of,
+    direction_class,
+    tcp_pose,
+)
 
 __all__ = ["decisions_of", "object_rows"]
 

@@ -17,7 +17,7 @@ from clutter_env.learning.demonstrations.step_labels import StepLabels
 from clutter_env.learning.task import Task, versions
 
 if TYPE_CHECKING:
-    from planners.execution.contact import StepLabel
+    from planners import StepLabel
 
 __all__ = ["PHYSICS_STATE", "Episode", "ReplayResult", "record", "replay"]
 

@@ -17,7 +17,7 @@ from clutter_env.learning.task import family
 from clutter_env.reporting.json_file import json_values
 
 if TYPE_CHECKING:
-    from planners.execution.contact import StepLabel
+    from planners import StepLabel
 
 __all__ = ["MAX_SCRIPT_STEPS", "PLANNERS", "Expert", "expert_keywords", "expert_names", "make_expert"]
 
@@ -160,7 +160,7 @@ class PlannerExpert:
 
     def __init__(self, env: gym.Env, choice: PlannerChoice) -> None:
         # The scripts do without the planner and its compiled kernels.
-        from planners.execution.expert import ExpertConfig, TampExpert
+        from planners import ExpertConfig, TampExpert
 
         config = ExpertConfig(planning_s=math.inf)
         self._expert = TampExpert(env, choice.strategy, grasps=choice.grasps, canonical=choice.canonical, config=config)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.goal import GoalEnv
 from clutter_env.envs.retrieve import RetrieveEnv

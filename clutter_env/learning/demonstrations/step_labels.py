@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from planners.execution.contact import StepLabel
+    from planners import StepLabel
 
 __all__ = ["CONTACT_SKILLS", "StepLabels"]
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import wrapped
 
 __all__ = ["is_wrist_turned", "nearest_home", "shortest_way", "with_wrist_turned"]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose, wrapped
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.keyframes.boards.cutting import cut_at_corners, is_driven

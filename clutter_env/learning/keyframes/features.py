@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.keyframes.phases import NUM_PHASES
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = [
     "CENTRE",

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch.nn.functional import smooth_l1_loss
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.keyframes.examples import Examples
 from clutter_env.learning.keyframes.features import CENTRE, POSE, POSTURE, POSTURE_JOINTS, POSTURE_SIZE, REACH
 from clutter_env.learning.keyframes.kinematics import ArmKinematics, rotations_about

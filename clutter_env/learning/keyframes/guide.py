@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clutter_env.learning.contacts.reading import Reading
 from clutter_env.learning.keyframes.aim import Aim, GripperError
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["AHEAD", "Guide", "Keyframe", "drive_goal", "gripper_error"]
 

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
-from irm.arm.frames import PRISMATIC, frames_of
+from assets import RobotSpec
+from irm import PRISMATIC, frames_of
 
 __all__ = ["ArmKinematics", "rotations_about"]
 

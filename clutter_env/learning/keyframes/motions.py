@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from clutter_env.learning.contacts.reading import Reading, read
 from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.step_labels import CONTACT_SKILLS, StepLabels
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["Motion", "cut", "motions_of"]
 

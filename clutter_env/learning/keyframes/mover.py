@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.protocols import Observation
 from clutter_env.learning.contacts.reading import Reading, read
 from clutter_env.learning.contacts.tracking import action_towards, error_to, stay
@@ -22,7 +22,7 @@ from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.open_guide import OpenGuide
 from clutter_env.learning.keyframes.phases import AWAY, DRIVEN, FINGERS, TOWARDS
 from clutter_env.scene.layout import Layout
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["KeyframeMover"]
 

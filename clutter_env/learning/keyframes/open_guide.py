@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, base_from
 from clutter_env.learning.keyframes.aim import Aim
 from clutter_env.learning.keyframes.configurations import shortest_way
@@ -15,7 +15,7 @@ from clutter_env.learning.keyframes.guide import AHEAD, Keyframe, drive_goal, gr
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.phases import AWAY, LINES, PHASES, TOWARDS, phase_index
 from clutter_env.learning.keyframes.postures import PostureChoice
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["OpenGuide"]
 

@@ -12,17 +12,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.demonstrations.decision_collect import canonical_plan, drawn_scene
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
 from clutter_env.learning.keyframes.motions import Motion
-from planners.execution.contact import Contact, contact_of, label_of
-from planners.motion.trajectory import CONTROL_STEP
-from planners.planner import Planner
-from planners.scene import Body
-from planners.tamp.solution import BoundAction, Solution
+from planners import CONTROL_STEP, Body, BoundAction, Contact, Planner, Solution, contact_of, label_of
 
 __all__ = ["motions_of_plan", "planned_motions"]
 

@@ -6,14 +6,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.cylinders import Cylinders
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.keyframes.features import contact_in_base, features
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.phases import phase_index
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["PostureChoice"]
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from torch import nn
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.chunking.chunks import ChunkNetwork, fit_chunks
 from clutter_env.learning.chunking.examples import chunk_examples
 from clutter_env.learning.chunking.flow import FlowNetwork, fit_flow

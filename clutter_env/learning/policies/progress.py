@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import FETCH
+from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, HOVER, grasp_height
 from clutter_env.learning.policies.features import NEAR_SCALES, OBJECT_ROW, OBJECTS_FROM, TCP_POSITION

@@ -9,7 +9,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from clutter_env.learning.skills.network import SkillNetwork
-from planners.skills.geometry import DIRECTIONS
+from planners import DIRECTIONS
 
 __all__ = ["MaskableSkillPolicy", "SkillPolicy"]
 

@@ -16,7 +16,7 @@ from clutter_env.learning.regression.descent import descend
 from clutter_env.learning.skills.examples import SkillExamples
 from clutter_env.learning.skills.labels import MOST_CLEARANCES
 from clutter_env.learning.skills.network import GraspScores, SkillNetwork
-from planners.skills.geometry import DIRECTIONS
+from planners import DIRECTIONS
 
 __all__ = ["FitConfig", "choices_are_good", "fit"]
 

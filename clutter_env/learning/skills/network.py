@@ -19,7 +19,7 @@ from torch.nn.functional import logsigmoid, softplus
 from clutter_env.envs.skill import BODY_FIELDS
 from clutter_env.learning.skills.clearances import clearances_without
 from clutter_env.learning.skills.obstacles import YAWS, YAWS_OF_DIRECTION
-from planners.skills.geometry import DIRECTIONS
+from planners import DIRECTIONS
 
 __all__ = ["GraspScores", "SkillNetwork", "SkillScores"]
 

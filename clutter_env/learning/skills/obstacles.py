@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.grasping.families import SIDE
-from planners.grasping.grasp_poses import generate_grasps
-from planners.scene import Scene
-from planners.skills.geometry import DIRECTIONS, SkillGeometry
+from planners import DIRECTIONS, SIDE, Scene, SkillGeometry, generate_grasps
 
 __all__ = ["YAWS", "YAWS_OF_DIRECTION", "GraspObstacles", "grasp_obstacles"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clutter_env.envs.skill import BODY_FIELDS
 from clutter_env.learning.skills.obstacles import GraspObstacles, grasp_obstacles
-from planners.skills.geometry import DIRECTIONS, SkillGeometry, skill_geometry
+from planners import DIRECTIONS, SkillGeometry, skill_geometry
 
 __all__ = ["LabelledScenes", "collect_scenes"]
 

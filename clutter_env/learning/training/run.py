@@ -22,7 +22,7 @@ from clutter_env.learning.policies.runs import (
 )
 from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import json_values, write_json
-from planners.grasping.families import find_grasp_set
+from planners import find_grasp_set
 
 __all__ = ["LEARNERS", "Run"]
 

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.keyframes.kinematics import ArmKinematics
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners import RobotArrays, robot_arrays
 
 __all__ = ["ArmBalls"]
 

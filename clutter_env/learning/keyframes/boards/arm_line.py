@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.keyframes.aim import MOST_SHIFT, MOST_TURN
 from clutter_env.learning.keyframes.features import POSTURE_JOINTS, features
 from clutter_env.learning.keyframes.kinematics import ArmKinematics

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.phases import LINES, TOWARDS
-from planners.scene.cover import BACK, heading
+from planners import BACK, heading
 
 __all__ = ["cut_at_corners", "is_driven"]
 

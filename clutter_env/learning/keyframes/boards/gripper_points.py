@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from assets import RobotSpec
+from irm import pose_of
+from planners import RobotArrays, robot_arrays
 
 __all__ = ["GripperPoints"]
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.keyframes.aim import Aim
 from clutter_env.learning.keyframes.boards.arm_line import ArmLine
@@ -19,7 +19,7 @@ from clutter_env.learning.keyframes.guide import AHEAD, Keyframe, drive_goal, gr
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.learning.keyframes.phases import BOARD_PHASES
 from clutter_env.scene.layout import Layout
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["BoardGuide"]
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import Reading, planar_pose
 from clutter_env.learning.keyframes.boards.arm_balls import ArmBalls
 from clutter_env.learning.keyframes.boards.arm_line import ArmLine
@@ -19,7 +19,7 @@ from clutter_env.learning.keyframes.configurations import is_wrist_turned, with_
 from clutter_env.learning.keyframes.features import contact_in_base
 from clutter_env.learning.keyframes.network import KeyframeNetwork
 from clutter_env.scene.layout import Layout
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["BoardPosture", "BoardPostures"]
 

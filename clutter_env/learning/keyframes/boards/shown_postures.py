@@ -7,13 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from clutter_env.learning.contacts.reading import wrapped
 from clutter_env.learning.keyframes.boards.cutting import cut_at_corners
 from clutter_env.learning.keyframes.examples import posture_of
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.phases import SKILLS
-from planners.execution.contact import Contact
+from planners import Contact
 
 __all__ = ["nearest_postures", "shown_postures"]
 

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.scene.layout import TABLE, Layout, furniture
-from planners.execution.contact import Contact
-from planners.scene.cover import drive_out
-from planners.scene.static_obstacle import StaticObstacle
+from planners import Contact, StaticObstacle, drive_out
 
 __all__ = ["Stations", "table_of", "way_points"]
 
