@@ -20,8 +20,8 @@ Add my policy, in a file `mine.py`:
             action[0], action[-1] = 0.2, -1.0  # forward, fingers closed
             return action
 
-Then `clutter-env evaluate --suite side-15-v1 --policy mine:MyPolicy`; a function without arguments that returns a policy
-may be named in place of the class.
+Then `clutter-env evaluate --suite side-15-v1 --policy mine:MyPolicy`; a function without arguments that returns
+a policy may be named in place of the class.
 
 A privileged policy also receives the environment: it sets `is_privileged = True` and has `reset(info, env)`.
 """
