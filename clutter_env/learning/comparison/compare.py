@@ -14,7 +14,7 @@ from clutter_env.learning.comparison.jobs import FLOOR, EvaluationJob, Result, W
 from clutter_env.learning.comparison.records import ResultRecords
 from clutter_env.learning.comparison.run_names import run_names, run_task
 from clutter_env.learning.comparison.scene_sets import SceneSet
-from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy, policy_families, policy_grasps
+from clutter_env.policies.registry import env_keywords, load_policy, policy_families, policy_grasps
 from clutter_env.learning.comparison.tables import Row, summarise
 from clutter_env.learning.errors import LearningError
 from clutter_env.parallel.jobs import Crash, Killed

@@ -11,7 +11,7 @@ import gymnasium as gym
 
 from clutter_env import OBJECT_COUNTS
 from clutter_env.learning.comparison.evaluation import DrawnScene, Score, SuitePolicy, play_scene
-from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy
+from clutter_env.policies.registry import env_keywords, load_policy
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import Task
 from clutter_env.rendering.film import Film

@@ -5,17 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from clutter_env.learning.policies.runs import DECISION_LEARNERS, MOVER_LEARNERS, RUN_FILE, load_run
+from clutter_env.policies.runs import DECISION_LEARNERS, MOTION_LEARNERS, load_run, run_directories
 from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import json_text
 
-__all__ = ["run_directories", "run_names", "run_task"]
-
-
-def run_directories(name: str) -> tuple[Path, ...]:
-    """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
-    found = [Path(part) for part in name.split("+")]
-    return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
+__all__ = ["run_names", "run_task"]
 
 
 def run_task(directory: Path) -> Task:
@@ -57,7 +51,7 @@ def _name(directories: tuple[Path, ...]) -> str:
         return f"{' + '.join(algorithms)} (all learned)"
     if algorithms[0] in DECISION_LEARNERS:
         return f"{algorithms[0]} (planner's motions)"
-    if algorithms[0] in MOVER_LEARNERS:
+    if algorithms[0] in MOTION_LEARNERS:
         return f"{algorithms[0]} (planner's decisions)"
     return f"{algorithms[0]} ({'skills' if run_task(directories[0]).family == 'skill' else 'actions'})"
 

@@ -13,7 +13,7 @@ from clutter_env.learning.comparison.evaluation import Score
 from clutter_env.learning.comparison.jobs import EvaluationJob, WrongScene, failed_episode, run_job
 from clutter_env.learning.comparison.scene_sets import SceneSet
 from clutter_env.learning.comparison.strata import by_stratum
-from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy, policy_grasps
+from clutter_env.policies.registry import env_keywords, load_policy, policy_grasps
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import versions
 from clutter_env.parallel.jobs import Crash, Killed, run_jobs

@@ -15,7 +15,7 @@ from typing import Protocol
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import record
 from clutter_env.learning.demonstrations.episode_file import write_episode
-from clutter_env.learning.demonstrations.experts import expert_names, make_expert
+from clutter_env.policies.experts import expert_names, make_expert
 from clutter_env.learning.demonstrations.images import with_images
 from clutter_env.learning.demonstrations.replay import replay_in_fresh_process
 from clutter_env.learning.errors import CollectionError, LearningError, UnknownExpert

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.learning.demonstrations.columns import Columns, episode_columns
-from clutter_env.learning.demonstrations.experts import Expert
+from clutter_env.policies.experts import Expert
 from clutter_env.learning.demonstrations.step_labels import StepLabels
 from clutter_env.learning.task import Task, versions
 

@@ -14,7 +14,7 @@ from clutter_env.learning.policies.chosen import put_chosen
 from clutter_env.learning.policies.corrections import CorrectedActions, CorrectedAgent
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.rl import ALGORITHMS, ScaledActions, acting_part, load_model, training_env
-from clutter_env.learning.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
+from clutter_env.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 
 __all__ = ["POLICY_FILE", "Agent", "load_agent", "model_agent"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
-from clutter_env.learning.demonstrations.scripted import FINGER_ROOM, HOVER, grasp_height
+from clutter_env.policies.scripted import FINGER_ROOM, HOVER, grasp_height
 from clutter_env.learning.policies.features import NEAR_SCALES, OBJECT_ROW, OBJECTS_FROM, TCP_POSITION
 
 __all__ = ["progress", "remaining_steps", "shows_target", "target_features"]

@@ -36,7 +36,7 @@ from clutter_env.learning.policies.features import (
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.policies.priced import PricedReplayBuffer
 from clutter_env.learning.policies.priced_critics import PricedSACPolicy, PricedTQCPolicy
-from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
+from clutter_env.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
 from clutter_env.learning.policies.symmetric import SymmetricReplayBuffer
 from clutter_env.reporting.json_file import write_atomically, write_json, written_atomically

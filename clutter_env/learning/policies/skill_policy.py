@@ -8,7 +8,7 @@ from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
-from clutter_env.learning.skills.network import SkillNetwork
+from clutter_env.policies.skill_network import SkillNetwork
 from planners import DIRECTIONS
 
 __all__ = ["MaskableSkillPolicy", "SkillPolicy"]

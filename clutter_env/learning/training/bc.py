@@ -13,7 +13,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.policies.features import feature_vector
 from clutter_env.learning.policies.policy import Policy
-from clutter_env.learning.regression.descent import DescentConfig, Report, descend
+from clutter_env.training.descent import DescentConfig, Report, descend
 
 __all__ = ["CloneConfig", "Examples", "clone", "examples_of"]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import gymnasium as gym
 import numpy as np
 
-from clutter_env.learning.demonstrations.experts import Expert
+from clutter_env.policies.experts import Expert
 from clutter_env.learning.policies.features import feature_vector
 from clutter_env.learning.policies.policy import Policy
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone

@@ -14,12 +14,14 @@ from clutter_env.learning.decisions.contact_rule import ContactRule
 from clutter_env.learning.decisions.dagger import visit
 from clutter_env.learning.decisions.decider import LearnedDecider
 from clutter_env.learning.decisions.evaluation import evaluate_decisions, score, starts
-from clutter_env.learning.decisions.examples import ContactExamples, examples_of_scene
-from clutter_env.learning.decisions.fitting import FitConfig, accuracy, fit
+from clutter_env.learning.decisions.examples import ContactExamples
+from clutter_env.training.high_level_examples import examples_of_scene
+from clutter_env.learning.decisions.fitting import FitConfig, fit
+from clutter_env.training.high_level_fit import accuracy
 from clutter_env.learning.decisions.model_file import DecisionModel
 from clutter_env.learning.decisions.network import ContactNetwork
 from clutter_env.learning.policies.rl import HISTORY_FILE
-from clutter_env.learning.policies.runs import DECISIONS_FILE
+from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.learning.training.run import Run
 from clutter_env.reporting.json_file import write_json
 

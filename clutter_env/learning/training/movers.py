@@ -16,11 +16,11 @@ from clutter_env.learning.contacts.planned_decider import PlannedDecider
 from clutter_env.learning.contacts.protocols import Mover
 from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.demonstrations.episode import Episode
-from clutter_env.learning.demonstrations.experts import PLANNERS
+from clutter_env.policies.experts import PLANNERS
 from clutter_env.learning.errors import DatasetError
-from clutter_env.learning.keyframes.motions import Motion, motions_of
+from clutter_env.training.motion_demonstrations import Motion, motions_of
 from clutter_env.learning.keyframes.network import save_arrays
-from clutter_env.learning.keyframes.planned import planned_motions
+from clutter_env.training.motion_demonstrations import planned_motions
 from clutter_env.learning.policies.movers import fit_mover
 from clutter_env.learning.policies.rl import HISTORY_FILE
 from clutter_env.learning.policies.runs import MOVER_FILE

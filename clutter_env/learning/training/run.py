@@ -9,17 +9,8 @@ from types import MappingProxyType
 from typing import Any
 
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.runs import (
-    CLONERS,
-    DECISION_LEARNERS,
-    GOAL_ALGORITHMS,
-    MOVER_LEARNERS,
-    PLAN_LEARNERS,
-    RUN_FILE,
-    SKILL_ALGORITHMS,
-    differences,
-    load_run,
-)
+from clutter_env.policies.runs import CLONERS, DECISION_LEARNERS, GOAL_ALGORITHMS, RUN_FILE, SKILL_ALGORITHMS, differences, load_run
+from clutter_env.learning.policies.runs import MOVER_LEARNERS, PLAN_LEARNERS
 from clutter_env.learning.task import Task
 from clutter_env.reporting.json_file import json_values, write_json
 from planners import find_grasp_set

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 
-from clutter_env.learning.skills.examples import SkillExamples, examples_of
+from clutter_env.training.skill_examples import SkillExamples
+from clutter_env.learning.training.bc import examples_of
 from clutter_env.learning.skills.fitting import FitConfig, fit
-from clutter_env.learning.skills.scenes import LabelledScenes, collect_scenes
+from clutter_env.training.skill_examples import LabelledScenes, collect_scenes
 from clutter_env.learning.training.run import Run
 
 __all__ = ["clone_skills"]

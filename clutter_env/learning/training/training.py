@@ -16,7 +16,7 @@ from torch.utils.tensorboard import SummaryWriter
 from clutter_env.learning.comparison.evaluation import held_out_seeds, success_rate
 from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.demonstrations.episode import Episode
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.policies.experts import make_expert
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.agents import POLICY_FILE, model_agent
 from clutter_env.learning.policies.chosen import consider, forget_chosen
@@ -31,13 +31,8 @@ from clutter_env.learning.policies.rl import (
     save_model,
     training_env,
 )
-from clutter_env.learning.policies.runs import (
-    CLONERS,
-    DECISION_LEARNERS,
-    GOAL_ALGORITHMS,
-    MOVER_LEARNERS,
-    SKILL_ALGORITHMS,
-)
+from clutter_env.policies.runs import CLONERS, DECISION_LEARNERS, GOAL_ALGORITHMS, SKILL_ALGORITHMS
+from clutter_env.learning.policies.runs import MOVER_LEARNERS
 from clutter_env.learning.task import HELD_OUT
 from clutter_env.learning.training.averaging import AveragedActor
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of

@@ -13,7 +13,7 @@ pytest.importorskip("sb3_contrib")
 
 from clutter_env.learning.comparison.evaluation import begin_episode  # noqa: E402
 from clutter_env.learning.demonstrations.episode import record  # noqa: E402
-from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
+from clutter_env.policies.experts import make_expert  # noqa: E402
 from clutter_env.learning.errors import LearningError  # noqa: E402
 from clutter_env.learning.policies.agents import POLICY_FILE, load_agent, model_agent  # noqa: E402
 from clutter_env.learning.policies.chosen import consider, forget_chosen  # noqa: E402

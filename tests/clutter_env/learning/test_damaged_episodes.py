@@ -15,7 +15,7 @@ import h5py
 
 from clutter_env.learning.demonstrations.episode import record
 from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.policies.experts import make_expert
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.task import Task
 

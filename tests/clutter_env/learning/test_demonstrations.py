@@ -13,11 +13,11 @@ import pytest
 
 from clutter_env.learning.comparison.evaluation import play_scene
 from clutter_env.learning.comparison.scene_sets import SeededScene
-from clutter_env.learning.comparison.suite_policies import load_policy
+from clutter_env.policies.registry import load_policy
 from clutter_env.learning.demonstrations.collect import Outcome, collect
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import Episode, record, replay
-from clutter_env.learning.demonstrations.experts import expert_names, make_expert
+from clutter_env.policies.experts import expert_names, make_expert
 from clutter_env.learning.demonstrations.step_labels import StepLabels
 from clutter_env.learning.errors import CollectionError, DatasetError, UnknownExpert
 from clutter_env.learning.task import Task

@@ -13,7 +13,7 @@ pytest.importorskip("sb3_contrib")
 
 from clutter_env.cli.train import main
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.runs import differences, load_run
+from clutter_env.policies.runs import differences, load_run
 from clutter_env.learning.task import Task
 from clutter_env.learning.training.run import Run
 from clutter_env.learning.training.seeds import seeds_of, train_all

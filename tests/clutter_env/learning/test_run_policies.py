@@ -17,10 +17,11 @@ from clutter_env.learning.comparison.jobs import EvaluationJob
 from clutter_env.learning.comparison.played import play_policy, played_task
 from clutter_env.learning.comparison.run_names import run_directories, run_names
 from clutter_env.learning.comparison.scene_sets import SceneSet
-from clutter_env.learning.comparison.suite_policies import load_policy, policy_families, policy_grasps
+from clutter_env.policies.registry import load_policy, policy_families, policy_grasps
 from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.policies.runs import DECISIONS_FILE, MOVER_FILE
+from clutter_env.policies.runs import DECISIONS_FILE
+from clutter_env.learning.policies.runs import MOVER_FILE
 from clutter_env.learning.task import Task
 from clutter_env.learning.training.run import Run
 

@@ -11,7 +11,7 @@ import pytest
 from clutter_env.learning.demonstrations.collect import demonstrate
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import Episode, record
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.policies.experts import make_expert
 from clutter_env.learning.demonstrations.step_labels import CONTACT_SKILLS
 from clutter_env.learning.task import Task
 

@@ -1,0 +1,1 @@
+"""Training: examples, fits and training runs."""
