@@ -24,9 +24,9 @@ from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer
 from clutter_env.learning.task import HELD_OUT, Task
 from clutter_env.learning.training.run import Run
-from clutter_env.parallel.jobs import Crash
-from clutter_env.reporting.json_file import json_text
-from clutter_env.reporting.statistics import wilson
+from clutter_env.parallel import Crash
+from clutter_env.reporting.files import json_text
+from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor, suite
 
 O15 = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=2)
