@@ -1,9 +1,9 @@
-"""Monitoring of an execution: comparison of the measured world with the world that the plan expects."""
+"""Measurement of the world while a plan is executed, and its comparison with what the plan expects."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -12,21 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.execution.errors import check_number
+from planners.expert.config import MonitorConfig
+from planners.motion.arm import tcp_pose
+from planners.scene import Body, Scene
 from planners.scene.mujoco_reading import MovableBodies, RobotJoints
 
-__all__ = [
-    "Deviation",
-    "DeviationKind",
-    "MonitorConfig",
-    "Sensor",
-    "Snapshot",
-    "object_moved",
-    "object_slipped",
-    "tracking_error",
-]
-
 Array = NDArray[np.float64]
+
+_OFF_SUPPORT = 0.01
+"""[m] above the support; a lower object may still stand on it."""
+_SUNK = 0.005
+"""[m] below the top of a support that the lowest point of an object on it may be: it leans, or sinks in."""
+_BETWEEN_PADS = 0.01
+"""[m] wider than the object the fingers may be: they touch it, or are about to."""
+_REACH = 0.02
+"""[m] that the TCP may be outside the object: it is gripped at its edge."""
 
 
 class DeviationKind(StrEnum):
@@ -51,34 +51,8 @@ class Deviation:
         return f"{self.object}: {self.kind}" if self.object else str(self.kind)
 
 
-@dataclass(frozen=True)
-class MonitorConfig:
-    """Tolerances: larger differences between world and plan are deviations.
-
-    Attributes:
-        displacement: [m] motion of an object that no action moves.
-        tilt: [rad] tilt of an object that should stand.
-        slip: [m] motion of a held object in the TCP frame.
-        base: [m] and [rad] tracking error of a base joint.
-        arm: [m] and [rad] tracking error of torso or arm joint.
-
-    Raises:
-        ExpertError: a value that is not a number of at least 0.
-    """
-
-    displacement: float = 0.015
-    tilt: float = 0.25
-    slip: float = 0.02
-    base: float = 0.08
-    arm: float = 0.12
-
-    def __post_init__(self) -> None:
-        for entry in fields(self):
-            check_number(entry.name, getattr(self, entry.name), allow_infinity=True)
-
-
 class Snapshot(NamedTuple):
-    """What is measured every control step.
+    """Measurements of one control step.
 
     `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `T_world_tcp` (4, 4),
     `drive` (11,) whole-body configuration [m, rad].
@@ -140,14 +114,36 @@ def object_moved(
     return None
 
 
-def object_slipped(before: Array, now: Array, name: str, config: MonitorConfig) -> Deviation | None:
-    """Whether the held object has moved in the gripper; both positions (3,) [m] in the TCP frame."""
-    return Deviation(DeviationKind.SLIPPED, name) if float(np.linalg.norm(now - before)) > config.slip else None
-
-
 def tracking_error(wanted: Array, actual: Array, config: MonitorConfig) -> Deviation | None:
     """Whether base (first three joints) or arm are far from their commands; whole-body configurations (11,)."""
     error = np.abs(wanted - actual)
     if error[:3].max() > config.base:
         return Deviation(DeviationKind.BASE_TRACKING_ERROR)
     return Deviation(DeviationKind.ARM_TRACKING_ERROR) if error[3:].max() > config.arm else None
+
+
+def held_object(scene: Scene) -> str:
+    """Name of the object between closed fingers and off the support; "" for none.
+
+    Args:
+        scene: a snapshot in which nothing is said to be held, so that the finger position is the measured one.
+    """
+    T_world_tcp = tcp_pose(scene.robot, scene.state)
+    gap = scene.robot.opening(scene.state.finger_position)
+    for body in scene.objects:
+        tcp_in_body = body.rotation.T @ (T_world_tcp[:3, 3] - body.position)
+        is_around_tcp = bool((np.abs(tcp_in_body) < body.half_extents + _REACH).all())
+        is_gripped = gap < 2 * body.half_extent_along(T_world_tcp[:3, 1]) + _BETWEEN_PADS
+        if is_around_tcp and is_gripped and body.bottom > height_below(scene, body) + _OFF_SUPPORT:
+            return body.name
+    return ""
+
+
+def height_below(scene: Scene, body: Body) -> float:
+    """[m] of the highest support under the centre of an object, on which it stands or would fall.
+
+    Beside the supports it is the height of the first one.
+    """
+    supports = [scene.support, *(scene.support_named(name) for name in scene.supports[1:])]
+    under = [support for support in supports if support.is_under(body.position[:2])]
+    return max((support.top for support in under if support.top <= body.bottom + _SUNK), default=scene.support.top)

@@ -2,13 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from numbers import Integral
+import math
+from dataclasses import dataclass, field, fields
+from numbers import Integral, Real
 
-from planners.execution.errors import ExpertError, check_number
-from planners.execution.monitor import MonitorConfig
 
-__all__ = ["ExpertConfig"]
+class ExpertError(ValueError):
+    """The expert is used wrongly: on an environment or with a value that it cannot use, or before `reset`."""
+
+
+@dataclass(frozen=True)
+class MonitorConfig:
+    """Tolerances: larger differences between world and plan are deviations.
+
+    Attributes:
+        displacement: [m] motion of an object that no action moves.
+        tilt: [rad] tilt of an object that should stand.
+        slip: [m] motion of a held object in the TCP frame.
+        base: [m] and [rad] tracking error of a base joint.
+        arm: [m] and [rad] tracking error of torso or arm joint.
+
+    Raises:
+        ExpertError: a value that is not a number of at least 0.
+    """
+
+    displacement: float = 0.015
+    tilt: float = 0.25
+    slip: float = 0.02
+    base: float = 0.08
+    arm: float = 0.12
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            _check_number(entry.name, getattr(self, entry.name), allow_infinity=True)
 
 
 @dataclass(frozen=True)
@@ -40,12 +66,20 @@ class ExpertConfig:
     def __post_init__(self) -> None:
         if not isinstance(self.replans, Integral) or isinstance(self.replans, bool) or self.replans < 0:
             raise ExpertError(f"replans={self.replans!r} is not valid; it must be an integer of at least 0")
-        check_number("planning_s", self.planning_s, allow_infinity=True)
-        check_number("settle_s", self.settle_s)
-        check_number("hold_s", self.hold_s)
+        _check_number("planning_s", self.planning_s, allow_infinity=True)
+        _check_number("settle_s", self.settle_s)
+        _check_number("hold_s", self.hold_s)
         if not isinstance(self.with_floor, bool):
             raise ExpertError(f"with_floor={self.with_floor!r} is not valid; it must be True or False")
         if not isinstance(self.hold_aside, bool | None):
             raise ExpertError(f"hold_aside={self.hold_aside!r} is not valid; it must be True, False or None")
         if not isinstance(self.monitor, MonitorConfig):
             raise ExpertError(f"monitor={self.monitor!r} is not valid; it must be a MonitorConfig")
+
+
+def _check_number(name: str, value: object, allow_infinity: bool = False) -> None:
+    if isinstance(value, Real) and not isinstance(value, bool) and float(value) >= 0:
+        if allow_infinity or math.isfinite(float(value)):
+            return
+    kind = "number" if allow_infinity else "finite number"
+    raise ExpertError(f"{name}={value!r} is not valid; it must be a {kind} of at least 0")

@@ -13,18 +13,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.execution.errors import ExpertError
-from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome
-from planners.execution.monitor import Deviation, MonitorConfig, Sensor
+from planners.expert.config import ExpertError, MonitorConfig
+from planners.expert.executor import Command, ExecutionStatus, Executor
+from planners.expert.monitor import Deviation, Sensor
+from planners.motion.trajectory import CONTROL_STEP
 from planners.scene.mujoco_reading import RobotJoints
 from planners.tamp.solution import Solution
-
-__all__ = ["ExecutionResult", "execute"]
-
-Array = NDArray[np.float64]
 
 _SEGMENTS = 5
 """Steps in which the motor commands move within one control step (100 Hz)."""
@@ -32,7 +28,7 @@ _SEGMENTS = 5
 
 @dataclass(frozen=True)
 class ExecutionResult:
-    """How an execution ended.
+    """End of an execution.
 
     Attributes:
         finished: every action was carried out.
@@ -79,16 +75,14 @@ def execute(
     sensor = Sensor(model, data, scene.robot, scene.names)
     motors = _Motors(model, data, scene.robot)
     executor = Executor(solution.actions, scene.robot, sensor.names, sensor.read(), config or MonitorConfig())
-    started, outcome = float(data.time), Outcome.RUNNING
-    while outcome is Outcome.RUNNING:
-        step = executor.advance(sensor.read())
-        motors.move_to(step.command)
-        outcome = step.outcome
+    started, status = float(data.time), ExecutionStatus.RUNNING
+    while status is ExecutionStatus.RUNNING:
+        command, status, _ = executor.advance(sensor.read())
+        motors.move_to(command)
         if on_step is not None:
             on_step()
-    return ExecutionResult(
-        outcome is Outcome.FINISHED, executor.deviation, tuple(executor.cleared), float(data.time) - started
-    )
+    is_finished, sim_s = status is ExecutionStatus.FINISHED, float(data.time) - started
+    return ExecutionResult(is_finished, executor.deviation, tuple(executor.cleared), sim_s)
 
 
 class _Motors:
@@ -118,7 +112,7 @@ class _Motors:
         """Step the simulation for one control step towards a command."""
         start, start_finger = self._last, self._finger
         goal = np.array(command.drive)
-        goal[2] += 2 * np.pi * np.round((start[2] - goal[2]) / (2 * np.pi))
+        goal[2] += 2 * np.pi * np.round((start[2] - goal[2]) / (2 * np.pi))  # the shorter turn
         finger = self._robot.finger_position(command.opening)
         velocity = (self._joints.positions(goal) - self._joints.positions(start)) / CONTROL_STEP
         for share in np.arange(1, _SEGMENTS + 1) / _SEGMENTS:

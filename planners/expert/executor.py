@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import Enum, auto
 from typing import NamedTuple
@@ -11,23 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.execution.contact import StepLabel, contact_of, label_of
-from planners.execution.monitor import (
-    Deviation,
-    DeviationKind,
-    MonitorConfig,
-    Snapshot,
-    object_moved,
-    object_slipped,
-    tracking_error,
-)
+from planners.contact import StepLabel
+from planners.expert.config import MonitorConfig
+from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState, Scene
-from planners.tamp.solution import BoundAction
-
-__all__ = ["CONTROL_STEP", "Command", "Executor", "Outcome", "Step"]
+from planners.tamp.solution import BoundAction, contact_of, label_of
 
 Array = NDArray[np.float64]
 
@@ -41,7 +32,7 @@ _ROUNDING = 1e-6
 """Of a number of control steps."""
 
 
-class Outcome(Enum):
+class ExecutionStatus(Enum):
     """State of an execution: going on, plan carried out to its end, or stopped after a deviation."""
 
     RUNNING = auto()
@@ -61,15 +52,15 @@ class Step(NamedTuple):
     """One control step of an execution; `deviation` is the one that stops the plan, None while there is none."""
 
     command: Command
-    outcome: Outcome
+    status: ExecutionStatus
     deviation: Deviation | None
 
 
 class Executor:
     """Follows the trajectories of a plan one control step at a time.
 
-    A deviation stops the plan. Beside a contact the gripper first leaves the objects along its straight line, forwards
-    or back in time; then the robot slows down on its path. At rest the outcome is `ABORTED`.
+    A deviation stops the plan. Beside a grasp or a release the gripper first leaves the objects along its straight
+    line, forwards or back in time; then the robot slows down on its path. At rest the status is `ABORTED`.
 
     Attributes:
         deviation: the deviation that stops the plan, None while there is none.
@@ -94,8 +85,8 @@ class Executor:
             names: of the objects, in the order of the snapshots.
             start: the present state of the world; snapshots are of the arm that `arm` names.
             config: tolerances of the monitor.
-            by_tcp: the robot is commanded by TCP poses and its controller chooses the joint angles. Then the executor
-                waits until the TCP arrives, and does not compare joint angles with the plan.
+            by_tcp: the robot is end-effector-controlled: it gets TCP poses and its controller chooses the joint angles.
+                Then the executor waits until the TCP arrives, and does not compare joint angles with the plan.
             at_start: control steps to command the start of the plan before the robot moves along it.
         """
         self._actions = tuple(actions)
@@ -114,13 +105,32 @@ class Executor:
         self.deviation: Deviation | None = None
         self.cleared: list[str] = []
 
+    def advance(self, now: Snapshot) -> Step:
+        """Compare the world with the plan, and return the next command."""
+        if self.deviation is None and not self._is_at_end:
+            self.deviation = self._compare(now)
+        if not self._has_to_wait(now):
+            self._move_on(now)
+        if self.deviation is not None and self._has_stopped():
+            return Step(self._command(), ExecutionStatus.ABORTED, self.deviation)
+        status = ExecutionStatus.FINISHED if self._is_at_end else ExecutionStatus.RUNNING
+        return Step(self._command(), status, self.deviation)
+
     @property
     def phase(self) -> str:
         """The action and the phase of its motion, for example "PickUp object_03: lift"; "" after the last action."""
-        if self._action >= len(self._actions):
+        if self._is_at_end:
             return ""
         action = self._actions[self._action]
         return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
+
+    @property
+    def label(self) -> StepLabel | None:
+        """Label of the last command; None after the last action, and once a deviation stops the plan."""
+        if self._is_at_end or self.deviation is not None:
+            return None
+        following = (contact_of(action) for action in self._actions[self._action :])
+        return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
 
     @property
     def arm(self) -> str:
@@ -128,33 +138,18 @@ class Executor:
         return self._scene.robot.arm_name
 
     @property
-    def _scene(self) -> Scene:
-        """The world as planned at the start of the present action."""
-        return self._actions[min(self._action, len(self._actions) - 1)].scene
-
-    @property
     def action(self) -> int:
         """Number of the action that is carried out; that of all actions after the last one."""
         return self._action
 
     @property
-    def label(self) -> StepLabel | None:
-        """What the last command is part of; None after the last action, and once a deviation stops the plan."""
-        if self._action >= len(self._actions) or self.deviation is not None:
-            return None
-        following = (contact_of(action) for action in self._actions[self._action :])
-        return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
+    def _is_at_end(self) -> bool:
+        return self._action >= len(self._actions)
 
-    def advance(self, now: Snapshot) -> Step:
-        """Compare the world with the plan, and return the next command."""
-        if self.deviation is None and self._action < len(self._actions):
-            self.deviation = self._compare(now)
-        if not self._has_to_wait(now):
-            self._move_on(now)
-        if self.deviation is not None and self._has_stopped():
-            return Step(self._command(), Outcome.ABORTED, self.deviation)
-        outcome = Outcome.FINISHED if self._action >= len(self._actions) else Outcome.RUNNING
-        return Step(self._command(), outcome, self.deviation)
+    @property
+    def _scene(self) -> Scene:
+        """The world as planned at the start of the present action."""
+        return self._actions[min(self._action, len(self._actions) - 1)].scene
 
     @property
     def _trajectory(self) -> Trajectory:
@@ -163,7 +158,7 @@ class Executor:
     @property
     def _time(self) -> float:
         """[s] in the present trajectory; after the last action, its end."""
-        if self._action >= len(self._actions):
+        if self._is_at_end:
             return self._trajectory.duration
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
 
@@ -172,26 +167,28 @@ class Executor:
         """Control steps of the present trajectory."""
         return round(self._trajectory.duration / CONTROL_STEP)
 
-    def _move_on(self, now: Snapshot) -> None:
-        """Go to the next sample, or to the first one of the next action.
+    # Time in the plan: it passes more slowly where the robot lags behind, and stops or runs back after a deviation.
 
-        Slower where the robot lags behind; after a deviation slow down to rest, or turn back.
-        """
+    def _move_on(self, now: Snapshot) -> None:
+        """Go to the next sample, or to the first one of the next action."""
         wanted: float = _CATCHING_UP if self._lags(now) else 1.0
         if self.deviation is not None:
             wanted = self._retreat_direction()
         self._rate += min(max(wanted - self._rate, -_RATE_CHANGE), _RATE_CHANGE)
         self._tick += self._rate
-        while self._action < len(self._actions) and self._is_over():
+        while not self._is_at_end and self._tick >= self._steps + 1 - _ROUNDING:
             self._tick -= self._steps
-            self._finish(self._actions[self._action], now)
+            action = self._actions[self._action]
+            self._expected = now
+            if action.is_clearance:
+                self.cleared.append(action.target)
             self._action += 1
         while self._tick < 0 and self._action > 0:
             self._action -= 1
             self._tick += self._steps
 
     def _lags(self, now: Snapshot) -> bool:
-        """Whether a robot that is told joint targets is behind by a part of what would be a tracking error."""
+        """Whether a joint-controlled robot is behind by a part of what would be a tracking error."""
         if self._by_tcp or self._last is None:
             return False
         part = replace(self._config, base=_LAG * self._config.base, arm=_LAG * self._config.arm)
@@ -203,26 +200,28 @@ class Executor:
             self._waited = 0
             return False
         wanted = tcp_pose(self._scene.robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
-        behind = is_behind(wanted, now.T_world_tcp, PRECISE if self._is_near_contact() else ON_THE_WAY)
+        changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
+        is_near_contact = any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
+        behind = is_behind(wanted, now.T_world_tcp, PRECISE if is_near_contact else ON_THE_WAY)
         self._waited = self._waited + 1 if behind else 0
         return behind
 
-    def _is_near_contact(self) -> bool:
-        """Whether the fingers are about to close or to open."""
-        changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
-        return any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
-
-    def _is_over(self) -> bool:
-        return self._tick >= self._steps + 1 - _ROUNDING
-
     def _has_stopped(self) -> bool:
         is_at_rest = self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2
-        return is_at_rest or self._tick <= 0 or self._action >= len(self._actions)
+        return is_at_rest or self._tick <= 0 or self._is_at_end
 
-    def _finish(self, action: BoundAction, now: Snapshot) -> None:
-        self._expected = now
-        if action.is_clearance:
-            self.cleared.append(action.target)
+    def _retreat_direction(self) -> int:
+        """Direction in time in which the gripper leaves the objects.
+
+        -1, back, before it closes or opens; 1, forwards, afterwards; 0 where it is not beside a grasp or a release.
+        """
+        phases = self._trajectory.phases
+        at = phases.index(self._trajectory.phase(self._time))
+        if is_contact(phases[at]):
+            return 1 if at > 0 and phases[at - 1].held else -1
+        if at + 1 < len(phases) and is_contact(phases[at + 1]):
+            return -1
+        return int(at > 0 and is_contact(phases[at - 1]))
 
     def _command(self) -> Command:
         """The sample at the present time; the gripper opens if it retreats without an object or has missed it.
@@ -239,19 +238,27 @@ class Executor:
         self._last = Command(drive, opening, self.arm)
         return self._last
 
+    # Comparison of the world with the plan.
+
     def _compare(self, now: Snapshot) -> Deviation | None:
         """The first deviation found: grip, other objects, joints, then the object to be grasped."""
         action = self._actions[self._action]
         phase = action.trajectory.phase(self._time)
-        held, deviation = phase.held, self._check_grip(now, phase.touched if phase.held else None)
-        touched = held or (action.target if action.name != "MoveBase" else "")
+        deviation = self._check_grip(now, phase.touched if phase.held else None)
+        touched = phase.held or (action.target if action.name != "MoveBase" else "")
         ignore = {touched, *(one.held.name for one in action.scene.aside)} - {""}
         deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
         if deviation is None and self._last is not None:
             expected = now.drive.copy() if self._by_tcp else self._last.drive.copy()
             expected[:3] = self._last.drive[:3]
             deviation = tracking_error(expected, now.drive, self._config)
-        return deviation or self._target_moved(now, action, held)
+        if deviation is None and action.name == "PickUp" and not phase.held:
+            # The approach leads to where the object stood.
+            index = self._names.index(action.target)
+            away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
+            if away > self._config.displacement:
+                return Deviation(DeviationKind.OBJECT_MOVED, action.target)
+        return deviation
 
     def _check_grip(self, now: Snapshot, held: HeldObject | None) -> Deviation | None:
         """Whether the fingers have grasped the object as planned and it has not moved between them since."""
@@ -266,25 +273,29 @@ class Executor:
             self._grip = in_hand
             offset = float(np.linalg.norm(in_hand - held.T_tcp_object[:3, 3]))
             return Deviation(DeviationKind.GRASP_MISSED, held.name) if offset > 2 * self._config.slip else None
-        return object_slipped(self._grip, in_hand, held.name, self._config)
+        slipped_by = float(np.linalg.norm(in_hand - self._grip))
+        return Deviation(DeviationKind.SLIPPED, held.name) if slipped_by > self._config.slip else None
 
-    def _target_moved(self, now: Snapshot, action: BoundAction, held: str) -> Deviation | None:
-        """Whether the object about to be grasped has left the place that the approach leads to."""
-        if action.name != "PickUp" or held:
-            return None
-        index = self._names.index(action.target)
-        distance = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
-        return Deviation(DeviationKind.OBJECT_MOVED, action.target) if distance > self._config.displacement else None
 
-    def _retreat_direction(self) -> int:
-        """Where in time the gripper leaves the objects: -1 back, before it closes or opens; 1 forwards, afterwards.
+def follow(
+    actions: Sequence[BoundAction],
+    robot: RobotSpec,
+    sensor: Sensor,
+    step: Callable[[Command], bool],
+    config: MonitorConfig,
+) -> str:
+    """Follow motions to their end; the kind of the deviation that stopped the execution, "" for none.
 
-        0 where it is not beside a contact.
-        """
-        phases = self._trajectory.phases
-        at = phases.index(self._trajectory.phase(self._time))
-        if is_contact(phases[at]):
-            return 1 if at > 0 and phases[at - 1].held else -1
-        if at + 1 < len(phases) and is_contact(phases[at + 1]):
-            return -1
-        return int(at > 0 and is_contact(phases[at - 1]))
+    Args:
+        actions: the plan.
+        robot: that executes it.
+        sensor: reads the world.
+        step: carries out the command of one control step; true if that was the last one there may be.
+        config: tolerances of the monitor.
+    """
+    executor = Executor(actions, robot, sensor.names, sensor.read(), config)
+    status, is_over = ExecutionStatus.RUNNING, False
+    while status is ExecutionStatus.RUNNING and not is_over:
+        command, status, _ = executor.advance(sensor.read())
+        is_over = step(command)
+    return "" if executor.deviation is None else str(executor.deviation.kind)
