@@ -78,8 +78,9 @@ class ExpertConfig:
 
 
 def _check_number(name: str, value: object, allow_infinity: bool = False) -> None:
-    if isinstance(value, Real) and not isinstance(value, bool) and float(value) >= 0:
-        if allow_infinity or math.isfinite(float(value)):
+    if isinstance(value, Real) and not isinstance(value, bool):
+        number = float(value)
+        if number >= 0 and (allow_infinity or not math.isinf(number)):
             return
     kind = "number" if allow_infinity else "finite number"
     raise ExpertError(f"{name}={value!r} is not valid; it must be a {kind} of at least 0")

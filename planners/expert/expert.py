@@ -96,7 +96,7 @@ class TampExpert:
         self._env = controlled_env(env)
         self._strategy = find_strategy(strategy)
         self._config = config or ExpertConfig()
-        self._planner: ScenePlanner = planner_for(
+        self._planner = planner_for(
             self._env, planner, grasps, supports, canonical=canonical, hold_aside=self._config.hold_aside
         )
         self._seed = seed

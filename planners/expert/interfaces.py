@@ -106,7 +106,9 @@ def controlled_env(env: Any) -> ControlledEnv:
     inner = getattr(env, "unwrapped", env)
     members = (*ControlledEnv.__annotations__, "joint_action", "ee_action", "tcp_follower")
     # Properties are looked up in the class and not evaluated: `target` is defined after `reset` only.
-    missing = [name for name in members if not hasattr(type(inner), name) and name not in getattr(inner, "__dict__", ())]
+    missing = [
+        name for name in members if not hasattr(type(inner), name) and name not in getattr(inner, "__dict__", ())
+    ]
     if missing:
         raise ExpertError(
             f"{type(inner).__name__} cannot be controlled, it lacks {', '.join(missing)}; TampExpert controls "
@@ -124,8 +126,10 @@ def controlled_env(env: Any) -> ControlledEnv:
     return inner
 
 
-def planner_for(env: ControlledEnv, planner: Any, grasps: str | None, supports: Supports, **choices: bool | None) -> Any:
-    """The `ScenePlanner` to use in an environment.
+def planner_for(
+    env: ControlledEnv, planner: Any, grasps: str | None, supports: Supports, **choices: bool | None
+) -> Any:
+    """The planner to use in an environment.
 
     In control mode "ee" a `Planner` without a `follower` gets that of the environment, since its motions are followed
     through TCP poses.

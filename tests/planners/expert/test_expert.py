@@ -13,8 +13,8 @@ import pytest
 import clutter_env
 from assets.robots import FETCH
 from planners import EpisodeReport, Planner, Scene, Solution, TampExpert, solve
-from planners.execution.controlled_env import num_disturbances
-from planners.execution.errors import ExpertError
+from planners.expert.config import ExpertError
+from planners.expert.interfaces import num_disturbances
 from planners.grasping.families import UnknownGraspSet
 from planners.placing.surfaces import UnknownSupport
 from planners.strategies import UnknownStrategy

@@ -10,9 +10,7 @@ import pytest
 
 import clutter_env
 from planners import TampExpert
-from planners.execution.config import ExpertConfig
-from planners.execution.errors import ExpertError
-from planners.execution.monitor import MonitorConfig
+from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 
 assert clutter_env
 

@@ -14,9 +14,8 @@ import clutter_env
 from assets.robots import FETCH
 from planners import STRATEGIES, Infeasible, Planner, Scene, Solution, Strategy, TampExpert
 from planners.cause import Cause
-from planners.execution.config import ExpertConfig
-from planners.execution.controlled_env import controlled_env
-from planners.execution.errors import ExpertError
+from planners.expert.config import ExpertConfig, ExpertError
+from planners.expert.interfaces import controlled_env
 from planners.motion.tcp_following import TcpFollower
 from planners.scene import UnknownObject
 

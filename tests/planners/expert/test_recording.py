@@ -10,7 +10,7 @@ import pytest
 
 import clutter_env
 from planners import TampExpert
-from planners.execution.errors import ExpertError
+from planners.expert.config import ExpertError
 
 assert clutter_env  # registers the environments
 
