@@ -53,7 +53,7 @@ for _count in SKILL_OBJECT_COUNTS:
 def __getattr__(name: str) -> Any:
     """`__version__`, read when it is asked for: importing the package stays fast."""
     if name == "__version__":
-        from clutter_env.provenance import version
+        from clutter_env.version import version
 
         return version()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

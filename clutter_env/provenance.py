@@ -11,11 +11,9 @@ import hashlib
 import json
 import subprocess
 import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +26,7 @@ from clutter_env.envs.base import layout_identity
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.simulation.model import build_spec
+from clutter_env.version import version
 
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
@@ -105,18 +104,6 @@ def differences(recorded: Mapping[str, Any] | None, present: Mapping[str, Any]) 
     if said and recorded.get("commit") != present["commit"]:
         said.append(f"It was recorded at commit {recorded.get('commit')}; this is {present['commit']}.")
     return said
-
-
-@cache
-def version() -> str:
-    """The version of this package: that of the checkout which it runs from, or of the installed distribution."""
-    try:
-        project = tomllib.loads((_PACKAGE.parent / "pyproject.toml").read_text())["project"]
-        if project["name"] == "clutter-env":
-            return str(project["version"])
-    except (OSError, ValueError, KeyError):
-        pass  # installed: no pyproject.toml of ours beside the package
-    return metadata.version("clutter-env")
 
 
 @cache
