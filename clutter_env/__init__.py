@@ -1,5 +1,7 @@
 """Registers the environments with Gymnasium, and knows the suites of scenes."""
 
+from typing import Any
+
 from gymnasium.envs.registration import WrapperSpec, register
 
 from clutter_env.scene.layout import Box, Layout
@@ -46,7 +48,7 @@ for _name in ("Reach", "Pick"):
         id=f"clutter_env/{_name}-v0",
         entry_point=f"clutter_env.envs.goal:{_name}Env",
         max_episode_steps=100,
-        additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal_interface:GoalInterface", {}),),
+        additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 
 for _count in SKILL_OBJECT_COUNTS:
@@ -56,3 +58,12 @@ for _count in SKILL_OBJECT_COUNTS:
         kwargs={"num_objects": _count},
         max_episode_steps=skill_budget(_count),
     )
+
+
+def __getattr__(name: str) -> Any:
+    """`__version__`, read when it is asked for: importing the package stays fast."""
+    if name == "__version__":
+        from clutter_env.version import version
+
+        return version()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
