@@ -41,7 +41,9 @@ from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direct
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
 from planners.skills.motion import SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
+from planners.symbolic.engines import AStar
 from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
 from planners.tamp.solution import BoundAction, Infeasible, Solution, contact_of, contacts, label_of
@@ -53,6 +55,7 @@ __all__ = [
     "DIRECTION_CLASSES",
     "SIDE",
     "STRATEGIES",
+    "AStar",
     "Alternatives",
     "ArmConfigurations",
     "ArmsError",
@@ -102,6 +105,8 @@ __all__ = [
     "TaskPlan",
     "TaskPlanner",
     "TaskProblem",
+    "applicable_actions",
+    "apply_action",
     "clearance_floor",
     "contact_of",
     "contacts",

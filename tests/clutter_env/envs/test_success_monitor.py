@@ -1,4 +1,4 @@
-"""What the judge counts: paths of objects out of hand, falls, clearances."""
+"""What the monitor counts: paths of objects out of hand, falls, clearances."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clutter_env.envs.judge import CHORD, DISTURBED_PATH, RELEASE_STEPS, Judge
+from clutter_env.envs.success import CHORD, DISTURBED_PATH, RELEASE_STEPS, SuccessMonitor, checked_memory
 from clutter_env.errors import StateError
 from clutter_env.simulation.world import Measurements
 
 
 class Table:
-    """Objects that a test moves by hand, watched by a judge without a target."""
+    """Objects that a test moves by hand, watched by a monitor without a target."""
 
     def __init__(self, count: int = 3) -> None:
         self.poses = np.tile((0.0, 0.0, 0.8, 1.0, 0.0, 0.0, 0.0), (count, 1))
         self.poses[:, 1] = 0.2 * np.arange(count)
         self.fallen = np.zeros(count, bool)
         self.held = -1
-        self.judge = Judge(None, self.measurements(), -1)  # type: ignore[arg-type]  # read for a target only
+        self.monitor = SuccessMonitor(None, self.measurements(), -1)  # type: ignore[arg-type]  # read for a target only
 
     def measurements(self) -> Measurements:
         return Measurements(self.poses.copy(), self.fallen.copy(), self.fallen & False, self.held, self.held >= 0)
@@ -28,10 +28,10 @@ class Table:
     def step(self, slot: int = 0, by: tuple[float, float, float] = (0.0, 0.0, 0.0), count: int = 1) -> None:
         for _ in range(count):
             self.poses[slot, :3] += by
-            self.judge.update(self.measurements())
+            self.monitor.update(self.measurements())
 
     def counts(self) -> tuple[int, int, int]:
-        return self.judge.num_fallen, self.judge.num_disturbed, self.judge.num_cleared
+        return self.monitor.num_fallen, self.monitor.num_disturbed, self.monitor.num_cleared
 
 
 @pytest.mark.parametrize("steps", [1, 7, 60, 6000])
@@ -39,14 +39,14 @@ def test_a_path_of_six_centimetres_disturbs_however_slow(steps: int) -> None:
     table = Table()
     table.step(0, (0.06 / steps, 0, 0), steps)
     assert table.counts() == (0, 1, 0)
-    assert not table.judge.is_clean
+    assert not table.monitor.is_clean
 
 
 @pytest.mark.parametrize("steps", [1, 7, 60, 6000])
 def test_a_straight_path_of_just_under_five_centimetres_does_not(steps: int) -> None:
     table = Table()
     table.step(0, (0.0499 / steps, 0, 0), steps)
-    assert table.judge.is_clean
+    assert table.monitor.is_clean
     table.step(0, (0.0002, 0, 0))
     assert table.counts() == (0, 1, 0), "the limit is exact to a fraction of a chord"
 
@@ -58,7 +58,7 @@ def test_jitter_never_adds_up() -> None:
         noise = rng.normal(size=3)
         table.poses[0, :3] = rest + 0.45 * CHORD * noise / np.linalg.norm(noise)
         table.step()
-    assert table.judge.is_clean
+    assert table.monitor.is_clean
 
 
 def test_pushing_forth_and_back_accumulates() -> None:
@@ -72,7 +72,7 @@ def test_every_object_has_a_path_of_its_own() -> None:
     table = Table()
     for slot in range(3):
         table.step(slot, (0.004, 0, 0), 10)
-    assert table.judge.is_clean
+    assert table.monitor.is_clean
     for slot in (0, 2):
         table.step(slot, (0.004, 0, 0), 4)
     assert table.counts() == (0, 2, 0)
@@ -86,7 +86,7 @@ def test_carrying_and_putting_down_is_clearing() -> None:
     table.held = -1
     table.step(1, count=RELEASE_STEPS)
     assert table.counts() == (0, 0, 1)
-    assert table.judge.is_clean
+    assert table.monitor.is_clean
     table.step(1, (0.02, 0, 0), 3)
     assert table.counts() == (0, 1, 1), "pushed after it was put down"
 
@@ -110,12 +110,13 @@ def test_an_object_torn_out_of_the_gripper_is_disturbed() -> None:
 
 
 def test_a_memory_of_other_objects_is_refused() -> None:
-    memory = Table(3).judge.memory()
-    memory.check(3)
-    wrong = [replace(memory, in_hand=3), replace(memory, paths=(0.0,) * 2), replace(memory, grasped_at=(0.0, 0.0))]
-    for entry in wrong:
-        with pytest.raises(StateError, match="3 objects"):
-            entry.check(3)
+    memory = Table(3).monitor.memory()
+    checked_memory(memory, 3, 1)
+    for entry in ({"in_hand": 3}, {"paths": [0.0] * 2}, {"grasped_at": [0.0, 0.0]}, {"other_hands": []}):
+        with pytest.raises(StateError, match="judge"):
+            checked_memory({**memory, **entry}, 3, 1)
+    with pytest.raises(StateError, match="other_hands"):
+        checked_memory(memory, 3, 2)
 
 
 def test_a_dropped_object_is_disturbed() -> None:
@@ -124,7 +125,7 @@ def test_a_dropped_object_is_disturbed() -> None:
     table.step(1, (0, 0, 0.01), 30)
     table.held = -1
     table.step(1, (0, 0, -0.05), 6)
-    assert table.judge.num_disturbed == 1
+    assert table.monitor.num_disturbed == 1
 
 
 def test_a_small_adjustment_in_hand_is_no_clearance() -> None:
@@ -140,10 +141,10 @@ def test_a_fall_counts_even_if_the_object_is_set_upright_again() -> None:
     table = Table()
     table.fallen[2] = True
     table.step()
-    assert table.judge.newly_disturbed == 1
+    assert table.monitor.newly_disturbed == 1
     table.fallen[2] = False
     table.step()
-    assert (table.judge.num_fallen, table.judge.newly_disturbed) == (1, 0)
+    assert (table.monitor.num_fallen, table.monitor.newly_disturbed) == (1, 0)
 
 
 def test_an_object_that_falls_and_moves_is_newly_disturbed_once() -> None:
@@ -152,16 +153,16 @@ def test_an_object_that_falls_and_moves_is_newly_disturbed_once() -> None:
     for _ in range(10):
         table.fallen[2] = True
         table.step(2, (0.01, 0, 0))
-        total += table.judge.newly_disturbed
+        total += table.monitor.newly_disturbed
     assert total == 1
     assert table.counts() == (1, 1, 0)
 
 
 def test_measurements_that_are_given_again_count_as_new_ones() -> None:
-    """The world gives the same object again while nothing moves; the judge must not lose a step by it."""
+    """The world gives the same object again while nothing moves; the monitor must not lose a step by it."""
     rng = np.random.default_rng(0)
     table = Table()
-    other = Judge(None, table.measurements(), -1)  # type: ignore[arg-type]  # read for a target only
+    other = SuccessMonitor(None, table.measurements(), -1)  # type: ignore[arg-type]  # read for a target only
     for _ in range(400):
         slot = int(rng.integers(3))
         table.poses[slot, 0] += rng.choice((0.0, 0.004, 0.03))
@@ -169,8 +170,8 @@ def test_measurements_that_are_given_again_count_as_new_ones() -> None:
         table.fallen[slot] |= rng.random() < 0.003
         given = table.measurements()
         for _ in range(rng.integers(1, 5)):
-            table.judge.update(given)
+            table.monitor.update(given)
             other.update(replace(given))
-            assert table.judge.memory() == other.memory()
-            assert table.judge.newly_disturbed == other.newly_disturbed
+            assert table.monitor.memory() == other.memory()
+            assert table.monitor.newly_disturbed == other.newly_disturbed
     assert all(table.counts()), "the test has seen falls, disturbances and clearances"

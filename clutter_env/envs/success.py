@@ -15,7 +15,7 @@ Once it is released, its path goes on from where it was last touched by both.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,21 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
-from clutter_env.simulation.state_fields import read_dataclass
+from clutter_env.simulation.state_fields import Fields
 from clutter_env.simulation.world import Measurements, World
-
-__all__ = [
-    "CHORD",
-    "DISTURBED_PATH",
-    "HOLD_STEPS",
-    "LIFT_HEIGHT",
-    "RELEASE_STEPS",
-    "Judge",
-    "JudgeMemory",
-    "is_as_placed",
-    "read_memory",
-    "written_memory",
-]
 
 LIFT_HEIGHT = 0.10
 """[m] above what it stood on at which the target's lowest point counts as lifted."""
@@ -55,69 +42,24 @@ RELEASE_STEPS = 2
 
 UPRIGHT = 0.9
 """Cosine of the largest tilt of an object that still is as it was placed."""
+_MOST_STEPS = 2**31
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class JudgeMemory:
-    """What a judge remembers of the past, for saved states.
-
-    Attributes:
-        chord_starts: (n, 3) [m] where the last chord of each object ended.
-        paths: (n,) [m] lengths of the chords of each object.
-        is_fallen: (n,) whether each object has fallen since reset.
-        is_cleared: (n,) whether each object has been carried and put down.
-        in_hand: slot of the object in hand, -1 without one.
-        steps_without_contact: control steps since both fingers touched it.
-        grasped_at: (3,) [m] where it was grasped.
-        steps_held: control steps in a row with the target held and lifted.
-        other_hands: for each further gripper that acts, `in_hand`, `steps_without_contact` and `grasped_at`.
-    """
-
-    chord_starts: tuple[tuple[float, ...], ...]
-    paths: tuple[float, ...]
-    is_fallen: tuple[bool, ...]
-    is_cleared: tuple[bool, ...]
-    in_hand: int
-    steps_without_contact: int
-    grasped_at: tuple[float, ...]
-    steps_held: int
-    other_hands: tuple[tuple[float, ...], ...] = ()
-
-    def check(self, num_objects: int) -> None:
-        """Raise StateError unless the memory is one of so many objects."""
-        sizes = {len(self.chord_starts), len(self.paths), len(self.is_fallen), len(self.is_cleared)}
-        is_of_points = all(len(point) == 3 for point in (*self.chord_starts, self.grasped_at))
-        are_hands = all(len(hand) == 5 and -1 <= hand[0] < num_objects for hand in self.other_hands)
-        if sizes != {num_objects} or not is_of_points or not are_hands or not -1 <= self.in_hand < num_objects:
-            raise StateError(f"the judge's memory in the state is not one of {num_objects} objects")
-
-
-def written_memory(memory: JudgeMemory) -> dict[str, Any]:
-    """The memory as JSON values; that of a robot with one arm has no entry for others."""
-    values = asdict(memory)
-    if not memory.other_hands:
-        del values["other_hands"]
-    return values
-
-
-def read_memory(value: Any) -> JudgeMemory:
-    """The memory that `written_memory` wrote; raises StateError if it is not valid."""
-    is_of_one_arm = isinstance(value, dict) and "other_hands" not in value
-    return read_dataclass(JudgeMemory, {**value, "other_hands": []} if is_of_one_arm else value, "judge")
-
-
 @dataclass
 class _Hand:
-    """A gripper over time: the slot of the object in hand, -1 without one, and what `JudgeMemory` says of it."""
+    """A gripper over time."""
 
     in_hand: int = -1
+    """Slot of the object in hand, -1 without one."""
     steps_without_contact: int = 0
+    """Control steps since both fingers touched it."""
     grasped_at: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) [m] where the object was when it was grasped."""
 
 
-class Judge:
+class SuccessMonitor:
     """Follows the objects of one episode, from its first state on; call `update` after every control step.
 
     Attributes:
@@ -184,38 +126,35 @@ class Judge:
         self._follow_target(measurements)
         self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
 
-    def memory(self) -> JudgeMemory:
-        """What has to be kept of the past."""
-        return JudgeMemory(
-            chord_starts=tuple(map(tuple, self._chord_starts.tolist())),
-            paths=tuple(self._paths.tolist()),
-            is_fallen=tuple(self._is_fallen.tolist()),
-            is_cleared=tuple(self._is_cleared.tolist()),
-            in_hand=self._hands[0].in_hand,
-            steps_without_contact=self._hands[0].steps_without_contact,
-            grasped_at=tuple(self._hands[0].grasped_at.tolist()),
-            steps_held=self.steps_held,
-            other_hands=tuple(
-                (float(hand.in_hand), float(hand.steps_without_contact), *hand.grasped_at.tolist())
-                for hand in self._hands[1:]
-            ),
-        )
+    def memory(self) -> dict[str, Any]:
+        """What has to be kept of the past in a saved state, as JSON values."""
+        first, *others = self._hands
+        memory = {
+            "chord_starts": self._chord_starts.tolist(),
+            "paths": self._paths.tolist(),
+            "is_fallen": self._is_fallen.tolist(),
+            "is_cleared": self._is_cleared.tolist(),
+            "in_hand": first.in_hand,
+            "steps_without_contact": first.steps_without_contact,
+            "grasped_at": first.grasped_at.tolist(),
+            "steps_held": self.steps_held,
+        }
+        if others:
+            memory["other_hands"] = [
+                [float(hand.in_hand), float(hand.steps_without_contact), *hand.grasped_at.tolist()] for hand in others
+            ]
+        return memory
 
     @classmethod
-    def recall(cls, memory: JudgeMemory, world: World, measurements: Measurements, target: int) -> Judge:
-        """The judge that had this `memory` in the state of `world`, bit for bit."""
-        judge = cls(world, measurements, target)
-        count = len(measurements.poses)
-        judge._chord_starts = np.array(memory.chord_starts, dtype=np.float64).reshape(count, 3)
-        judge._paths = np.array(memory.paths, dtype=np.float64)
-        judge._is_fallen = np.array(memory.is_fallen, dtype=np.bool_)
-        judge._is_cleared = np.array(memory.is_cleared, dtype=np.bool_)
-        others = [_Hand(int(hand[0]), int(hand[1]), np.array(hand[2:])) for hand in memory.other_hands]
-        first = _Hand(memory.in_hand, memory.steps_without_contact, np.array(memory.grasped_at, dtype=np.float64))
-        judge._hands = [first, *others]
-        judge.steps_held = memory.steps_held
-        judge._derive()
-        return judge
+    def recall(cls, memory: dict[str, Any], world: World, measurements: Measurements, target: int) -> SuccessMonitor:
+        """The monitor that had this checked `memory` in the state of `world`, bit for bit."""
+        monitor = cls(world, measurements, target)
+        monitor._chord_starts, monitor._paths = memory["chord_starts"], memory["paths"]
+        monitor._is_fallen, monitor._is_cleared = memory["is_fallen"], memory["is_cleared"]
+        monitor._hands = memory["hands"]
+        monitor.steps_held = memory["steps_held"]
+        monitor._derive()
+        return monitor
 
     @property
     def _in_hand(self) -> list[int]:
@@ -281,6 +220,34 @@ class Judge:
         self.num_cleared = int(np.count_nonzero(is_cleared))
         self._num_spoilt = int(np.count_nonzero(is_disturbed | self._is_fallen))
         self.newly_disturbed = 0
+
+
+def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[str, Any]:
+    """What `SuccessMonitor.memory` returned, as arrays, for `SuccessMonitor.recall`.
+
+    Raises:
+        StateError: it is not the memory of so many objects and grippers.
+    """
+    names = ("chord_starts", "paths", "is_fallen", "is_cleared", "in_hand", "steps_without_contact", "grasped_at")
+    others = num_grippers - 1
+    # "judge" is the name in the format of saved states since version 0.1; what stands in the message is the entry.
+    read = Fields(value, "judge", (*names, "steps_held", *["other_hands"] * (others > 0)))
+    rows = read.numbers("other_hands", (others, 5)).tolist() if others else []
+    if not all(-1 <= row[0] < num_objects for row in rows):
+        raise StateError(f"judge: other_hands of the state must hold slots of {num_objects} objects, or -1")
+    first = _Hand(
+        read.integer("in_hand", -1, num_objects - 1),
+        read.integer("steps_without_contact", 0, _MOST_STEPS),
+        read.numbers("grasped_at", (3,)),
+    )
+    return {
+        "chord_starts": read.numbers("chord_starts", (num_objects, 3)),
+        "paths": read.numbers("paths", (num_objects,)),
+        "is_fallen": read.flags("is_fallen", num_objects),
+        "is_cleared": read.flags("is_cleared", num_objects),
+        "hands": [first, *(_Hand(int(row[0]), int(row[1]), np.array(row[2:])) for row in rows)],
+        "steps_held": read.integer("steps_held", 0, _MOST_STEPS),
+    }
 
 
 def is_as_placed(quaternion: ArrayLike, bottom: float, is_lying: bool) -> bool:
