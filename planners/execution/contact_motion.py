@@ -20,8 +20,8 @@ from planners.grasping.candidates import GraspCandidate
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.arm import BlockedBy, NoPath
+from planners.placing.locations import put_down
 from planners.placing.placements import Placement
-from planners.placing.release import put_down
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 from planners.tamp.motion_layer import BoundMotion, MotionLayer

@@ -13,15 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.clearing.minimum_clearances import FloorLimits, minimum_clearances
+from planners.clearing.lower_bound import FloorLimits, minimum_clearances
 from planners.collision.compiled_scenes import CompiledScenes
+from planners.context import map_placer
 from planners.grasping.base_placement import MapPlacer
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import find_grasp_set
 from planners.motion.pick_and_place import can_take
 from planners.placing.canonical import CanonicalPlacements, placement_cells
 from planners.placing.surfaces import Surface
-from planners.planner import Planner, map_placer
+from planners.planner import Planner
 from planners.scene import Scene
 
 __all__ = ["DIRECTION_CLASSES", "Alternatives", "direction_class"]

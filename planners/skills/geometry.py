@@ -14,6 +14,7 @@ import numpy as np
 from irm.arm.kinematics import ArmChain
 from planners.clearing.lookahead import grasped
 from planners.collision.compiled_scenes import CompiledScenes
+from planners.context import map_placer
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import (
     OFF_TABLE,
@@ -26,7 +27,6 @@ from planners.grasping.candidates import (
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear
-from planners.planner import map_placer
 from planners.scene import Body, Scene
 from planners.strategies import find_strategy
 

@@ -7,13 +7,14 @@ import pytest
 
 from assets.robots import FETCH
 from planners.contact import Contact
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import SIDE
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
-from planners.placing.release import rotated
-from planners.planner import Planner, map_placer
+from planners.placing.locations import rotated
+from planners.planner import Planner
 from planners.scene import RobotState, Scene
 from planners.tamp.solution import Solution, contact_of, contacts, label_of
 from tests.planners.motion_scenes import CHAIN

@@ -13,7 +13,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Cause, Infeasible, NoPlan, Planner, Solution, TaskPlan, solve
-from planners.clearing.minimum_clearances import minimum_clearances, self_clearable_sets
+from planners.clearing.lower_bound import minimum_clearances, self_clearable_sets
 from planners.clock import Deadline, TimeLimitError, cpu_seconds
 from planners.symbolic.astar import shortest_plan
 from planners.symbolic.engines import FastDownward

@@ -13,11 +13,11 @@ from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solv
 from planners import planner as planner_module
 from planners.cause import Cause
 from planners.clearing.lookahead import grasped
+from planners.context import map_placer
 from planners.grasping.base_placement import MapPlacer, map_parameters
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.planner import map_placer
 from planners.scene import RobotState, SceneError, UnknownObject
 from planners.strategies import STRATEGIES, UnknownStrategy
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene

@@ -30,7 +30,8 @@ from planners.motion.arm_query import ArmQuery
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.timing import pick_trajectory
-from planners.planner import clearance_floor, map_placer
+from planners.planner import clearance_floor
+from planners.context import map_placer
 from planners.scene import Scene
 from planners.tamp.solution import Infeasible
 

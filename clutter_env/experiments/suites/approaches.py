@@ -23,7 +23,7 @@ from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import even_yaws, gripper_opening
 from planners.grasping.gripper import gripper_clearances
-from planners.planner import map_placer
+from planners.context import map_placer
 from planners.scene import Scene
 
 __all__ = ["CELL", "approach_table", "reachable_yaws"]

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from planners.cause import Cause
-from planners.clearing.minimum_clearances import (
+from planners.clearing.lower_bound import (
     FloorLimits,
+    FloorOptionsError,
     clearance_floor,
     minimum_clearances,
     self_clearable_sets,
 )
-from planners.clearing.self_clearable import FloorOptionsError, is_self_clearable, removal_orders, usable_options
+from planners.clearing.self_clearable import is_self_clearable, removal_orders, usable_options
 
 STATIC = 1 << 63
 

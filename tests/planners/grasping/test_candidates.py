@@ -10,13 +10,13 @@ from irm.arm.kinematics import ArmChain
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment, greedy_commitments, smallest_commitments
 from planners.clearing.lookahead import grasped, keep_clear
-from planners.clearing.minimum_clearances import minimum_clearances
+from planners.clearing.lower_bound import minimum_clearances
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.placing.placements import PlacementSearch
-from planners.planner import map_placer
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
 from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene

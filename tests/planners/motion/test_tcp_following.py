@@ -9,6 +9,7 @@ import numpy as np
 from assets.robots import FETCH
 from clutter_env.simulation.ee_control import TcpFollower
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidate, GraspCandidates, SamplingConfig
 from planners.motion.arm import BlockedBy, tcp_pose
 from planners.motion.pick_and_place import PickMotion, plan_pick
@@ -16,7 +17,6 @@ from planners.motion.tcp_following import Followed, follow
 from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Trajectory
 from planners.placing.placements import PlacementSearch
-from planners.planner import map_placer
 from planners.scene import RobotState, Scene
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from tests.planners.motion_scenes import CHAIN

@@ -9,10 +9,10 @@ import pytest
 
 from planners.clearing.lookahead import grasped
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.canonical import CanonicalGrasps
 from planners.placing.canonical import CanonicalPlacements, placement_cells
 from planners.placing.surfaces import KeepClear
-from planners.planner import map_placer
 from planners.scene import Scene
 from planners.strategies import STRATEGIES
 from tests.planners.motion_scenes import CHAIN

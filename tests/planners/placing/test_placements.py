@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from planners.clearing.lookahead import grasped
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidates
 from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
-from planners.planner import Planner, map_placer
+from planners.planner import Planner
 from planners.scene import Scene, StaticObstacle
 from planners.strategies import STRATEGIES, Strategy, StrategyError
 from tests.planners.motion_scenes import CHAIN

@@ -11,6 +11,7 @@ from assets.robots import FETCH
 from planners.collision.robot_model import BASE
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.drawing.choices import choices_of
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import APPROACH_PATTERNS, grasp_context, trace
@@ -19,7 +20,7 @@ from planners.motion.pick_and_place import planned_approach
 from planners.placing import surfaces, swept_volume
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, is_free, swept_mask
 from planners.placing.swept_volume import GraspVolumes, grasp_volume, path_volume, standing_volume
-from planners.planner import Planner, map_placer
+from planners.planner import Planner
 from planners.scene import HeldObject, Scene, StaticObstacle
 from planners.tamp.solution import Solution
 from tests.planners.motion_scenes import CHAIN

@@ -7,9 +7,9 @@ from unittest.mock import patch
 import numpy as np
 
 from planners.collision.compiled_scenes import CompiledScenes
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.placements import PlacementSearch
-from planners.planner import map_placer
 from planners.tamp import usable_grasps
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.usable_grasps import UsableGrasps
