@@ -1,4 +1,4 @@
-"""Locations on a support where an object can be put, and how it rests there: Lee & Kim 2019, section 3.3, Figs. 7 and 8."""
+"""Locations on a support where an object can be put (Lee & Kim 2019, Figs. 7 and 8), and how it rests there."""
 
 from __future__ import annotations
 

@@ -170,7 +170,7 @@ def update_initial_state_from_error(
 
 
 def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
-    """F in less simulated time; under end-effector control the robot rests between the actions, as in canonical plans."""
+    """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
     context = search.motion_layer.context
     if context.follower is not None or context.canonical:
         return tuple(search.plan)

@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Planner, Scene, Solution, clearance_floor, solve
-from planners.clearing.lookahead import grasped
+from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidates
