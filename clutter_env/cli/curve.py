@@ -9,11 +9,10 @@ directory; results that are there already are not made again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.reporting.command import command_line, run_command
+from clutter_env.cli.main import command_line
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,7 @@ def run(arguments: Arguments) -> None:
     with progress_bar(total=len(todo), unit="training") as bar:
         results = measure(todo, arguments.out / "results.json", arguments.workers, bar.update)
     table = markdown(results)
-    command = command_line("curve", arguments, leave_out=("workers", "out"))
+    command = command_line("clutter-env curve", arguments, leave_out=("workers", "out"))
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{table}\n")
     draw(results, arguments.out / "plot.png")
     print(table)
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("curve", Arguments, run, __doc__, words)

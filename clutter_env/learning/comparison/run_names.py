@@ -7,7 +7,7 @@ from pathlib import Path
 
 from clutter_env.policies.runs import DECISION_LEARNERS, MOTION_LEARNERS, load_run, run_directories
 from clutter_env.learning.task import Task
-from clutter_env.reporting.json_file import json_text
+from clutter_env.reporting.files import json_text
 
 __all__ = ["run_names", "run_task"]
 

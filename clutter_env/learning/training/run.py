@@ -12,7 +12,7 @@ from clutter_env.learning.errors import LearningError
 from clutter_env.policies.runs import CLONERS, DECISION_LEARNERS, GOAL_ALGORITHMS, RUN_FILE, SKILL_ALGORITHMS, differences, load_run
 from clutter_env.learning.policies.runs import MOVER_LEARNERS, PLAN_LEARNERS
 from clutter_env.learning.task import Task
-from clutter_env.reporting.json_file import json_values, write_json
+from clutter_env.reporting.files import json_values, write_json
 from planners import find_grasp_set
 
 __all__ = ["LEARNERS", "Run"]
