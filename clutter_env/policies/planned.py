@@ -12,24 +12,21 @@ from numpy.typing import NDArray
 from clutter_env.policies.parsed_observation import Observation, parse_observation
 from planners import (
     Command,
-    CompiledScenes,
     Contact,
+    ExecutionStatus,
     Executor,
-    GraspCandidates,
     Infeasible,
     MonitorConfig,
     MotionLayer,
     NoPath,
-    Outcome,
-    PlacementSearch,
     Planner,
+    PlanningContext,
     Scene,
     SceneError,
     Sensor,
     contacts,
     controlled_env,
     held_object,
-    map_placer,
     plan_contact,
 )
 
@@ -125,7 +122,6 @@ class PlannedMotionPolicy:
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
         self._env = controlled_env(env)
-        self._chain = Planner(self._env.robot).chain
         self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, self._env.object_names)
         self._executor, self.refused = None, 0
         finger_position = _scene_of(self._env).state.finger_position
@@ -140,7 +136,8 @@ class PlannedMotionPolicy:
             self._end(f"{contact.object} is not held")
             return
         try:
-            found = plan_contact(self._motion_layer(scene), scene, contact)
+            layer = MotionLayer(PlanningContext.of(scene, grasps="side"), np.random.default_rng(0))
+            found = plan_contact(layer, scene, contact)
         except SceneError as error:
             self._refuse(f"the scene is not valid for planning: {error}")
             return
@@ -156,7 +153,7 @@ class PlannedMotionPolicy:
         if self._executor is not None:
             step = self._executor.advance(self._sensor.read())
             self._last = step.command
-            if step.outcome is not Outcome.RUNNING:
+            if step.status is not ExecutionStatus.RUNNING:
                 self._executor = None
                 self._end("" if step.deviation is None else str(step.deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))
@@ -167,13 +164,6 @@ class PlannedMotionPolicy:
 
     def _end(self, reason: str) -> None:
         self.is_done, self.has_failed, self.reason = True, bool(reason), reason
-
-    def _motion_layer(self, scene: Scene) -> MotionLayer:
-        """Plans motions in this scene, one after the other."""
-        placer = map_placer(scene)
-        candidates = GraspCandidates(placer, self._chain, compiled=CompiledScenes())
-        search = PlacementSearch(placer, self._chain)
-        return MotionLayer(candidates, search, np.random.default_rng(0), joins_motions=False)
 
 
 def _present_scene(env: Any) -> Scene:
