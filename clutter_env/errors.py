@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ActionError",
-    "ClutterEnvError",
-    "ConfigError",
-    "OptionError",
-    "RenderingUnavailable",
-    "StateError",
-    "SuiteError",
-]
-
 
 class ClutterEnvError(ValueError):
     """Base of every exception raised here for misuse."""
@@ -39,3 +29,23 @@ class RenderingUnavailable(ClutterEnvError, RuntimeError):
 
 class SuiteError(ClutterEnvError):
     """No such suite, or a scene of a suite that is not the one that the suite was made with."""
+
+
+class LearningError(ClutterEnvError):
+    """A wrong argument for data, policies, training or evaluation."""
+
+
+class DatasetError(LearningError):
+    """A directory or file does not hold what is needed; the message says what it holds."""
+
+
+class CollectionError(LearningError, RuntimeError):
+    """The collection had to stop: full disk, workers that die, too many rejected seeds. Stored episodes stay valid."""
+
+
+class UnknownExpert(LearningError):
+    """No expert of that name for that environment; the message lists the known ones."""
+
+
+class UnknownTask(LearningError):
+    """No environment of that name, or not with those keyword arguments; the message lists the known ones."""
