@@ -31,6 +31,10 @@ class SuiteError(ClutterEnvError):
     """No such suite, or a scene of a suite that is not the one that the suite was made with."""
 
 
+class UsageError(ClutterEnvError):
+    """Arguments of a command that do not go together, or name something that there is not."""
+
+
 class LearningError(ClutterEnvError):
     """A wrong argument for data, policies, training or evaluation."""
 

@@ -30,8 +30,6 @@ from planners.planner import map_placer
 from planners.scene import Body, Scene
 from planners.strategies import find_strategy
 
-__all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geometry"]
-
 DIRECTIONS = 6
 """Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
 _CLEARANCE_REGION = find_strategy("dogar")

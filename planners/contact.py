@@ -1,0 +1,67 @@
+"""Contacts: where the gripper closes around an object or opens to put it down; the words that learners share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_STRAIGHT = 1e-6
+"""[m, rad] off the line ahead of the base within which the gripper counts as straight ahead: rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Where the gripper closes around an object, or opens to put it down. Arrays are read-only.
+
+    Attributes:
+        skill: "pick" or "place".
+        object: its name.
+        base: (3,) x [m], y [m], yaw [rad] of the base at the contact, in the world.
+        tcp: (4, 4) TCP pose at the contact, in the world [m].
+    """
+
+    skill: str
+    object: str
+    base: Array
+    tcp: Array
+
+    def __post_init__(self) -> None:
+        for name in ("base", "tcp"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def yaw(self) -> float:
+        """[rad] of the gripper about the vertical; also of one that points straight down."""
+        return math.atan2(-self.tcp[0, 1], self.tcp[1, 1])
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the base faces the gripper and both have the same yaw, as a canonical plan has it if it can."""
+        c, s = math.cos(self.base[2]), math.sin(self.base[2])
+        away = self.tcp[:2, 3] - self.base[:2]
+        aside, turn = c * away[1] - s * away[0], math.remainder(self.yaw - self.base[2], 2 * math.pi)
+        return abs(aside) < _STRAIGHT and abs(turn) < _STRAIGHT
+
+
+class StepLabel(NamedTuple):
+    """Label of one control step of the expert.
+
+    Attributes:
+        phase: of the motion, as in `Trajectory.phases`: "drive", "ready", "transit", "approach", "close", "lift",
+            "retreat", "lower", "open", "rise" and so on; "" while the robot waits or leaves off after a deviation.
+        contact: the contact that this phase leads to or comes from; None while the robot waits.
+        keyframe: (12,) base x [m], y [m], yaw [rad], torso [m], arm [rad] and position of a finger [m] at the end of
+            the phase.
+    """
+
+    phase: str
+    contact: Contact | None
+    keyframe: Array
