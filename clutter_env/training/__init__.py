@@ -1,1 +1,1 @@
-"""Training: examples, fits and training runs."""
+"""Training: cloning, DAgger, reinforcement learning, and the levels of two-level policies."""
