@@ -2,11 +2,11 @@
 
 import torch
 
-from clutter_env.learning.comparison.evaluation import held_out_seeds, success_rate
-from clutter_env.learning.demonstrations.episode import record
+from clutter_env.data.episode import record
+from clutter_env.evaluation.score import held_out_seeds, success_rate
 from clutter_env.policies.experts import make_expert
-from clutter_env.learning.task import Task
-from clutter_env.learning.training.bc import CloneConfig, clone, examples_of
+from clutter_env.task import Task
+from clutter_env.training.cloning import CloneConfig, clone, examples_of
 
 torch.set_num_threads(1)
 task = Task("clutter_env/Pick-v0")

@@ -3,10 +3,10 @@
 from functools import partial
 from pathlib import Path
 
-from clutter_env.learning.demonstrations.collect import collect
-from clutter_env.learning.demonstrations.dataset import Dataset, Job
-from clutter_env.learning.task import Task
+from clutter_env.data.collect import collect
+from clutter_env.data.dataset import Dataset, Job
 from clutter_env.parallel import run_jobs
+from clutter_env.task import Task
 
 if __name__ == "__main__":
     job = Job(Task("clutter_env/Retrieve-o5-v0"), expert="lookahead", episodes=5)

@@ -1,4 +1,4 @@
-"""Success of learned movers against the number of demonstrations, with the planner's decisions."""
+"""Success of learned motions against the number of demonstrations, with the planner's decisions."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from clutter_env.learning.comparison.evaluation import held_out_seeds
-from clutter_env.learning.demonstrations.dataset import Dataset
-from clutter_env.learning.errors import LearningError
-from clutter_env.training.motion_demonstrations import motions_of
-from clutter_env.learning.policies.movers import fit_mover
-from clutter_env.learning.policies.runs import MOVER_LEARNERS
-from clutter_env.learning.training.movers import clean_successes, decider_of, task_of
+from clutter_env.data.dataset import Dataset
+from clutter_env.errors import LearningError
+from clutter_env.evaluation.score import DrawnScene, held_out_seeds, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
+from clutter_env.policies.runs import MOTION_LEARNERS
+from clutter_env.policies.two_level import TwoLevelPolicy
+from clutter_env.policies.weights import WeightsInfo
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.intervals import Interval, success_interval
+from clutter_env.training.motion_demonstrations import motions_of
+from clutter_env.training.motion_fit import fit_motions
+from clutter_env.training.motions import high_level_of
 
 __all__ = ["Curve", "Point", "draw", "markdown", "measure", "points"]
 
@@ -44,7 +47,7 @@ class Curve:
 
     Attributes:
         demonstrations: directories of datasets.
-        algorithms: of `MOVER_LEARNERS`.
+        algorithms: of `MOTION_LEARNERS`.
         counts: numbers of demonstrations; those that a dataset lacks are left out.
         seeds: training seeds of each point.
         steps: gradient steps of each training.
@@ -67,14 +70,14 @@ def points(curve: Curve) -> list[Point]:
         DatasetError: a directory without a complete dataset, or of an expert that is no planner.
     """
     for name in curve.algorithms:
-        if name not in MOVER_LEARNERS:
-            raise LearningError(f"no algorithm {name!r}; those that learn motions: {', '.join(MOVER_LEARNERS)}")
+        if name not in MOTION_LEARNERS:
+            raise LearningError(f"no algorithm {name!r}; those that learn motions: {', '.join(MOTION_LEARNERS)}")
     if min(curve.seeds, curve.steps, curve.scenes, *curve.counts) < 1:
         raise LearningError("counts, seeds, steps and scenes must be at least 1")
     found = []
     for directory in curve.demonstrations:
         dataset = Dataset(directory)
-        decider_of(dataset)
+        high_level_of(dataset)
         for algorithm in curve.algorithms:
             for count in (count for count in curve.counts if count <= len(dataset)):
                 for seed in range(curve.seeds):
@@ -139,10 +142,12 @@ def _train_and_play(point: Point) -> list[bool]:
     """Train, and play all scenes; in a worker."""
     torch.set_num_threads(1)
     dataset = Dataset(Path(point.demonstrations))
-    env: Any = task_of(dataset).make()
-    motions = list(motions_of(islice(dataset, point.count)))
-    fitted = fit_mover(point.algorithm, env.unwrapped.robot, motions, point.steps, point.seed)
-    successes = clean_successes(env, decider_of(dataset), fitted.mover, held_out_seeds(point.scenes))
+    env: Any = dataset.task.make()
+    motions, high_level = list(motions_of(islice(dataset, point.count))), high_level_of(dataset)
+    network = fit_motions(env.unwrapped.robot, motions, point.steps, point.seed)
+    motion = KeyframePolicy(network, WeightsInfo.of_env("motions", env, high_level.grasps))
+    policy = TwoLevelPolicy(high_level, motion)
+    successes = [play_scene(DrawnScene(seed), env, policy).clean for seed in held_out_seeds(point.scenes)]
     env.close()
     return successes
 

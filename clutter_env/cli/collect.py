@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from clutter_env.learning.demonstrations.collect import JobRunner, Outcome
-    from clutter_env.learning.demonstrations.dataset import Dataset, Job
+    from clutter_env.data.collect import JobRunner
+    from clutter_env.data.dataset import Dataset, Job
+    from clutter_env.learning.demonstrations.collect import Outcome
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,12 @@ def run(arguments: Arguments) -> None:
     from collections import Counter
     from functools import partial
 
-    from clutter_env.learning.demonstrations.collect import make_job
-    from clutter_env.learning.demonstrations.dataset import Dataset
-    from clutter_env.learning.exports.minari import export_minari
-    from clutter_env.learning.task import Task
+    from clutter_env.data.collect import make_job
+    from clutter_env.data.dataset import Dataset
+    from clutter_env.data.minari import export_minari
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
+    from clutter_env.task import Task
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
@@ -94,7 +95,7 @@ def run(arguments: Arguments) -> None:
 
 def collect_with_bar(job: Job, dataset: Dataset, run: JobRunner) -> tuple[list[int], int]:
     """Collect with a progress bar: the seeds of the dataset, and how many episodes were collected now."""
-    from clutter_env.learning.demonstrations.collect import collect
+    from clutter_env.data.collect import collect
     from clutter_env.reporting.progress import progress_bar
 
     made = 0

@@ -56,10 +56,11 @@ def run(arguments: Arguments) -> None:
     """Play, summarise, print."""
     from functools import partial
 
-    from clutter_env.learning.comparison.compare import Comparison, evaluate_all, make_jobs, make_rows
-    from clutter_env.learning.comparison.picture import plot
-    from clutter_env.learning.comparison.records import ResultRecords
-    from clutter_env.learning.comparison.tables import markdown, markdown_by_floor
+    from clutter_env.evaluation.compare import Comparison
+    from clutter_env.evaluation.picture import plot
+    from clutter_env.evaluation.records import ResultRecords
+    from clutter_env.evaluation.tables import markdown, markdown_by_floor
+    from clutter_env.learning.comparison.compare import evaluate_all, make_jobs, make_rows
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
@@ -93,8 +94,8 @@ def scene_sets(arguments: Arguments) -> list[SceneSet]:
         LearningError: they name none, or a number of scenes that there is not.
         SuiteError: no such suite.
     """
+    from clutter_env.errors import LearningError
     from clutter_env.learning.comparison.scene_sets import SceneSet
-    from clutter_env.learning.errors import LearningError
 
     if not arguments.suites and not arguments.envs:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes")

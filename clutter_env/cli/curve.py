@@ -39,7 +39,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Measure, print, write."""
-    from clutter_env.learning.training.curve import Curve, draw, markdown, measure, points
+    from clutter_env.cli.checks.motion_benchmark import measure
+    from clutter_env.evaluation.clearance_page import draw
+    from clutter_env.learning.training.curve import Curve, markdown, points
     from clutter_env.reporting.progress import progress_bar
 
     curve = Curve(

@@ -39,9 +39,9 @@ def run(arguments: Arguments) -> None:
     from functools import partial
 
     from clutter_env.learning.demonstrations.decision_collect import DecisionJob, collect_decisions
-    from clutter_env.learning.task import Task
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.progress import progress_bar
+    from clutter_env.task import Task
 
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
     task = Task(f"clutter_env/Retrieve-o{arguments.objects}-v0", keywords)

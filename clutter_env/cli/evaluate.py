@@ -45,7 +45,7 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, print, write."""
-    from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate
+    from clutter_env.evaluation.evaluate import Evaluation, evaluate
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 

@@ -30,11 +30,11 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Export, and say what was written."""
-    from clutter_env.learning.demonstrations.dataset import Dataset
-    from clutter_env.learning.errors import LearningError
-    from clutter_env.learning.exports.hdf5 import export_hdf5
-    from clutter_env.learning.exports.lerobot import export_lerobot
-    from clutter_env.learning.exports.minari import export_minari
+    from clutter_env.data.dataset import Dataset
+    from clutter_env.data.hdf5 import export_hdf5
+    from clutter_env.data.lerobot import export_lerobot
+    from clutter_env.data.minari import export_minari
+    from clutter_env.errors import LearningError
     from clutter_env.learning.exports.robomimic import export_robomimic
     from clutter_env.reporting.files import write_json
 

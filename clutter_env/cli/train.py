@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from clutter_env.learning.training.run import Run
-    from clutter_env.learning.training.training import Trained
+    from clutter_env.training.run import Run
+    from clutter_env.training.train import Trained
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Train and print the histories."""
-    from clutter_env.learning.training.seeds import seeds_of, train_all
+    from clutter_env.learning.training.seeds import seeds_of
     from clutter_env.reporting.files import write_json
+    from clutter_env.training.train import train_all
 
     runs = seeds_of(make_run(arguments), arguments.seeds)
     trained = train_all(runs, arguments.workers, arguments.resume, arguments.ray, report=print_history)
@@ -118,8 +119,8 @@ def print_history(run: Run, trained: Trained) -> None:
 
 def make_run(arguments: Arguments) -> Run:
     """The run that the arguments describe."""
-    from clutter_env.learning.task import Task
-    from clutter_env.learning.training.run import Run
+    from clutter_env.task import Task
+    from clutter_env.training.run import Run
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "reward_mode", "obstructed", "layout")}
     keywords: dict[str, Any] = {name: value for name, value in chosen.items() if value}

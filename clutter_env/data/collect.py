@@ -16,10 +16,10 @@ from clutter_env.data.dataset import Dataset, Job
 from clutter_env.data.episode import record
 from clutter_env.data.episode_file import write_episode
 from clutter_env.data.replay import replay_in_fresh_process, with_images
-from clutter_env.task import HELD_OUT, Task
 from clutter_env.errors import CollectionError, LearningError
 from clutter_env.parallel import Crash, Killed
 from clutter_env.policies.experts import find_expert, make_expert
+from clutter_env.task import HELD_OUT, Task
 
 MAX_DEATHS = 3
 """The collection stops when the worker of one seed has died so many times."""

@@ -22,10 +22,10 @@ from typing import Any
 
 from clutter_env.data.episode import Episode
 from clutter_env.data.episode_file import read_episode
-from clutter_env.task import Task
 from clutter_env.errors import DatasetError
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text, write_atomically, write_json
+from clutter_env.task import Task
 
 _JOB, _INDEX, _EPISODES, _REJECTED = "dataset.json", "index.json", "episodes", "rejected"
 _log = logging.getLogger(__name__)

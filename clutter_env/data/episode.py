@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.data.columns import Columns, episode_columns
-from clutter_env.task import Task
 from clutter_env.policies.experts import Expert
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
+from clutter_env.task import Task
 
 if TYPE_CHECKING:
     from planners import StepLabel

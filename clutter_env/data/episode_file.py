@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from clutter_env.data.columns import Columns
 from clutter_env.data.episode import CONTACT_SKILLS, Episode, StepLabels
-from clutter_env.task import Task
 from clutter_env.errors import DatasetError
+from clutter_env.task import Task
 
 _COMPRESSION: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 _NUMBERS = "fiub"

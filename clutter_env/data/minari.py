@@ -72,7 +72,9 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
                 infos=infos,
             )
             storage.update_episodes([buffer])
-        about = f"{len(seeds)} demonstrations of {task.env_id}; every one replays bit for bit from its seed and actions."
+        about = (
+            f"{len(seeds)} demonstrations of {task.env_id}; every one replays bit for bit from its seed and actions."
+        )
         metadata = {"dataset_id": dataset_id, "algorithm_name": identity["expert"], "description": about}
         storage.update_metadata({**metadata, "provenance": identity.get("provenance"), "columns": columns})
         if final.exists():

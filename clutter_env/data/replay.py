@@ -98,9 +98,7 @@ def with_images(episode: Episode, image_size: int) -> Episode:
         env.close()
     images = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     columns = {f"observations/{name}": Columns(f"image {name}") for name in images}
-    return replace(
-        episode, observations={**episode.observations, **images}, columns={**episode.columns, **columns}
-    )
+    return replace(episode, observations={**episode.observations, **images}, columns={**episode.columns, **columns})
 
 
 def _same(episode: Episode, step: int, observation: Mapping[str, NDArray[Any]]) -> bool:

@@ -226,5 +226,3 @@ def _text(problem: Crash | Killed) -> str:
 
 def _key(job: _Job, made_with: Mapping[str, Any], index: int) -> str:
     return ResultRecords.key(job.scenes, index, job.policy, job.seed, job.feasibility, made_with)
-
-

@@ -11,9 +11,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.task import HELD_OUT
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
+from clutter_env.task import HELD_OUT
 
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""

@@ -11,10 +11,10 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from clutter_env.errors import UnknownExpert
 from clutter_env.policies.scripted import SCRIPTS
-from clutter_env.learning.errors import UnknownExpert
-from clutter_env.learning.task import family
 from clutter_env.reporting.files import json_values
+from clutter_env.task import family
 
 if TYPE_CHECKING:
     from planners import StepLabel

@@ -12,13 +12,13 @@ from typing import Any
 
 import gymnasium as gym
 
-from clutter_env.learning.task import family
 from clutter_env.policies.baselines import DirectApproach, ExpertPolicy, GreedyPolicy, RandomPolicy
 from clutter_env.policies.experts import PLANNERS
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import SCRIPTS
 from clutter_env.suites import GRASPS
+from clutter_env.task import family
 
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
@@ -81,7 +81,9 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     policy: AnyPolicy = make_own()
     for method in ("reset", "act"):
         if not callable(getattr(policy, method, None)):
-            raise PolicyError(f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)")
+            raise PolicyError(
+                f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)"
+            )
     return policy
 
 
@@ -155,15 +157,14 @@ class RunPolicy:
         self._directory = directory
         self._env: gym.Env[Any, Any] | None = None
 
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
         """Start an episode."""
-        from clutter_env.learning.policies.agents import load_agent  # needs torch
+        from clutter_env.policies.trained import load_trained  # needs torch
 
         if self._env is not env:
-            self._env, self._agent = env, load_agent(self._directory, env)
-        if hasattr(self._agent, "reset"):
-            self._agent.reset()
+            self._env, self._policy = env, load_trained(self._directory, env)
+        self._policy.reset(info)
 
     def act(self, observation: Any) -> Any:
         """The next action."""
-        return self._agent(observation)
+        return self._policy.act(observation)

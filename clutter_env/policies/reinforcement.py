@@ -20,7 +20,6 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from clutter_env.errors import LearningError
-from clutter_env.learning.skills.network import SkillNetwork
 from clutter_env.policies.features import (
     COS_YAW,
     NEAR_SCALES,
@@ -30,6 +29,7 @@ from clutter_env.policies.features import (
     TCP_POSITION,
 )
 from clutter_env.policies.runs import GOAL_ALGORITHMS
+from clutter_env.policies.skill_network import SkillNetwork
 from planners import DIRECTIONS
 
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from clutter_env.learning.errors import LearningError
+from clutter_env.errors import LearningError
 
 RUN_FILE = "run.json"
 GOAL_ALGORITHMS = ("sac", "tqc")

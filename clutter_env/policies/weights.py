@@ -20,7 +20,8 @@ from torch import nn
 
 import assets
 from clutter_env.policies.protocol import PolicyError
-from clutter_env.reporting.json_file import json_text, write_atomically
+from clutter_env.provenance import provenance
+from clutter_env.reporting.files import json_text, write_atomically
 
 SHIPPED: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
@@ -47,6 +48,12 @@ class WeightsInfo:
     layout: str
     grasps: str
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of_env(cls, kind: str, env: gym.Env[Any, Any], grasps: str) -> WeightsInfo:
+        """Weights that are trained in an environment."""
+        robot, layout = env.get_wrapper_attr("robot").name, env.get_wrapper_attr("layout").name
+        return cls(kind, robot, layout, grasps, provenance(env))
 
     def check(self, env: gym.Env[Any, Any]) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`)."""

@@ -23,13 +23,13 @@ from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
 from clutter_env.errors import DatasetError, LearningError
 from clutter_env.evaluation.score import held_out_seeds, success_rate
-from clutter_env.learning.demonstrations.experts import Expert, make_expert
-from clutter_env.learning.regression.descent import DescentConfig, Report, descend
 from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy
+from clutter_env.policies.experts import Expert, make_expert
 from clutter_env.policies.features import feature_vector
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
 from clutter_env.reporting.files import write_json
+from clutter_env.training.descent import DescentConfig, Report, descend
 from clutter_env.training.reinforcement import HISTORY_FILE
 from clutter_env.training.run import Run
 from clutter_env.training.settings import BC, DAgger
@@ -132,9 +132,7 @@ def examples_of(episodes: Iterable[Episode]) -> Examples:
     return Examples(np.concatenate(features), np.concatenate(actions))
 
 
-def clone(
-    examples: Examples, config: CloneConfig = CloneConfig(), report: Report = lambda *_: None
-) -> ClonedPolicy:
+def clone(examples: Examples, config: CloneConfig = CloneConfig(), report: Report = lambda *_: None) -> ClonedPolicy:
     """Fit a new policy to examples; the report is called with the step and the loss every 500 steps."""
     torch.manual_seed(config.seed)
     features, actions = torch.from_numpy(examples.features), torch.from_numpy(examples.actions)

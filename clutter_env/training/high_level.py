@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+import math
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -11,16 +12,15 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from clutter_env.evaluation.score import held_out_seeds
-from clutter_env.learning.decisions.contact_rule import ContactRule
-from clutter_env.learning.decisions.dagger import visit
-from clutter_env.learning.decisions.decider import LearnedDecider
-from clutter_env.learning.decisions.evaluation import evaluate_decisions, score, starts
-from clutter_env.learning.decisions.examples import ContactExamples, examples_of_scene
-from clutter_env.learning.decisions.fitting import FitConfig, accuracy, fit
-from clutter_env.learning.decisions.model_file import DecisionModel
-from clutter_env.learning.decisions.network import ContactNetwork
+from clutter_env.policies.high_level.candidates import CandidateRule
+from clutter_env.policies.high_level.network import CandidateNetwork
+from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.runs import DECISIONS_FILE
+from clutter_env.policies.weights import WeightsInfo, save_weights
 from clutter_env.reporting.files import write_json
+from clutter_env.training.high_level_examples import CandidateExamples, examples_of_scene
+from clutter_env.training.high_level_fit import HighLevelFitConfig, accuracy, fit_high_level
+from clutter_env.training.high_level_rollouts import initial_scenes, roll_out, visited_examples
 from clutter_env.training.reinforcement import HISTORY_FILE
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Decisions, DecisionsDAgger
@@ -43,27 +43,31 @@ def train_decisions(run: Run, settings: Decisions) -> list[dict[str, float]]:
     torch.set_num_threads(1)
     env = run.task.make()
     inner: Any = env.unwrapped
-    rule = ContactRule(inner.robot, inner.config.find_layout(), settings.grasps)
+    rule = CandidateRule(inner.robot, inner.config.find_layout(), settings.grasps)
     first = _FIRST_SEED + run.seed % 20 * _SEEDS_OF_A_RUN
     examples = _collected(run, env, rule, range(first, first + settings.scenes))
-    config, history = FitConfig(steps=settings.steps, seed=run.seed), []
+    info = WeightsInfo.of_env("decisions", env, settings.grasps)
+    config, history = HighLevelFitConfig(steps=settings.steps, seed=run.seed), []
     with SummaryWriter(str(run.directory / "tensorboard")) as writer:
 
         def report_loss(step: int, loss: float) -> None:
             writer.add_scalar("train/loss", loss, step)
 
-        def finish_round(number: int, network: ContactNetwork) -> None:
+        def finish_round(number: int, network: CandidateNetwork) -> None:
             """Save and evaluate the policy of a round: on held-out scenes without physics, and on the examples."""
-            DecisionModel(network, rule).save(run.directory / DECISIONS_FILE)
+            policy = LearnedHighLevelPolicy(network, rule, info)
+            save_weights(run.directory / DECISIONS_FILE, network, info)
             seeds = held_out_seeds(settings.evaluation_episodes)
-            found = evaluate_decisions(LearnedDecider(network, rule), env, seeds)
-            rates = {"success": found.taken, "clearances": found.clearances, **asdict(accuracy(network, examples))}
+            outcomes = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
+            cleared = [outcome.clearances for outcome in outcomes if not outcome.failure]
+            rates = {"success": len(cleared) / len(outcomes), "clearances": float(np.mean(cleared or math.nan))}
+            rates |= accuracy(network, examples)
             history.append({"round": number, "examples": len(examples), **rates})
             write_json(run.directory / HISTORY_FILE, history)
             for name, value in history[-1].items():
                 writer.add_scalar(f"held_out/{name}", value, number)
 
-        network = fit(examples, config, report=report_loss)
+        network = fit_high_level(examples, config, report=report_loss)
         finish_round(0, network)
         if isinstance(settings, DecisionsDAgger):
             rate = _ROUND_RATE * config.learning_rate
@@ -72,27 +76,28 @@ def train_decisions(run: Run, settings: Decisions) -> list[dict[str, float]]:
             for number in range(1, settings.rounds + 1):
                 seeds = range(next_seed, next_seed + settings.round_episodes)
                 next_seed += settings.round_episodes
-                policy = LearnedDecider(network, rule)
-                visited = visit(policy, list(starts(env, seeds)), rule, np.random.default_rng(seeds[0]))
-                if visited.examples is not None:
-                    examples = ContactExamples.joined((examples, visited.examples))
-                taken = score(visited.outcomes, [None] * len(visited.outcomes)).taken
+                policy = LearnedHighLevelPolicy(network, rule, info)
+                rollouts = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
+                visited = visited_examples(rollouts, rule, np.random.default_rng(seeds[0]))
+                if visited is not None:
+                    examples = CandidateExamples.joined((examples, visited))
+                taken = sum(not outcome.failure for outcome in rollouts) / len(rollouts)
                 writer.add_scalar("train/taken", taken, number)
-                network = fit(examples, later, network, report_loss)
+                network = fit_high_level(examples, later, network, report_loss)
                 finish_round(number, network)
     env.close()
     return history
 
 
-def _collected(run: Run, env: gym.Env[Any, Any], rule: ContactRule, seeds: range) -> ContactExamples:
+def _collected(run: Run, env: gym.Env[Any, Any], rule: CandidateRule, seeds: range) -> CandidateExamples:
     """The examples of the run; written once they are complete."""
     path = run.directory / EXAMPLES_FILE
     if path.exists():
-        return ContactExamples.load(path)
+        return CandidateExamples.load(path)
     parts = [
         examples_of_scene(scene, rule, np.random.default_rng(seed))
-        for seed, (scene, _) in zip(seeds, starts(env, seeds), strict=True)
+        for seed, (scene, _) in zip(seeds, initial_scenes(env, seeds), strict=True)
     ]
-    examples = ContactExamples.joined(parts)
+    examples = CandidateExamples.joined(parts)
     examples.save(path)
     return examples

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from clutter_env.training.high_level_examples import CandidateExamples
+from clutter_env.errors import LearningError
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
-from clutter_env.learning.errors import LearningError
 from clutter_env.training.descent import DescentConfig, Report, descend
+from clutter_env.training.high_level_examples import CandidateExamples
 
 _REACH_SHARE = 8
 """Candidates in a batch for each one of those that are reached: most of them are not, and cost little."""

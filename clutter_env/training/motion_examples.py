@@ -7,7 +7,7 @@ Such lines are cut at their corners into phases; see `planners.drive_out`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets import RobotSpec
-from clutter_env.learning.errors import DatasetError
+from clutter_env.errors import DatasetError
 from clutter_env.policies.motion.arm import nearest_home
 from clutter_env.policies.motion.network_input import (
     ELSEWHERE,
@@ -76,7 +76,7 @@ class KeyframeExamples:
         return len(self.q)
 
 
-def examples_of(robot: RobotSpec, motions: Iterable[Motion]) -> KeyframeExamples:
+def keyframe_examples(robot: RobotSpec, motions: Iterable[Motion]) -> KeyframeExamples:
     """The examples of all phases that are learned.
 
     Where the base drives in under a shelf to one of the contacts, motions in the open are left out.

@@ -16,7 +16,7 @@ from clutter_env.policies.motion.network import KeyframeNetwork, Prediction
 from clutter_env.policies.motion.network_input import CENTRE, FREE, FREE_JOINTS, FREE_UNITS, POSE, REACH
 from clutter_env.training.descent import DescentConfig, Report, descend
 from clutter_env.training.motion_demonstrations import Motion
-from clutter_env.training.motion_examples import KeyframeExamples, demonstrated_free_joints, examples_of
+from clutter_env.training.motion_examples import KeyframeExamples, demonstrated_free_joints, keyframe_examples
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def fit_motions(
         DatasetError: there are no motions.
     """
     config = KeyframeFitConfig(steps=steps, seed=seed)
-    network = fit_keyframes(robot, examples_of(robot, motions), config, report)
+    network = fit_keyframes(robot, keyframe_examples(robot, motions), config, report)
     if network.is_under_shelf:
         network.set_demonstrated(demonstrated_free_joints(robot, motions))
     drives = [

@@ -141,9 +141,7 @@ def save_model(model: BaseAlgorithm, directory: Path) -> None:
 class Checkpoints(BaseCallback):
     """Evaluates and saves the model at regular intervals; continues the history of an interrupted run."""
 
-    def __init__(
-        self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]
-    ) -> None:
+    def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
         super().__init__()
         self._directory, self._every, self._evaluate = directory, every, evaluate
         self._next = every

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.envs.skill import BODY_FIELDS
-from clutter_env.learning.errors import DatasetError
+from clutter_env.errors import DatasetError
 from clutter_env.policies.skill_network import YAWS, YAWS_OF_DIRECTION
 from planners import DIRECTIONS, Scene, SkillGeometry, generate_grasps, skill_geometry
 

@@ -11,9 +11,9 @@ from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from clutter_env.envs.skill import BODY_FIELDS, SKILL_COST
+from clutter_env.policies.skill_network import GraspScores, SkillNetwork
 from clutter_env.training.descent import Report, descend
 from clutter_env.training.skill_examples import MAX_CLEARANCES, SkillExamples
-from clutter_env.policies.skill_network import GraspScores, SkillNetwork
 from planners import DIRECTIONS
 
 _PRESENT, _IS_TARGET = BODY_FIELDS.index("present"), BODY_FIELDS.index("is_target")

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 
-from clutter_env.learning.skills.examples import examples_of
-from clutter_env.learning.skills.fitting import FitConfig, fit
-from clutter_env.learning.skills.scenes import LabelledScenes, collect_scenes
 from clutter_env.training.run import Run
 from clutter_env.training.settings import PPO
+from clutter_env.training.skill_examples import LabelledScenes, SkillExamples, collect_scenes
+from clutter_env.training.skill_fit import SkillFitConfig, fit_skills
 
 _SCENES_FOLDER = "scenes"
 _SCENES_OF_A_FILE = 100
@@ -33,8 +32,8 @@ def clone_skills(run: Run, settings: PPO, model: Any) -> None:
             collect_scenes(env, seeds, np.random.default_rng(start)).save(path)
         parts.append(LabelledScenes.load(path))
     env.close()
-    config = FitConfig(steps=settings.clone_steps, seed=run.seed)
+    config = SkillFitConfig(steps=settings.clone_steps, seed=run.seed)
     with SummaryWriter(str(run.directory / "tensorboard")) as writer:
-        examples = examples_of(LabelledScenes.joined(parts))
+        examples = SkillExamples.of(LabelledScenes.joined(parts))
         report = lambda step, loss: writer.add_scalar("clone/loss", loss, step)  # noqa: E731
-        fit(model.policy.mlp_extractor, examples, config, model.policy.value_net, report)
+        fit_skills(model.policy.mlp_extractor, examples, config, model.policy.value_net, report)

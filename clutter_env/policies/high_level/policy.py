@@ -183,12 +183,12 @@ class LearnedHighLevelPolicy:
         weighed = self._weigh(scene, candidates, own, candidates.index)
         return self._without_tried(weighed, "pick", [body.name for body in scene.bodies])
 
-    def _weigh(
-        self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]
-    ) -> _Weighed:
+    def _weigh(self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]) -> _Weighed:
         """Candidates with their own objects (m, 5), as these stand there, and the objects' indices in the scene (m,)."""
         rows = object_rows(scene.bodies)
-        alone = _batch(candidates, own, rows[None, :0].repeat(len(candidates), 0), np.ones((len(candidates), 0), np.bool_))
+        alone = _batch(
+            candidates, own, rows[None, :0].repeat(len(candidates), 0), np.ones((len(candidates), 0), np.bool_)
+        )
         with torch.no_grad():
             reach = torch.sigmoid(self._network.reach_logits(alone)).numpy().astype(float)
         likely = np.flatnonzero(reach > _MIN_REACH)

@@ -41,7 +41,9 @@ def error_to(seen: ParsedObservation, goal: Array) -> Array:
     return error
 
 
-def action_towards(robot: RobotSpec, seen: ParsedObservation, goal: Array, finger_position: float, is_loaded: bool) -> Array:
+def action_towards(
+    robot: RobotSpec, seen: ParsedObservation, goal: Array, finger_position: float, is_loaded: bool
+) -> Array:
     """The "joint" action (12,) towards a keyframe, straight in joint space and slow enough to brake in time.
 
     All joints are synchronised to the slowest one.

@@ -80,7 +80,9 @@ class ShelfKeyframePlanner:
             expected = planar_pose(seen.base) @ contact_in_base(expected, contact.base)
         if phase in _TUCKED:
             base_tcp = contact_in_base(contact.tcp, contact.base)[None]
-            q = self._flipped(self._predictor.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, np.zeros(2))[0][0])
+            q = self._flipped(
+                self._predictor.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, np.zeros(2))[0][0]
+            )
         else:
             ahead = here
             if phase == "lift":

@@ -9,25 +9,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clutter_env.cli.checks.motion_benchmark import Result
 from clutter_env.cli.main import main
-from clutter_env.errors import SuiteError
-from clutter_env.learning.comparison.compare import CONTROLS, Comparison, evaluate_all, make_jobs, make_rows
-from clutter_env.learning.comparison.evaluation import Score, held_out_seeds, play, play_scene
-from clutter_env.learning.comparison.jobs import FLOOR, EvaluationJob, Result, WrongScene, run_job
-from clutter_env.learning.comparison.picture import plot
-from clutter_env.learning.comparison.records import ResultRecords
-from clutter_env.learning.comparison.run_names import run_names
-from clutter_env.learning.comparison.scene_sets import SceneSet, SeededScene, find_floor, skill_scene
-from clutter_env.policies.registry import load_policy
-from clutter_env.learning.comparison.tables import markdown, markdown_by_floor, summarise
-from clutter_env.learning.errors import LearningError
+from clutter_env.errors import LearningError, SuiteError
+from clutter_env.evaluation.compare import CONTROLS, Comparison, run_names
+from clutter_env.evaluation.picture import plot
+from clutter_env.evaluation.records import ResultRecords
+from clutter_env.evaluation.scenes import SeededScene, find_floor, skill_scene
+from clutter_env.evaluation.score import Score, held_out_seeds, play_scene
+from clutter_env.evaluation.tables import markdown, markdown_by_floor, summarise
+from clutter_env.experiments.maps.map_renderer import FLOOR
+from clutter_env.learning.comparison.compare import evaluate_all, make_jobs, make_rows
+from clutter_env.learning.comparison.evaluation import play
+from clutter_env.learning.comparison.jobs import EvaluationJob, WrongScene, run_job
+from clutter_env.learning.comparison.scene_sets import SceneSet
 from clutter_env.learning.policies.baselines import Bulldozer
-from clutter_env.learning.task import HELD_OUT, Task
-from clutter_env.learning.training.run import Run
 from clutter_env.parallel import Crash
+from clutter_env.policies.registry import load_policy
 from clutter_env.reporting.files import json_text
 from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor, suite
+from clutter_env.task import HELD_OUT, Task
+from clutter_env.training.run import Run
 
 O15 = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=2)
 REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 torch = pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
-from clutter_env.learning.comparison.evaluation import begin_episode  # noqa: E402
-from clutter_env.learning.demonstrations.episode import record  # noqa: E402
-from clutter_env.policies.experts import make_expert  # noqa: E402
-from clutter_env.learning.errors import LearningError  # noqa: E402
-from clutter_env.learning.policies.agents import POLICY_FILE, load_agent, model_agent  # noqa: E402
+from clutter_env.data.episode import record  # noqa: E402
+from clutter_env.errors import LearningError  # noqa: E402
+from clutter_env.learning.policies.agents import load_agent, model_agent  # noqa: E402
 from clutter_env.learning.policies.chosen import consider, forget_chosen  # noqa: E402
 from clutter_env.learning.policies.corrections import (  # noqa: E402
     HELD_STEPS,
@@ -23,19 +21,20 @@ from clutter_env.learning.policies.corrections import (  # noqa: E402
     CorrectedAgent,
     corrected_observations,
 )
-from clutter_env.learning.policies.features import (  # noqa: E402
-    OBJECT_ROW,
-    OBJECTS_FROM,
-    TCP_POSITION,
-    feature_vector,
-)
-from clutter_env.learning.policies.policy import Policy  # noqa: E402
 from clutter_env.learning.policies.progress import remaining_steps  # noqa: E402
-from clutter_env.learning.policies.rl import make_model, save_model, training_env  # noqa: E402
-from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.averaging import AveragedActor  # noqa: E402
 from clutter_env.learning.training.critics_first import CriticsFirst  # noqa: E402
-from clutter_env.learning.training.run import Run  # noqa: E402
+from clutter_env.policies.cloning import POLICY_FILE  # noqa: E402
+from clutter_env.policies.experts import make_expert  # noqa: E402
+from clutter_env.policies.features import OBJECT_ROW, OBJECTS_FROM, TCP_POSITION, feature_vector
+from clutter_env.policies.protocol import (
+    Policy,
+    begin_episode,
+)
+from clutter_env.policies.reinforcement import training_env  # noqa: E402
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.reinforcement import make_model, save_model  # noqa: E402
+from clutter_env.training.run import Run  # noqa: E402
 
 PICK = Task("clutter_env/Pick-v0")
 

@@ -13,11 +13,11 @@ import pytest
 pytest.importorskip("h5py")
 import h5py
 
-from clutter_env.learning.demonstrations.episode import record
-from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
+from clutter_env.data.episode import record
+from clutter_env.data.episode_file import read_episode, write_episode
+from clutter_env.errors import DatasetError
 from clutter_env.policies.experts import make_expert
-from clutter_env.learning.errors import DatasetError
-from clutter_env.learning.task import Task
+from clutter_env.task import Task
 
 PICK = Task("clutter_env/Pick-v0")
 

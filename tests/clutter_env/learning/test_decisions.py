@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clutter_env.errors import CollectionError, DatasetError, LearningError
 from clutter_env.learning.demonstrations import decision_collect
 from clutter_env.learning.demonstrations.decision_collect import Chunk, DecisionJob, collect_decisions, decide_chunk
 from clutter_env.learning.demonstrations.decision_file import DECISION_COLUMNS, Decisions, read_decisions
-from clutter_env.learning.demonstrations.decision_labels import object_rows
-from clutter_env.learning.errors import CollectionError, DatasetError, LearningError
-from clutter_env.learning.task import Task
 from clutter_env.parallel import Crash
+from clutter_env.policies.high_level.observed_scene import object_rows
+from clutter_env.task import Task
 from planners.scene import Scene
 
 TASK = Task("clutter_env/Retrieve-o10-v0", {"obstructed": True})

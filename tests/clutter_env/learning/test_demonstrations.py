@@ -11,21 +11,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutter_env.learning.comparison.evaluation import play_scene
-from clutter_env.learning.comparison.scene_sets import SeededScene
-from clutter_env.policies.registry import load_policy
-from clutter_env.learning.demonstrations.collect import Outcome, collect
-from clutter_env.learning.demonstrations.dataset import Dataset, Job
-from clutter_env.learning.demonstrations.episode import Episode, record, replay
-from clutter_env.policies.experts import expert_names, make_expert
-from clutter_env.learning.demonstrations.step_labels import StepLabels
-from clutter_env.learning.errors import CollectionError, DatasetError, UnknownExpert
-from clutter_env.learning.task import Task
+from clutter_env.data.collect import collect
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.data.episode import Episode, StepLabels, record
+from clutter_env.data.replay import replay
+from clutter_env.errors import CollectionError, DatasetError, UnknownExpert
+from clutter_env.evaluation.scenes import SeededScene
+from clutter_env.evaluation.score import play_scene
+from clutter_env.learning.demonstrations.collect import Outcome
 from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.policies.experts import expert_names, make_expert
+from clutter_env.policies.registry import load_policy
+from clutter_env.task import Task
 
 pytest.importorskip("h5py")
-from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
-from clutter_env.learning.exports.minari import export_minari
+from clutter_env.data.episode_file import read_episode, write_episode
+from clutter_env.data.minari import export_minari
 
 PICK = Task("clutter_env/Pick-v0")
 

@@ -7,8 +7,8 @@ import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 import clutter_env
+from clutter_env.data.hub import make_env
 from clutter_env.errors import ConfigError
-from clutter_env.learning.exports.hub import make_env
 
 assert clutter_env  # registers the environments
 

@@ -13,25 +13,32 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
+from clutter_env.data.collect import collect  # noqa: E402
+from clutter_env.data.dataset import Dataset, Job  # noqa: E402
 from clutter_env.envs.goal import GOAL_TOLERANCE  # noqa: E402
 from clutter_env.envs.observation import OBJECT_FIELDS  # noqa: E402
 from clutter_env.envs.skill import BODY_FIELDS  # noqa: E402
-from clutter_env.learning.comparison.evaluation import held_out_seeds, play  # noqa: E402
-from clutter_env.learning.demonstrations.collect import collect  # noqa: E402
-from clutter_env.learning.demonstrations.dataset import Dataset, Job  # noqa: E402
-from clutter_env.learning.errors import LearningError, UnknownTask  # noqa: E402
+from clutter_env.errors import LearningError, UnknownTask  # noqa: E402
+from clutter_env.evaluation.score import held_out_seeds  # noqa: E402
+from clutter_env.learning.comparison.evaluation import play  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
-from clutter_env.learning.policies.features import feature_vector  # noqa: E402
-from clutter_env.learning.policies.policy import Policy  # noqa: E402
 from clutter_env.learning.policies.priced import DISTANCE_PRICE, MOTION_PRICE, NEAR_PRICE  # noqa: E402
-from clutter_env.learning.policies.rl import GRIPPER_SCALE, GoalFeatures, ScaledActions, make_model, training_env  # noqa: E402
+from clutter_env.parallel import run_jobs  # noqa: E402
+from clutter_env.policies.features import feature_vector  # noqa: E402
+from clutter_env.policies.protocol import Policy  # noqa: E402
+from clutter_env.policies.reinforcement import GRIPPER_SCALE, GoalFeatures, ScaledActions, training_env  # noqa: E402
 from clutter_env.policies.runs import load_run  # noqa: E402
 from clutter_env.policies.skill_network import SkillNetwork  # noqa: E402
-from clutter_env.learning.task import Task  # noqa: E402
-from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
-from clutter_env.learning.training.run import Run  # noqa: E402
-from clutter_env.learning.training.training import train  # noqa: E402
-from clutter_env.parallel import run_jobs  # noqa: E402
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.cloning import (  # noqa: E402
+    CloneConfig,
+    Examples,
+    clone,
+    examples_of,
+)
+from clutter_env.training.reinforcement import make_model  # noqa: E402
+from clutter_env.training.run import Run  # noqa: E402
+from clutter_env.training.train import train  # noqa: E402
 from planners.skills.geometry import DIRECTIONS  # noqa: E402
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")

@@ -6,10 +6,10 @@ from functools import partial
 
 import pytest
 
-from clutter_env.learning.demonstrations.collect import demonstrate
-from clutter_env.learning.demonstrations.dataset import Job
-from clutter_env.learning.task import Task
+from clutter_env.data.collect import demonstrate
+from clutter_env.data.dataset import Job
 from clutter_env.parallel import run_jobs
+from clutter_env.task import Task
 
 ray = pytest.importorskip("ray")
 pytest.importorskip("h5py")

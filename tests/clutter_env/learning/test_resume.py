@@ -12,12 +12,12 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from clutter_env.cli.main import main
-from clutter_env.learning.errors import LearningError
+from clutter_env.errors import LearningError
+from clutter_env.learning.training.seeds import seeds_of
 from clutter_env.policies.runs import differences, load_run
-from clutter_env.learning.task import Task
-from clutter_env.learning.training.run import Run
-from clutter_env.learning.training.seeds import seeds_of, train_all
-from clutter_env.learning.training.training import train
+from clutter_env.task import Task
+from clutter_env.training.run import Run
+from clutter_env.training.train import train, train_all
 
 REACH = Task("clutter_env/Reach-v0")
 

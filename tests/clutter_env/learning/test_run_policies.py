@@ -11,19 +11,19 @@ import pytest
 pytest.importorskip("torch")
 
 import assets
-from clutter_env.learning.comparison.compare import Comparison, make_jobs, make_rows
-from clutter_env.learning.comparison.evaluation import DrawnScene, Score, play_scene
+from clutter_env.errors import LearningError
+from clutter_env.evaluation.compare import Comparison, run_names
+from clutter_env.evaluation.score import DrawnScene, Score, play_scene
+from clutter_env.learning.comparison.compare import make_jobs, make_rows
 from clutter_env.learning.comparison.jobs import EvaluationJob
 from clutter_env.learning.comparison.played import play_policy, played_task
-from clutter_env.learning.comparison.run_names import run_directories, run_names
 from clutter_env.learning.comparison.scene_sets import SceneSet
-from clutter_env.policies.registry import load_policy, policy_families, policy_grasps
 from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy
-from clutter_env.learning.errors import LearningError
-from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.learning.policies.runs import MOVER_FILE
-from clutter_env.learning.task import Task
-from clutter_env.learning.training.run import Run
+from clutter_env.policies.registry import load_policy, policy_families, policy_grasps
+from clutter_env.policies.runs import DECISIONS_FILE, run_directories
+from clutter_env.task import Task
+from clutter_env.training.run import Run
 
 O15 = Task("clutter_env/Retrieve-o15-v0", {"obstructed": True})
 

@@ -8,18 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutter_env.learning.demonstrations.collect import demonstrate
-from clutter_env.learning.demonstrations.dataset import Dataset, Job
-from clutter_env.learning.demonstrations.episode import Episode, record
+from clutter_env.data.collect import demonstrate
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.data.episode import CONTACT_SKILLS, Episode, record
 from clutter_env.policies.experts import make_expert
-from clutter_env.learning.demonstrations.step_labels import CONTACT_SKILLS
-from clutter_env.learning.task import Task
+from clutter_env.task import Task
 
 pytest.importorskip("h5py")
 import h5py
 
-from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
-from clutter_env.learning.exports.minari import export_minari
+from clutter_env.data.episode_file import read_episode, write_episode
+from clutter_env.data.minari import export_minari
 
 TASK = Task("clutter_env/Retrieve-o1-v0")
 JOB = Job(TASK, "canonical", episodes=1)

@@ -13,22 +13,22 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from assets.robots import FETCH  # noqa: E402  after the check for torch
+from clutter_env.errors import LearningError  # noqa: E402
 from clutter_env.learning.decisions.contact_rule import ContactRule  # noqa: E402
 from clutter_env.learning.decisions.dagger import visit  # noqa: E402
 from clutter_env.learning.decisions.decider import LearnedDecider  # noqa: E402
 from clutter_env.learning.decisions.examples import ContactExamples  # noqa: E402
-from clutter_env.training.high_level_examples import examples_of_scene, scene_of  # noqa: E402
 from clutter_env.learning.decisions.fitting import FitConfig, fit  # noqa: E402
-from clutter_env.training.high_level_fit import accuracy, batch_of  # noqa: E402
 from clutter_env.learning.decisions.kinematic import apply_contact  # noqa: E402
-from clutter_env.training.high_level_rollouts import as_observed  # noqa: E402
 from clutter_env.learning.decisions.model_file import DecisionModel  # noqa: E402
 from clutter_env.learning.decisions.network import ContactNetwork  # noqa: E402
-from clutter_env.learning.errors import LearningError  # noqa: E402
-from clutter_env.learning.task import Task  # noqa: E402
-from clutter_env.learning.training.run import Run  # noqa: E402
-from clutter_env.learning.training.training import train  # noqa: E402
 from clutter_env.scene.layout import find_layout  # noqa: E402
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.high_level_examples import examples_of_scene, scene_of  # noqa: E402
+from clutter_env.training.high_level_fit import accuracy, batch_of  # noqa: E402
+from clutter_env.training.high_level_rollouts import as_observed  # noqa: E402
+from clutter_env.training.run import Run  # noqa: E402
+from clutter_env.training.train import train  # noqa: E402
 
 RULE = ContactRule(FETCH, find_layout("paper"))
 

@@ -10,23 +10,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutter_env.errors import RenderingUnavailable
-from clutter_env.learning.demonstrations.dataset import Dataset, Job
-from clutter_env.learning.demonstrations.episode import Episode, record, replay
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.data.episode import Episode, record
+from clutter_env.data.replay import replay
+from clutter_env.errors import DatasetError, LearningError, RenderingUnavailable
 from clutter_env.policies.experts import make_expert
-from clutter_env.learning.errors import DatasetError, LearningError
-from clutter_env.learning.task import Task
 from clutter_env.rendering.renderer import make_context
+from clutter_env.task import Task
 
 pytest.importorskip("h5py")
 import h5py
 
 from clutter_env.cli.main import main
-from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode
-from clutter_env.learning.demonstrations.images import with_images
-from clutter_env.learning.exports.hdf5 import export_hdf5
-from clutter_env.learning.exports.lerobot import export_lerobot
-from clutter_env.learning.exports.minari import export_minari
+from clutter_env.data.episode_file import read_episode, write_episode
+from clutter_env.data.hdf5 import export_hdf5
+from clutter_env.data.lerobot import export_lerobot
+from clutter_env.data.minari import export_minari
+from clutter_env.data.replay import with_images
 from clutter_env.learning.exports.robomimic import export_robomimic
 
 TASK = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"})

@@ -16,37 +16,42 @@ torch = pytest.importorskip("torch")
 import assets  # noqa: E402
 import clutter_env  # noqa: E402, F401  registers the environments
 from assets.robots import FETCH  # noqa: E402
+from clutter_env.cli.checks.motion_benchmark import measure  # noqa: E402
+from clutter_env.cli.main import read  # noqa: E402
+from clutter_env.data.dataset import Dataset, Job  # noqa: E402
+from clutter_env.data.episode import Episode, record  # noqa: E402
+from clutter_env.data.episode_file import write_episode  # noqa: E402
 from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
-from clutter_env.policies.registry import load_policy  # noqa: E402
+from clutter_env.errors import DatasetError, LearningError  # noqa: E402
+from clutter_env.evaluation.clearance_page import draw  # noqa: E402
 from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy  # noqa: E402
 from clutter_env.learning.contacts.planned_decider import PlannedDecider  # noqa: E402
-from clutter_env.learning.contacts.reading import Reading, read  # noqa: E402
-from clutter_env.policies.parsed_observation import planar_pose  # noqa: E402
-from clutter_env.learning.demonstrations.dataset import Dataset, Job  # noqa: E402
-from clutter_env.learning.demonstrations.episode import Episode, record  # noqa: E402
-from clutter_env.learning.demonstrations.episode_file import write_episode  # noqa: E402
-from clutter_env.policies.experts import make_expert  # noqa: E402
-from clutter_env.learning.errors import DatasetError, LearningError  # noqa: E402
+from clutter_env.learning.contacts.reading import Reading  # noqa: E402
 from clutter_env.learning.keyframes.aim import Aim  # noqa: E402
-from clutter_env.policies.motion.control import GripperError  # noqa: E402
-from clutter_env.training.motion_examples import is_driven  # noqa: E402
-from clutter_env.policies.motion.arm import nearest_home  # noqa: E402
 from clutter_env.learning.keyframes.configurations import shortest_way, with_wrist_turned  # noqa: E402
-from clutter_env.learning.training.bc import examples_of  # noqa: E402
 from clutter_env.learning.keyframes.fit import FitConfig  # noqa: E402
-from clutter_env.training.motion_fit import fit_keyframes  # noqa: E402
-from clutter_env.policies.motion.arm import ArmKinematics  # noqa: E402
-from clutter_env.training.motion_demonstrations import Motion, motions_of  # noqa: E402
 from clutter_env.learning.keyframes.mover import KeyframeMover  # noqa: E402
-from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
-from clutter_env.policies.motion.network_input import PHASES  # noqa: E402
 from clutter_env.learning.keyframes.postures import PostureChoice  # noqa: E402
 from clutter_env.learning.policies.movers import fit_mover, load_mover  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402
-from clutter_env.learning.task import Task  # noqa: E402
-from clutter_env.learning.training.curve import Curve, Point, draw, markdown, measure, points  # noqa: E402
-from clutter_env.learning.training.run import Run  # noqa: E402
-from clutter_env.learning.training.training import train  # noqa: E402
+from clutter_env.learning.training.curve import Curve, Point, markdown, points  # noqa: E402
+from clutter_env.policies.experts import make_expert  # noqa: E402
+from clutter_env.policies.motion.arm import (
+    ArmKinematics,
+    nearest_home,
+)
+from clutter_env.policies.motion.control import GripperError  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.policies.motion.network_input import PHASES  # noqa: E402
+from clutter_env.policies.parsed_observation import planar_pose  # noqa: E402
+from clutter_env.policies.registry import load_policy  # noqa: E402
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.cloning import examples_of  # noqa: E402
+from clutter_env.training.motion_demonstrations import Motion, motions_of  # noqa: E402
+from clutter_env.training.motion_examples import is_driven  # noqa: E402
+from clutter_env.training.motion_fit import fit_keyframes  # noqa: E402
+from clutter_env.training.run import Run  # noqa: E402
+from clutter_env.training.train import train  # noqa: E402
 from planners.motion.arm import tcp_pose  # noqa: E402
 from planners.scene import RobotState  # noqa: E402
 

@@ -11,21 +11,29 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
-from clutter_env.learning.comparison.evaluation import held_out_seeds, play  # noqa: E402
+from clutter_env.evaluation.score import held_out_seeds  # noqa: E402
+from clutter_env.learning.comparison.evaluation import play  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
-from clutter_env.policies.skill_network import ROUNDS, clearances_without  # noqa: E402
-from clutter_env.training.skill_examples import SkillExamples  # noqa: E402
-from clutter_env.learning.training.bc import examples_of  # noqa: E402
 from clutter_env.learning.skills.fitting import FitConfig, fit  # noqa: E402
-from clutter_env.training.skill_fit import choices_are_good  # noqa: E402
-from clutter_env.training.skill_examples import clearances_left, skill_labels  # noqa: E402
-from clutter_env.policies.skill_network import SkillNetwork  # noqa: E402
 from clutter_env.learning.skills.obstacles import YAWS  # noqa: E402
-from clutter_env.training.skill_examples import grasp_obstacles  # noqa: E402
-from clutter_env.training.skill_examples import LabelledScenes, collect_scenes  # noqa: E402
-from clutter_env.learning.task import Task  # noqa: E402
-from clutter_env.learning.training.run import Run  # noqa: E402
-from clutter_env.learning.training.training import train  # noqa: E402
+from clutter_env.policies.skill_network import (  # noqa: E402
+    ROUNDS,
+    SkillNetwork,
+    clearances_without,
+)
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.cloning import examples_of  # noqa: E402
+from clutter_env.training.run import Run  # noqa: E402
+from clutter_env.training.skill_examples import (  # noqa: E402  # noqa: E402
+    LabelledScenes,
+    SkillExamples,
+    clearances_left,
+    collect_scenes,
+    grasp_obstacles,
+    skill_labels,
+)
+from clutter_env.training.skill_fit import choices_are_good  # noqa: E402
+from clutter_env.training.train import train  # noqa: E402
 from planners.skills.geometry import DIRECTIONS, skill_geometry  # noqa: E402
 
 OBSTRUCTED = Task("clutter_env/Skill-o10-v0", {"simulation": "kinematic", "obstructed": True})
