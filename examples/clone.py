@@ -4,7 +4,7 @@ import torch
 
 from clutter_env.learning.comparison.evaluation import held_out_seeds, success_rate
 from clutter_env.learning.demonstrations.episode import record
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.policies.experts import make_expert
 from clutter_env.learning.task import Task
 from clutter_env.learning.training.bc import CloneConfig, clone, examples_of
 

@@ -15,7 +15,7 @@ import torch
 from clutter_env.learning.comparison.evaluation import held_out_seeds
 from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.errors import LearningError
-from clutter_env.learning.keyframes.motions import motions_of
+from clutter_env.training.motion_demonstrations import motions_of
 from clutter_env.learning.policies.movers import fit_mover
 from clutter_env.learning.policies.runs import MOVER_LEARNERS
 from clutter_env.learning.training.movers import clean_successes, decider_of, task_of

@@ -1,4 +1,4 @@
-"""What a training run records about itself, and the names of the algorithms; read without torch."""
+"""The record of a training run, and the names of the algorithms; read without torch."""
 
 from __future__ import annotations
 
@@ -9,20 +9,6 @@ from typing import Any
 
 from clutter_env.learning.errors import LearningError
 
-__all__ = [
-    "CLONERS",
-    "DECISIONS_FILE",
-    "DECISION_LEARNERS",
-    "GOAL_ALGORITHMS",
-    "MOVER_FILE",
-    "MOVER_LEARNERS",
-    "PLAN_LEARNERS",
-    "RUN_FILE",
-    "SKILL_ALGORITHMS",
-    "differences",
-    "load_run",
-]
-
 RUN_FILE = "run.json"
 GOAL_ALGORITHMS = ("sac", "tqc")
 """Learn the goal environments from rewards, with hindsight."""
@@ -30,16 +16,21 @@ SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
 """Learn the Skill environments from rewards."""
 CLONERS = ("bc", "dagger")
 """Learn from an expert."""
-MOVER_LEARNERS = ("keyframes", "chunks", "flow")
-"""Learn from demonstrations how contacts are brought about."""
-PLAN_LEARNERS = ("keyframes",)
-"""Those that can do with canonical plans of which nothing is simulated."""
-MOVER_FILE = "mover.npz"
+MOTION_LEARNERS = ("keyframes",)
+"""Learn from demonstrations, or from canonical plans of which nothing is simulated, how picks and places are executed."""
+MOTIONS_FILE = "motions.npz"
 """Their weights, in the directory of a run."""
 DECISION_LEARNERS = ("decisions", "decisions_dagger")
 """Learn from the planner's geometry what to take next and from where, and where to put it."""
 DECISIONS_FILE = "decisions.npz"
 """Their weights, in the directory of a run."""
+TWO_LEVEL_LEARNERS = (*MOTION_LEARNERS, *DECISION_LEARNERS)
+
+
+def run_directories(name: str) -> tuple[Path, ...]:
+    """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
+    found = [Path(part) for part in name.split("+")]
+    return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
 
 
 def load_run(directory: Path) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def run(arguments: Arguments) -> None:
     """Play and print."""
     from clutter_env.learning.decisions.decider import LearnedDecider
     from clutter_env.learning.decisions.evaluation import score
-    from clutter_env.learning.decisions.examples import scene_of
+    from clutter_env.training.high_level_examples import scene_of
     from clutter_env.learning.decisions.kinematic import simulate_decisions
     from clutter_env.reporting.files import write_json
     from clutter_env.suites import suite

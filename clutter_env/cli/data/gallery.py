@@ -96,7 +96,7 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
         env = gym.make(entry.env_id, max_episode_steps=100, **keywords)
         yield from _skill_frames(env, entry)
     else:
-        from clutter_env.learning.demonstrations.experts import expert_keywords
+        from clutter_env.policies.experts import expert_keywords
 
         env = gym.make(entry.env_id, **expert_keywords(entry.expert), **keywords)
         yield from _expert_frames(env, entry)
@@ -104,7 +104,7 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
 
 
 def _expert_frames(env: gym.Env, entry: Entry) -> Iterator[Frame]:
-    from clutter_env.learning.demonstrations.experts import make_expert
+    from clutter_env.policies.experts import make_expert
 
     observation, _ = env.reset(seed=entry.seed)
     expert = make_expert(env, entry.expert)

@@ -13,7 +13,7 @@ import pytest
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.demonstrations.episode import Episode, record, replay
-from clutter_env.learning.demonstrations.experts import make_expert
+from clutter_env.policies.experts import make_expert
 from clutter_env.learning.errors import DatasetError, LearningError
 from clutter_env.learning.task import Task
 from clutter_env.rendering.renderer import make_context

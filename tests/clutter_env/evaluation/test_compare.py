@@ -18,7 +18,7 @@ from clutter_env.learning.comparison.picture import plot
 from clutter_env.learning.comparison.records import ResultRecords
 from clutter_env.learning.comparison.run_names import run_names
 from clutter_env.learning.comparison.scene_sets import SceneSet, SeededScene, find_floor, skill_scene
-from clutter_env.learning.comparison.suite_policies import load_policy
+from clutter_env.policies.registry import load_policy
 from clutter_env.learning.comparison.tables import markdown, markdown_by_floor, summarise
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer

@@ -14,7 +14,7 @@ from clutter_env.cli.main import main
 from clutter_env.errors import SuiteError
 from clutter_env.learning.comparison.evaluation import Score, play_scene
 from clutter_env.learning.comparison.strata import by_stratum
-from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy, policy_grasps
+from clutter_env.policies.registry import env_keywords, load_policy, policy_grasps
 from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate, results
 from clutter_env.learning.errors import LearningError
 from clutter_env.suites import Floor, suite

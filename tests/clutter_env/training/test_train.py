@@ -25,8 +25,8 @@ from clutter_env.learning.policies.features import feature_vector  # noqa: E402
 from clutter_env.learning.policies.policy import Policy  # noqa: E402
 from clutter_env.learning.policies.priced import DISTANCE_PRICE, MOTION_PRICE, NEAR_PRICE  # noqa: E402
 from clutter_env.learning.policies.rl import GRIPPER_SCALE, GoalFeatures, ScaledActions, make_model, training_env  # noqa: E402
-from clutter_env.learning.policies.runs import load_run  # noqa: E402
-from clutter_env.learning.skills.network import SkillNetwork  # noqa: E402
+from clutter_env.policies.runs import load_run  # noqa: E402
+from clutter_env.policies.skill_network import SkillNetwork  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402

@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from clutter_env.learning.decisions.clearing import MOST, RISK, clearing_costs
+from clutter_env.learning.decisions.clearing import MOST
+from clutter_env.policies.high_level.clearing_costs import RISK, clearing_costs
 from clutter_env.learning.decisions.contact_rule import LEAST_STANDOFF, ContactRule
-from clutter_env.learning.decisions.examples import object_rows, scene_of
+from clutter_env.learning.demonstrations.decision_labels import object_rows
+from clutter_env.training.high_level_examples import scene_of
 from clutter_env.learning.decisions.greedy import GreedyDecider
-from clutter_env.learning.decisions.kinematic import apply_contact, as_observed, is_contact_free, simulate_decisions
-from clutter_env.learning.decisions.labels import label_picks
-from clutter_env.learning.decisions.observed import observed_scene
+from clutter_env.learning.decisions.kinematic import apply_contact, is_contact_free, simulate_decisions
+from clutter_env.training.high_level_rollouts import as_observed
+from clutter_env.training.high_level_examples import label_picks
+from clutter_env.policies.high_level.observed_scene import observed_scene
 from clutter_env.scene.layout import find_layout
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import CollisionWorld

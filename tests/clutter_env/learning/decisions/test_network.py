@@ -16,9 +16,12 @@ from assets.robots import FETCH  # noqa: E402  after the check for torch
 from clutter_env.learning.decisions.contact_rule import ContactRule  # noqa: E402
 from clutter_env.learning.decisions.dagger import visit  # noqa: E402
 from clutter_env.learning.decisions.decider import LearnedDecider  # noqa: E402
-from clutter_env.learning.decisions.examples import ContactExamples, examples_of_scene, scene_of  # noqa: E402
-from clutter_env.learning.decisions.fitting import FitConfig, accuracy, batch_of, fit  # noqa: E402
-from clutter_env.learning.decisions.kinematic import apply_contact, as_observed  # noqa: E402
+from clutter_env.learning.decisions.examples import ContactExamples  # noqa: E402
+from clutter_env.training.high_level_examples import examples_of_scene, scene_of  # noqa: E402
+from clutter_env.learning.decisions.fitting import FitConfig, fit  # noqa: E402
+from clutter_env.training.high_level_fit import accuracy, batch_of  # noqa: E402
+from clutter_env.learning.decisions.kinematic import apply_contact  # noqa: E402
+from clutter_env.training.high_level_rollouts import as_observed  # noqa: E402
 from clutter_env.learning.decisions.model_file import DecisionModel  # noqa: E402
 from clutter_env.learning.decisions.network import ContactNetwork  # noqa: E402
 from clutter_env.learning.errors import LearningError  # noqa: E402

@@ -13,23 +13,26 @@ import assets  # noqa: E402
 import clutter_env  # noqa: E402, F401  registers the environments
 from assets.robots import FETCH  # noqa: E402
 from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
-from clutter_env.learning.contacts.cylinders import Cylinders  # noqa: E402
-from clutter_env.learning.contacts.reading import Reading, planar_pose, read  # noqa: E402
-from clutter_env.learning.keyframes.boards.arm_balls import ArmBalls  # noqa: E402
+from clutter_env.policies.parsed_observation import Cylinders  # noqa: E402
+from clutter_env.learning.contacts.reading import Reading, read  # noqa: E402
+from clutter_env.policies.parsed_observation import planar_pose  # noqa: E402
+from clutter_env.policies.motion.shelf_arm import ArmBalls  # noqa: E402
 from clutter_env.learning.keyframes.boards.arm_line import ArmLine  # noqa: E402
-from clutter_env.learning.keyframes.boards.cutting import cut_at_corners  # noqa: E402
-from clutter_env.learning.keyframes.boards.gripper_points import GripperPoints  # noqa: E402
+from clutter_env.training.motion_examples import cut_at_corners  # noqa: E402
+from clutter_env.policies.motion.shelf_arm import GripperPoints  # noqa: E402
 from clutter_env.learning.keyframes.boards.guide import BoardGuide  # noqa: E402
 from clutter_env.learning.keyframes.boards.postures import BoardPostures  # noqa: E402
-from clutter_env.learning.keyframes.boards.stations import Stations, table_of, way_points  # noqa: E402
-from clutter_env.learning.keyframes.boards.surroundings import Surroundings  # noqa: E402
+from clutter_env.learning.keyframes.boards.stations import Stations, way_points  # noqa: E402
+from clutter_env.policies.motion.shelf import table_of  # noqa: E402
+from clutter_env.policies.motion.shelf_arm import Surroundings  # noqa: E402
 from clutter_env.learning.keyframes.configurations import is_wrist_turned, with_wrist_turned  # noqa: E402
 from clutter_env.learning.keyframes.examples import posture_of  # noqa: E402
-from clutter_env.learning.keyframes.features import contact_in_base  # noqa: E402
-from clutter_env.learning.keyframes.motions import Motion  # noqa: E402
-from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
-from clutter_env.learning.keyframes.phases import BOARD_PHASES, ELSEWHERE  # noqa: E402
-from clutter_env.learning.keyframes.planned import planned_motions  # noqa: E402
+from clutter_env.policies.motion.network_input import contact_in_base  # noqa: E402
+from clutter_env.training.motion_demonstrations import Motion  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.learning.keyframes.phases import BOARD_PHASES  # noqa: E402
+from clutter_env.policies.motion.network_input import ELSEWHERE  # noqa: E402
+from clutter_env.training.motion_demonstrations import planned_motions  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.scene.layout import LAYOUTS  # noqa: E402
 from planners.collision.robot_pose_kernel import make_scratch, place_robot  # noqa: E402

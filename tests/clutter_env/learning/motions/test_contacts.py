@@ -15,8 +15,9 @@ from assets.robots import FETCH
 from clutter_env.learning.contacts.hierarchical import MOST_CONTACTS, HierarchicalPolicy
 from clutter_env.learning.contacts.planned_decider import PlannedDecider
 from clutter_env.learning.contacts.planned_mover import PlannedMover
-from clutter_env.learning.contacts.reading import planar_pose, read
-from clutter_env.learning.contacts.tracking import action_towards, error_to
+from clutter_env.policies.parsed_observation import planar_pose
+from clutter_env.learning.contacts.reading import read
+from clutter_env.policies.motion.control import action_towards, error_to
 from planners.contact import Contact
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState

@@ -14,9 +14,10 @@ pytest.importorskip("torch")
 
 import assets
 import clutter_env  # noqa: F401  registers the environments
-from clutter_env.learning.contacts.reading import Reading, planar_pose, read
+from clutter_env.learning.contacts.reading import Reading, read
+from clutter_env.policies.parsed_observation import planar_pose
 from clutter_env.learning.keyframes.ground import Ground, closed_ground
-from clutter_env.learning.keyframes.motions import Motion
+from clutter_env.training.motion_demonstrations import Motion
 from clutter_env.learning.keyframes.mover import KeyframeMover
 from planners.contact import Contact
 

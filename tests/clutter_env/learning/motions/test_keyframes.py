@@ -17,25 +17,29 @@ import assets  # noqa: E402
 import clutter_env  # noqa: E402, F401  registers the environments
 from assets.robots import FETCH  # noqa: E402
 from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
-from clutter_env.learning.comparison.suite_policies import load_policy  # noqa: E402
+from clutter_env.policies.registry import load_policy  # noqa: E402
 from clutter_env.learning.contacts.hierarchical import HierarchicalPolicy  # noqa: E402
 from clutter_env.learning.contacts.planned_decider import PlannedDecider  # noqa: E402
-from clutter_env.learning.contacts.reading import Reading, planar_pose, read  # noqa: E402
+from clutter_env.learning.contacts.reading import Reading, read  # noqa: E402
+from clutter_env.policies.parsed_observation import planar_pose  # noqa: E402
 from clutter_env.learning.demonstrations.dataset import Dataset, Job  # noqa: E402
 from clutter_env.learning.demonstrations.episode import Episode, record  # noqa: E402
 from clutter_env.learning.demonstrations.episode_file import write_episode  # noqa: E402
-from clutter_env.learning.demonstrations.experts import make_expert  # noqa: E402
+from clutter_env.policies.experts import make_expert  # noqa: E402
 from clutter_env.learning.errors import DatasetError, LearningError  # noqa: E402
-from clutter_env.learning.keyframes.aim import Aim, GripperError  # noqa: E402
-from clutter_env.learning.keyframes.boards.cutting import is_driven  # noqa: E402
-from clutter_env.learning.keyframes.configurations import nearest_home, shortest_way, with_wrist_turned  # noqa: E402
-from clutter_env.learning.keyframes.examples import examples_of  # noqa: E402
-from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes  # noqa: E402
-from clutter_env.learning.keyframes.kinematics import ArmKinematics  # noqa: E402
-from clutter_env.learning.keyframes.motions import Motion, motions_of  # noqa: E402
+from clutter_env.learning.keyframes.aim import Aim  # noqa: E402
+from clutter_env.policies.motion.control import GripperError  # noqa: E402
+from clutter_env.training.motion_examples import is_driven  # noqa: E402
+from clutter_env.policies.motion.arm import nearest_home  # noqa: E402
+from clutter_env.learning.keyframes.configurations import shortest_way, with_wrist_turned  # noqa: E402
+from clutter_env.learning.training.bc import examples_of  # noqa: E402
+from clutter_env.learning.keyframes.fit import FitConfig  # noqa: E402
+from clutter_env.training.motion_fit import fit_keyframes  # noqa: E402
+from clutter_env.policies.motion.arm import ArmKinematics  # noqa: E402
+from clutter_env.training.motion_demonstrations import Motion, motions_of  # noqa: E402
 from clutter_env.learning.keyframes.mover import KeyframeMover  # noqa: E402
-from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
-from clutter_env.learning.keyframes.phases import PHASES  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.policies.motion.network_input import PHASES  # noqa: E402
 from clutter_env.learning.keyframes.postures import PostureChoice  # noqa: E402
 from clutter_env.learning.policies.movers import fit_mover, load_mover  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402

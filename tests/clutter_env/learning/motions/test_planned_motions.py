@@ -12,14 +12,16 @@ torch = pytest.importorskip("torch")
 import assets  # noqa: E402
 import clutter_env  # noqa: E402, F401  registers the environments
 from assets.robots import FETCH  # noqa: E402
-from clutter_env.learning.comparison.suite_policies import load_policy, policy_grasps  # noqa: E402
-from clutter_env.learning.keyframes.boards.cutting import cut_at_corners, is_driven  # noqa: E402
-from clutter_env.learning.keyframes.examples import examples_of  # noqa: E402
-from clutter_env.learning.keyframes.fit import FitConfig, fit_keyframes  # noqa: E402
-from clutter_env.learning.keyframes.motions import Motion  # noqa: E402
-from clutter_env.learning.keyframes.network import KeyframeNetwork  # noqa: E402
-from clutter_env.learning.keyframes.phases import BOARD_PHASES, DRIVEN, PHASES  # noqa: E402
-from clutter_env.learning.keyframes.planned import planned_motions  # noqa: E402
+from clutter_env.policies.registry import load_policy, policy_grasps  # noqa: E402
+from clutter_env.training.motion_examples import cut_at_corners, is_driven  # noqa: E402
+from clutter_env.learning.training.bc import examples_of  # noqa: E402
+from clutter_env.learning.keyframes.fit import FitConfig  # noqa: E402
+from clutter_env.training.motion_fit import fit_keyframes  # noqa: E402
+from clutter_env.training.motion_demonstrations import Motion  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.learning.keyframes.phases import BOARD_PHASES  # noqa: E402
+from clutter_env.policies.motion.network_input import DRIVEN, PHASES  # noqa: E402
+from clutter_env.training.motion_demonstrations import planned_motions  # noqa: E402
 from clutter_env.learning.policies.runs import MOVER_FILE  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402

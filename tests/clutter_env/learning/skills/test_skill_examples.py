@@ -13,13 +13,16 @@ pytest.importorskip("sb3_contrib")
 
 from clutter_env.learning.comparison.evaluation import held_out_seeds, play  # noqa: E402
 from clutter_env.learning.policies.agents import load_agent  # noqa: E402
-from clutter_env.learning.skills.clearances import ROUNDS, clearances_without  # noqa: E402
-from clutter_env.learning.skills.examples import SkillExamples, examples_of  # noqa: E402
-from clutter_env.learning.skills.fitting import FitConfig, choices_are_good, fit  # noqa: E402
-from clutter_env.learning.skills.labels import clearances_left, skill_labels  # noqa: E402
-from clutter_env.learning.skills.network import SkillNetwork  # noqa: E402
-from clutter_env.learning.skills.obstacles import YAWS, grasp_obstacles  # noqa: E402
-from clutter_env.learning.skills.scenes import LabelledScenes, collect_scenes  # noqa: E402
+from clutter_env.policies.skill_network import ROUNDS, clearances_without  # noqa: E402
+from clutter_env.training.skill_examples import SkillExamples  # noqa: E402
+from clutter_env.learning.training.bc import examples_of  # noqa: E402
+from clutter_env.learning.skills.fitting import FitConfig, fit  # noqa: E402
+from clutter_env.training.skill_fit import choices_are_good  # noqa: E402
+from clutter_env.training.skill_examples import clearances_left, skill_labels  # noqa: E402
+from clutter_env.policies.skill_network import SkillNetwork  # noqa: E402
+from clutter_env.learning.skills.obstacles import YAWS  # noqa: E402
+from clutter_env.training.skill_examples import grasp_obstacles  # noqa: E402
+from clutter_env.training.skill_examples import LabelledScenes, collect_scenes  # noqa: E402
 from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402
 from clutter_env.learning.training.training import train  # noqa: E402
