@@ -89,7 +89,7 @@ def evaluate(
         records: file to which every score is written at once; those that are in it are not made again.
         tick: called after every episode.
         watch: called during the episodes, which are then played in this process.
-        render_mode: of the environment, for `watch`.
+        render_mode: of the environment, for `watch`; a window stays until its user closes it.
 
     Raises:
         SuiteError: no such suite or split, or a scene is not the one that the suite was made with.
@@ -126,6 +126,8 @@ def evaluate(
                 records.add(key(index), result)
             found[index] = result
             tick()
+        if render_mode == "human":
+            env.get_wrapper_attr("wait_for_window")()
     finally:
         env.close()
     scores = tuple(score for _, score in sorted(found.items()))
