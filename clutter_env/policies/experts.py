@@ -1,4 +1,4 @@
-"""Experts with one interface: the task and motion planner, and the scripts."""
+"""Experts: privileged policies that solve their environment, the task and motion planner and the scripts."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import UnknownExpert
+from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.scripted import SCRIPTS
 from clutter_env.reporting.files import json_values
 from clutter_env.task import family
 
 if TYPE_CHECKING:
     from planners import StepLabel
-
-__all__ = ["MAX_SCRIPT_STEPS", "PLANNERS", "Expert", "expert_keywords", "expert_names", "make_expert"]
 
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
@@ -47,7 +46,9 @@ MAX_SCRIPT_STEPS = 400
 
 
 class Expert(Protocol):
-    """Acts in one environment; it may read the state of the simulation."""
+    """A privileged policy that also says, for recording, what its actions are part of."""
+
+    is_privileged: bool
 
     @property
     def done(self) -> bool:
@@ -61,7 +62,7 @@ class Expert(Protocol):
 
     @property
     def step_label(self) -> StepLabel | None:
-        """Phase, contact and keyframe that the last action belongs to; None if it has no plan."""
+        """Phase, pick-place action and keyframe that the last action belongs to; None if it has no plan."""
         ...
 
     @property
@@ -74,11 +75,11 @@ class Expert(Protocol):
         """The report as JSON values."""
         ...
 
-    def reset(self) -> None:
-        """Start with the episode for which the environment has just been reset."""
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
+        """Start an episode; `env` has been reset and returned `info`."""
         ...
 
-    def act(self) -> NDArray[Any]:
+    def act(self, observation: Any) -> NDArray[Any]:
         """The next action."""
         ...
 
@@ -91,79 +92,88 @@ def expert_names(env_id: str) -> tuple[str, ...]:
     return (kind,) if kind in SCRIPTS else (*PLANNERS, "scripted")
 
 
-def expert_keywords(name: str) -> dict[str, Any]:
-    """Keyword arguments with which an environment must be made for an expert."""
-    return {"control_mode": "ee"} if name in SCRIPTS else {}
-
-
-def make_expert(env: gym.Env, name: str = "") -> Expert:
-    """An expert for an environment.
-
-    Args:
-        env: made with `gym.make`.
-        name: one of `expert_names`; "" for the first.
+def find_expert(env_id: str, name: str = "") -> str:
+    """The name of an expert for an environment; "" for its default one.
 
     Raises:
         UnknownExpert: no such expert for this environment; the message lists the known ones.
     """
-    assert env.spec is not None
-    known = expert_names(env.spec.id)
+    known = expert_names(env_id)
     if not known:
-        raise UnknownExpert(
-            f"no expert acts in {env.spec.id}; those of the Retrieve environments act in the same scenes"
-        )
+        raise UnknownExpert(f"no expert acts in {env_id}; those of the Retrieve environments act in the same scenes")
     if name and name not in known:
-        raise UnknownExpert(f"no expert {name!r} for {env.spec.id}; known ones: {', '.join(known)}")
-    chosen = name or known[0]
-    if chosen in SCRIPTS:
-        return ScriptedExpert(env, chosen)
-    return PlannerExpert(env, PLANNERS[chosen])
+        raise UnknownExpert(f"no expert {name!r} for {env_id}; known ones: {', '.join(known)}")
+    return name or known[0]
+
+
+def make_expert(name: str) -> Expert:
+    """The expert of that name: one of `PLANNERS` or `SCRIPTS`; see `find_expert`."""
+    return ScriptedExpert(name) if name in SCRIPTS else PlannerExpert(PLANNERS[name])
 
 
 class ScriptedExpert:
-    """An expert that follows one of `SCRIPTS`.
+    """Follows one of `SCRIPTS`.
 
-    Raises:
-        UnknownExpert: the environment is not controlled by the velocity of the gripper.
+    Attributes:
+        env_keywords: keyword arguments with which an environment must be made for it.
     """
 
-    def __init__(self, env: gym.Env, name: str) -> None:
-        base_env: Any = env.unwrapped
-        if base_env.config.control_mode != "ee":
-            raise UnknownExpert(f"the script {name!r} needs control_mode='ee'")
-        self._env, self._name = base_env, name
-        self._steps = 0
-        self.skill = ""
+    is_privileged, grasps = True, "all"
+    env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
+
+    def __init__(self, name: str) -> None:
+        self._name, self._steps = name, 0
+        self.skill = self.failure = ""
         self.step_label: StepLabel | None = None
-        self.done = False
         self.plan_text = name
         self.report_values: Mapping[str, Any] = {}
 
-    def reset(self) -> None:
-        """Start with the episode for which the environment has just been reset."""
-        self._steps = 0
-        self.done = False
+    def check(self, env: gym.Env[Any, Any]) -> None:
+        """Refuse an environment that is not controlled by the velocity of the gripper (`PolicyError`)."""
+        if env.get_wrapper_attr("control_mode") != "ee":
+            raise PolicyError(f"the script {self._name!r} needs control_mode='ee'")
 
-    def act(self) -> NDArray[Any]:
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode."""
+        self._env: Any = env.unwrapped
+        self._steps = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether it has given up."""
+        return self._steps >= MAX_SCRIPT_STEPS
+
+    def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         self._steps += 1
-        self.done = self._steps >= MAX_SCRIPT_STEPS
         self.skill, action = SCRIPTS[self._name](self._env)
         return action
 
 
 class PlannerExpert:
-    """`planners.TampExpert` without a time limit.
+    """Follows the plans of `planners.TampExpert`, without a time limit.
 
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
+
+    Attributes:
+        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
+            support.
     """
 
-    def __init__(self, env: gym.Env, choice: PlannerChoice) -> None:
+    is_privileged = True
+
+    def __init__(self, choice: PlannerChoice) -> None:
+        self.grasps, self._choice = choice.grasps, choice
+
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Plan for the episode for which the environment has just been reset."""
         # The scripts do without the planner and its compiled kernels.
         from planners import ExpertConfig, TampExpert
 
+        strategy, grasps, canonical = self._choice
         config = ExpertConfig(planning_s=math.inf)
-        self._expert = TampExpert(env, choice.strategy, grasps=choice.grasps, canonical=choice.canonical, config=config)
+        self._expert = TampExpert(env, strategy, grasps=grasps, canonical=canonical, config=config)
+        self._expert.reset()
 
     @property
     def done(self) -> bool:
@@ -171,13 +181,20 @@ class PlannerExpert:
         return bool(self._expert.done)
 
     @property
-    def skill(self) -> str:
+    def failure(self) -> str:
+        """Why it gave up, "" if it did not say."""
+        return str(self.report_values.get("failure") or "")
+
+    @property
+    def phase(self) -> str:
         """The symbolic action and the phase of its motion, such as "PickUp object_03: lift"."""
         return str(self._expert.phase)
 
+    skill = phase
+
     @property
     def step_label(self) -> StepLabel:
-        """Phase, contact and keyframe that the last action belongs to."""
+        """Phase, pick-place action and keyframe that the last action belongs to."""
         return self._expert.step_label
 
     @property
@@ -190,10 +207,6 @@ class PlannerExpert:
         """`EpisodeReport` as JSON values."""
         return dict(json_values(self._expert.report))
 
-    def reset(self) -> None:
-        """Plan for the episode for which the environment has just been reset."""
-        self._expert.reset()
-
-    def act(self) -> NDArray[Any]:
+    def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         return np.asarray(self._expert.act())

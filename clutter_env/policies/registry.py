@@ -12,8 +12,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from clutter_env.policies.baselines import DirectApproach, ExpertPolicy, GreedyPolicy, RandomPolicy
-from clutter_env.policies.experts import PLANNERS
+from clutter_env.policies.baselines import DirectApproach, GreedyPolicy, RandomPolicy
+from clutter_env.policies.experts import PLANNERS, make_expert
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import SCRIPTS
@@ -24,7 +24,7 @@ _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
 _GOAL_FAMILIES = ("reach", "pick")
 _EXPERTS: Mapping[str, Callable[[int], AnyPolicy]] = {
-    name: lambda _, name=name: ExpertPolicy(name) for name in (*PLANNERS, *SCRIPTS)
+    name: lambda _, name=name: make_expert(name) for name in (*PLANNERS, *SCRIPTS)
 }
 _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
     "greedy": lambda _: GreedyPolicy(),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clutter_env.errors import LearningError
+from clutter_env.task import Task
 
 RUN_FILE = "run.json"
 GOAL_ALGORITHMS = ("sac", "tqc")
@@ -37,12 +38,28 @@ def load_run(directory: Path) -> dict[str, Any]:
     """The record of a training run: algorithm, task, seed, steps, settings.
 
     Raises:
-        LearningError: the directory holds no training run.
+        LearningError: the directory holds no training run, or its record is damaged.
     """
     path = directory / RUN_FILE
     if not path.exists():
         raise LearningError(f"{directory} holds no training run ({RUN_FILE} is missing)")
-    return dict(json.loads(path.read_text()))
+    try:
+        record = dict(json.loads(path.read_text()))
+        Task(record["task"]["env_id"], record["task"]["keywords"])
+        str(record["algorithm"]), int(record["steps"])
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise LearningError(f"{path} is no record of a training run, or it is damaged: {problem!r}") from problem
+    return record
+
+
+def run_task(directory: Path) -> Task:
+    """The task that a run was trained on.
+
+    Raises:
+        LearningError: the directory holds no training run.
+    """
+    task = load_run(directory)["task"]
+    return Task(task["env_id"], task["keywords"])
 
 
 def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
