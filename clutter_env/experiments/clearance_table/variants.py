@@ -54,14 +54,14 @@ class Variant:
 
 
 _LOOKAHEAD = STRATEGIES["lookahead"]
-_ONE_STEP = replace(_LOOKAHEAD, plans_ahead=False, sets=1, slack=0, variations=0, second_moves=0)
+_ONE_STEP = replace(_LOOKAHEAD, plans_ahead=False, sets=1, slack=0, variations=0, non_monotone=0)
 
 ABLATIONS: Mapping[str, Variant] = MappingProxyType(
     {
         "lookahead - look-ahead": Variant(_ONE_STEP),
         "lookahead - tilt": Variant(_LOOKAHEAD, grasps="side"),
         "lookahead - counters": Variant(_LOOKAHEAD, is_on_first=True),
-        "lookahead - second moves": Variant(replace(_LOOKAHEAD, second_moves=0)),
+        "lookahead - second moves": Variant(replace(_LOOKAHEAD, non_monotone=0)),
     }
 )
 """By name: without simulating the clearances before the first motion (the smallest set is still chosen); with a level

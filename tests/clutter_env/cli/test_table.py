@@ -174,7 +174,7 @@ def test_ablations_differ_from_the_planner_in_one_thing_each() -> None:
     assert (made["tilt"].grasps, made["tilt"].supports) == ("side", "all")
     assert (made["counters"].grasps, made["counters"].supports) == ("all", ("table_top",))
     assert not variants["look-ahead"].strategy.plans_ahead
-    assert variants["second moves"].strategy.second_moves == 0
+    assert variants["second moves"].strategy.non_monotone == 0
     assert variants["tilt"].strategy == variants["counters"].strategy == planners.strategies.STRATEGIES["lookahead"]
 
 
