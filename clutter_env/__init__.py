@@ -4,9 +4,19 @@ from typing import Any
 
 from gymnasium.envs.registration import WrapperSpec, register
 
+from clutter_env.scene.layout import Box, Layout
 from clutter_env.suites import suite, suite_names
 
-__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget", "suite", "suite_names", "time_limit"]
+__all__ = [
+    "OBJECT_COUNTS",
+    "SKILL_OBJECT_COUNTS",
+    "Box",
+    "Layout",
+    "skill_budget",
+    "suite",
+    "suite_names",
+    "time_limit",
+]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)

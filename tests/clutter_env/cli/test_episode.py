@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from clutter_env.experiments.clearance_table.trials import Attempt
+from clutter_env.evaluation.clearance_table import Attempt
 from clutter_env.experiments.episodes.episode import (
     EpisodeResult,
     EpisodeSettings,
@@ -26,7 +26,7 @@ from clutter_env.rendering.film import Film
 from planners.cause import Cause
 from planners.drawing.page.planned import plan_recording
 from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance
-from planners.execution.expert import EpisodeReport
+from planners.expert.report import EpisodeReport
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
 from planners.tamp.solution import Infeasible, ReplanRecord, Solution
