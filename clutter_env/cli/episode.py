@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import clutter_env
 from assets import robot as find_robot
-from clutter_env.experiments.clearance_table.trials import Trial
+from clutter_env.evaluation.clearance_table import Trial
 from clutter_env.experiments.episodes.episode import (
     PLANNING_S,
     EpisodeSettings,

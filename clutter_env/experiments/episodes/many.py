@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clutter_env.experiments.clearance_table.statistics import CRASH
-from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
+from clutter_env.evaluation.clearance_table import ASSESSMENT, CRASH, Assessment, Attempt, Trial, run_trial
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.reporting.intervals import times, wilson
 from clutter_env.reporting.progress import progress_bar

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from clutter_env.experiments.clearance_table.trials import Attempt
+from clutter_env.evaluation.clearance_table import Attempt
 from clutter_env.experiments.episodes.episode import (
     EpisodeResult,
     EpisodeSettings,
