@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,8 +130,9 @@ class _Known(NamedTuple):
 class GraspCandidates:
     """The grasps of a scene's objects through every arm that acts, computed when first asked for.
 
-    Each arm has its own, the others at home with what they hold; all are offered together. The families are looked at in their order until a grasp with nothing in its way is found: no other one can change
-    the minimum number of clearances then. If that grasp is removed later, the remaining families are looked at.
+    Each arm has its own, the others at home with what they hold; all are offered together. The families are looked at
+    in their order until a grasp with nothing in its way is found: no other one can change the minimum number of
+    clearances then. If that grasp is removed later, the remaining families are looked at.
 
     Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers, until the
     objects of the scene have moved. A scan keeps few of the grasps that hit the same objects, and none that hit more,
