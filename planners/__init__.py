@@ -35,8 +35,8 @@ from planners.placing.placements import PlacementSearch
 from planners.placing.release import rotated
 from planners.planner import Planner, clearance_floor, map_placer, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
-from planners.scene.resting import release_pitch
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from irm.compilation import njit
 
-__all__ = ["inlined_kernel", "leaf_kernel"]
-
 leaf_kernel = njit(cache=True, _nrt=False)
 """`numba.njit` without reference counting, for kernels that neither allocate nor return arrays and call none that do.
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 from planners.collision.world import CollisionWorld
 from planners.scene import Scene
 
-__all__ = ["CompiledScenes"]
-
 _KEPT = 32
 """Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""
 

@@ -4,7 +4,7 @@
     hits = configuration_hits(checks, query.active, base, q)
 
 `query` is a `CollisionQuery`; `CollisionWorld.query` makes it. A result is a 64-bit mask: bit i for object i,
-`STATIC_BIT` for static obstacles and the floor, `SELF_BIT` for the robot itself.
+`STATIC_BIT` for static obstacles and the ground, `SELF_BIT` for the robot itself.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from planners.collision.geometry import CYLINDER, Solids, are_any_within, are_wi
 from planners.collision.robot_model import BASE, RobotArrays
 from planners.collision.robot_pose_kernel import Attached, Scratch, place_robot
 from planners.scene import SELF_BIT, STATIC_BIT
-
-__all__ = ["CollisionQuery", "Obstacles", "configuration_hits"]
 
 Array = NDArray[np.float64]
 
@@ -122,7 +120,7 @@ def _hits_static(
 ) -> bool:
     """Whether the robot's `count` solids, or the held object, come nearer than `padding` [m] to an obstacle.
 
-    These are the static obstacles and the floor; what is fixed to the base may be near the floor.
+    These are the static obstacles and the ground; what is fixed to the base may be near the ground.
     """
     static, extent = obstacles.static, obstacles.extent
     position, bounds, centre, core = solids.position, solids.bound, static.position, static.core

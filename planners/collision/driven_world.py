@@ -18,8 +18,6 @@ from planners.collision.geometry import BOX, Solids
 from planners.collision.world import CollisionWorld
 from planners.scene import Body, StaticObstacle
 
-__all__ = ["Drive", "Extents"]
-
 Array = NDArray[np.float64]
 
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from planners.collision.compilation import inlined_kernel, leaf_kernel
 
-__all__ = ["BOX", "CYLINDER", "ELLIPSOID", "HULL", "Solids", "are_any_within", "are_within", "core_distance", "height"]
-
 Array = NDArray[np.float64]
 
 BOX, CYLINDER, ELLIPSOID, HULL = 0, 1, 2, 3

@@ -12,8 +12,6 @@ from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.references import by_reference
 
-__all__ = ["edge_hits", "edge_samples", "many_hits", "path_hits"]
-
 Array = NDArray[np.float64]
 
 _NONE = np.uint64(0)

@@ -26,8 +26,6 @@ from numba.core.types.containers import BaseNamedTuple
 from numba.core.typing.templates import AttributeTemplate, Signature
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic
 
-__all__ = ["by_reference"]
-
 _BYTE = ir.IntType(8)
 
 

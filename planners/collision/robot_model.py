@@ -15,8 +15,6 @@ from irm.arm.kinematics import ArmChain, fk_frames
 from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 
-__all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
-
 _CORES = {
     int(mujoco.mjtGeom.mjGEOM_BOX): BOX,
     int(mujoco.mjtGeom.mjGEOM_CAPSULE): BOX,

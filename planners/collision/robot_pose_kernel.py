@@ -14,8 +14,6 @@ from planners.collision.geometry import Solids
 from planners.collision.references import by_reference
 from planners.collision.robot_model import BASE, RobotArrays
 
-__all__ = ["Attached", "Scratch", "make_scratch", "place_along", "place_robot"]
-
 Array = NDArray[np.float64]
 
 

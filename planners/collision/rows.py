@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from planners.collision.compilation import leaf_kernel
 
-__all__ = ["copy_row", "copy_rows"]
-
 Array = NDArray[np.float64]
 
 

@@ -14,8 +14,6 @@ from planners.collision.geometry import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
-__all__ = ["body_bound", "body_core", "obstacle_arrays", "robot_of", "with_object"]
-
 Array = NDArray[np.float64]
 
 _CORES = {

@@ -8,8 +8,6 @@ from planners.collision.geometry import are_within
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.scene import Body
 
-__all__ = ["objects_on", "with_room_below"]
-
 _CONTACT = 0.002
 """[m] Objects nearer than this touch each other."""
 _STEP = 0.005

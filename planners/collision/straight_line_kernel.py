@@ -14,8 +14,6 @@ from planners.collision.references import by_reference
 from planners.collision.robot_model import RobotArrays
 from planners.collision.rows import copy_row
 
-__all__ = ["follow_line", "solve_near", "track_line"]
-
 Array = NDArray[np.float64]
 
 POSITION_TOLERANCE = 1e-4

@@ -11,8 +11,6 @@ from planners.collision.geometry import are_within
 from planners.collision.world import CollisionWorld
 from planners.scene import STATIC_BIT, Scene, SceneError
 
-__all__ = ["validate"]
-
 OVERLAP = 0.002
 """[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
 
@@ -36,17 +34,17 @@ def validate(world: CollisionWorld) -> None:
 def _around(scene: Scene) -> list[str]:
     """What the robot is inside of."""
     if _is_inside(replace(scene, static_obstacles=())):
-        return ["the floor"]
+        return ["the ground"]
     return [one.name for one in scene.static_obstacles if _is_inside(replace(scene, static_obstacles=(one,)))]
 
 
 def _is_inside(scene: Scene) -> bool:
-    """Whether the robot overlaps the floor or a static obstacle by more than `OVERLAP`."""
+    """Whether the robot overlaps the ground or a static obstacle by more than `OVERLAP`."""
     return _touches_static(CollisionWorld.from_scene(replace(scene, objects=(), held=None, aside=()), padding=-OVERLAP))
 
 
 def _touches_static(world: CollisionWorld) -> bool:
-    """Whether the robot, where it stands, hits the floor or a static obstacle."""
+    """Whether the robot, where it stands, hits the ground or a static obstacle."""
     state, objects = world.scene.state, world.scene.mask(world.scene.names)
     return bool(world.hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)
 

@@ -20,9 +20,7 @@ from planners.collision.robot_model import RobotArrays
 from planners.collision.robot_pose_kernel import Attached, Scratch, make_scratch
 from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, robot_of, with_object
 from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene
-from planners.scene.resting import release_pitch, up_axis
-
-__all__ = ["PADDING", "STEP", "CollisionWorld"]
+from planners.scene.bodies import release_pitch, up_axis
 
 PADDING = 0.002
 """[m] Distance that the robot keeps from everything else."""

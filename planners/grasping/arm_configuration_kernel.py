@@ -20,8 +20,6 @@ from planners.grasping.rising_kernel import can_rise
 from planners.grasping.scan_memory import CAPACITY, Kept, Memory
 from planners.scene.masks import SELF_BIT, STATIC_BIT
 
-__all__ = ["FIXED_HITS", "many_gripper_hits", "scan"]
-
 Array = NDArray[np.float64]
 
 _STATIC = np.uint64(1 << STATIC_BIT)

@@ -20,8 +20,6 @@ from planners.grasping.arm_configuration_kernel import FIXED_HITS, many_gripper_
 from planners.grasping.scan_memory import make_memory
 from planners.scene import SELF_BIT, HeldObject
 
-__all__ = ["ArmConfigurations", "ConfigurationGrid", "GripperPoses", "gripper_hits", "scan_configurations"]
-
 Array = NDArray[np.float64]
 
 _ABOUT_HOME = 24

@@ -12,8 +12,6 @@ from assets.robots import RobotSpec
 from irm.arm.frames import pose_of
 from planners.collision.robot_model import robot_arrays
 
-__all__ = ["FINGER_GAP", "GripperClearances", "gripper_clearances"]
-
 FINGER_GAP = 0.012
 """[m] between each finger and the object before the fingers close."""
 _PALM_ROOM, _PALM_SIDE, _TIP_ROOM, _PAD_ROOM = 0.003, 0.002, 0.0045, 0.0045

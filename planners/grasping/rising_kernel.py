@@ -12,8 +12,6 @@ from planners.collision.configuration_kernel import CollisionQuery, configuratio
 from planners.collision.straight_line_kernel import follow_line
 from planners.scene.masks import SELF_BIT
 
-__all__ = ["can_rise"]
-
 Array = NDArray[np.float64]
 
 _SELF, _NONE = np.uint64(1 << SELF_BIT), np.uint64(0)

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from irm.arm.closed_form import MAX_SOLUTIONS
 
-__all__ = ["CAPACITY", "Kept", "Memory", "make_memory"]
-
 Array = NDArray[np.float64]
 
 CAPACITY = np.int64(96)

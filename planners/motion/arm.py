@@ -18,16 +18,6 @@ from planners.motion.sampling.rrt import rrt_connect
 from planners.motion.sampling.smoothing import blend_corners, shortcut
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, RobotState
 
-__all__ = [
-    "ROOM",
-    "ArmPath",
-    "BlockedBy",
-    "NoPath",
-    "blocking_set",
-    "plan_arm",
-    "tcp_pose",
-]
-
 ROOM = 0.01
 """[m] that free motions keep from everything where they can: the arm lags, and what is held sinks by some mm."""
 FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT

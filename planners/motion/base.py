@@ -16,8 +16,6 @@ from planners.motion.sampling.rrt import rrt_connect
 from planners.motion.sampling.smoothing import shortcut
 from planners.scene import HeldObject
 
-__all__ = ["BasePath", "plan_base", "unwrap_yaw"]
-
 DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
 """Detours around static obstacles are far from the straight line: no share of the targets is drawn near it."""
 RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)

@@ -16,8 +16,6 @@ from planners.motion.base import BasePath, plan_base
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import RobotState
 
-__all__ = ["LIFTED", "SAME_BASE", "Task", "carry_configurations", "free_paths"]
-
 Array = NDArray[np.float64]
 
 _TORSO_SHARES = (0.5, 1.0)

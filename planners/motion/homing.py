@@ -18,8 +18,6 @@ from planners.motion.arm_query import ArmQuery
 from planners.motion.straight_lines import trace_by_torso, trace_straight
 from planners.scene import SELF_BIT, RobotState
 
-__all__ = ["is_among_objects", "is_at_home", "plan_home"]
-
 Array = NDArray[np.float64]
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -15,8 +15,6 @@ from planners.motion.scene_model import OBJECT, OTHER, reported_name, scene_mode
 from planners.motion.trajectory import Trajectory
 from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
 
-__all__ = ["OBJECT", "TOLERANCE", "Motion", "MujocoCollisionChecker", "PenetrationReport", "scene_model"]
-
 TOLERANCE = 0.0005
 """[m] Penetration that an accepted path may have where it is checked; between the steps it may be as much again."""
 STEP = 0.01

@@ -8,8 +8,6 @@ import numpy as np
 from planners.collision.robot_model import link_of_body
 from planners.scene import Body, Scene, StaticObstacle
 
-__all__ = ["OBJECT", "OTHER", "reported_name", "scene_model"]
-
 _ROBOT, OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
 _OTHER_BITS = {"contype": OTHER, "conaffinity": 0}
@@ -28,7 +26,7 @@ _NEIGHBOURS = 1
 
 
 def scene_model(scene: Scene) -> mujoco.MjModel:
-    """Robot, floor, static obstacles and free bodies for the objects, with the collision bits of this module."""
+    """Robot, ground, static obstacles and free bodies for the objects, with the collision bits of this module."""
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:

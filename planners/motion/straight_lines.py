@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from planners.collision.straight_line_kernel import track_line
 from planners.collision.world import CollisionWorld
 
-__all__ = ["trace_by_torso", "trace_straight"]
-
 Array = NDArray[np.float64]
 
 LINE_STEP = 0.01

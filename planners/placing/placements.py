@@ -24,8 +24,8 @@ from planners.placing.release import put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import is_covered
-from planners.scene.resting import release_pitch
 from planners.strategies import Strategy
 
 __all__ = ["Placement", "PlacementSearch"]

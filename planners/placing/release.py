@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from planners.placing.locations import stand_at
 from planners.scene import Body, Scene
-from planners.scene.resting import up_axis
+from planners.scene.bodies import up_axis
 
 __all__ = ["put_down", "rotated"]
 

@@ -8,10 +8,8 @@ import numpy as np
 
 from irm.compilation import njit
 
-__all__ = ["MAX_OBJECTS", "SELF_BIT", "STATIC_BIT", "Mask", "bit_count"]
-
 STATIC_BIT = 63
-"""Bit of a hit mask for static obstacles and the floor."""
+"""Bit of a hit mask for static obstacles and the ground."""
 SELF_BIT = 62
 """Bit of a hit mask for the robot itself."""
 MAX_OBJECTS = 60

@@ -19,8 +19,6 @@ from planners.collision.path_kernel import edge_hits, edge_samples
 from planners.collision.references import by_reference
 from planners.collision.rows import copy_row, copy_rows
 
-__all__ = ["rrt_connect", "squared_distance"]
-
 Array = NDArray[np.float64]
 
 _NONE = np.uint64(0)

@@ -16,8 +16,6 @@ from planners.collision.references import by_reference
 from planners.collision.rows import copy_row, copy_rows
 from planners.motion.sampling.rrt import squared_distance
 
-__all__ = ["blend_corners", "shortcut"]
-
 Array = NDArray[np.float64]
 
 _NONE = np.uint64(0)
