@@ -55,7 +55,7 @@ def map_parameters(robot: RobotSpec) -> dict[str, Any]:
 def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     """The ground around the support where the base may stand: clear of the outlines of static obstacles.
 
-    Obstacles that are lower than the base, such as a slab that is the ground, and those above the robot do not count. Of
+    Obstacles lower than the base, such as a slab that is the ground, and those above the robot do not count. Of
     a base that is not round, the largest circle in its outline is clear of them; `fits` says whether all of it is.
 
     Args:

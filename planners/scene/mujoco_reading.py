@@ -212,11 +212,9 @@ class MovableBodies:
 
 
 def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> list[int]:
-    is_free = (model.body_jntnum == 1) & (
-        model.jnt_type[model.body_jntadr] == int(mujoco.mjtJoint.mjJNT_FREE)  # body_jntadr is -1 without joints
-    )
-    on_robot = robot_bodies(model, robot)
-    free = {str(model.body(body).name): int(body) for body in np.flatnonzero(is_free) if int(body) not in on_robot}
+    free_joints = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+    bodies, on_robot = model.jnt_bodyid[free_joints], robot_bodies(model, robot)
+    free = {str(model.body(body).name): int(body) for body in bodies if int(body) not in on_robot}
     if callable(movable):
         return [body for name, body in free.items() if movable(name)]
     if isinstance(movable, str):
