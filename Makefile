@@ -44,7 +44,7 @@ $(VENV)/.rl: $(VENV)/.core
 setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl
 
 demo: $(VENV)/.visuals
-	$(BIN)/python scripts/run_episode.py --objects $(OBJECTS)
+	$(BIN)/clutter-env episode --objects $(OBJECTS)
 
 test: $(VENV)/.dev $(VENV)/.rl
 	$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
@@ -82,7 +82,7 @@ docs: $(VENV)/.docs
 	@echo "documentation: outputs/site/index.html"
 
 bench: $(VENV)/.core
-	$(BIN)/python scripts/benchmark.py
+	$(BIN)/clutter-env benchmark
 
 soak: $(VENV)/.core
 	$(BIN)/python scripts/soak.py --steps 2000000

@@ -13,7 +13,7 @@ from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.execution.contact import Contact, StepLabel, contact_of, contacts, label_of
+from planners.contact import Contact, StepLabel
 from planners.execution.contact_motion import plan_contact
 from planners.execution.controlled_env import ControlledEnv, controlled_env
 from planners.execution.direct import ExecutionResult, execute
@@ -44,7 +44,8 @@ from planners.skills.motion import SkillPlanner
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
 from planners.tamp.motion_layer import MotionLayer
-from planners.tamp.solution import BoundAction, Infeasible, PlanFileError, Solution
+from planners.tamp.plan_file import PlanFileError
+from planners.tamp.solution import BoundAction, Infeasible, Solution, contact_of, contacts, label_of
 
 __all__ = [
     "BACK",

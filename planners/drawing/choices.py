@@ -25,7 +25,7 @@ from planners.placing.negative_goal_region import (
 from planners.placing.surfaces import Surface
 from planners.placing.swept_volume import path_volume
 from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
-from planners.tamp.bound_action import BoundAction
+from planners.tamp.solution import BoundAction
 
 __all__ = ["Choice", "choices_of", "last_picture"]
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from planners.strategies import Strategy
-from planners.tamp.bound_action import BoundAction
-from planners.tamp.solve_stats import SolveStats
+from planners.tamp.solution import BoundAction, SolveStats
 
 __all__ = ["DrawnPlan"]
 

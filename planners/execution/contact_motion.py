@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.execution.contact import Contact
+from planners.contact import Contact
 from planners.grasping.arm_configurations import (
     ArmConfigurations,
     ConfigurationGrid,

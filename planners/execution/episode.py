@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.robot_model import robot_arrays
+from planners.contact import StepLabel
 from planners.execution.config import ExpertConfig
-from planners.execution.contact import StepLabel, contacts
 from planners.execution.controlled_env import ControlledEnv, num_disturbances
 from planners.execution.errors import ExpertError
 from planners.execution.executor import CONTROL_STEP, Command, Executor, Outcome, Step
@@ -23,7 +23,7 @@ from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
 from planners.strategies import Strategy
 from planners.tamp.recording import Recording
-from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.solution import Infeasible, Solution, contacts
 
 __all__ = ["Episode"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.execution.contact import StepLabel, contact_of, label_of
+from planners.contact import StepLabel
 from planners.execution.monitor import (
     Deviation,
     DeviationKind,
@@ -25,7 +25,7 @@ from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState, Scene
-from planners.tamp.solution import BoundAction
+from planners.tamp.solution import BoundAction, contact_of, label_of
 
 __all__ = ["CONTROL_STEP", "Command", "Executor", "Outcome", "Step"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.contact import StepLabel
 from planners.execution.config import ExpertConfig
-from planners.execution.contact import StepLabel
 from planners.execution.controlled_env import controlled_env
 from planners.execution.episode import Episode
 from planners.execution.errors import ExpertError

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.tamp.solve_stats import SolveStats
+from planners.tamp.solution import SolveStats
 
 __all__ = ["Frame", "Note", "Outcome", "Recording", "Solve"]
 

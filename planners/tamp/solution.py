@@ -1,24 +1,116 @@
-"""What a solve returns: a plan whose references are bound to motions, or the reason why there is none."""
+"""Results of a solve: a plan whose references are bound to motions, or the reason why there is none."""
 
 from __future__ import annotations
 
-import importlib
 import reprlib
 import textwrap
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from planners.cause import Cause
-from planners.strategies import Strategy
-from planners.tamp.bound_action import BoundAction
-from planners.tamp.plan_file import PlanFileError, read_plan, write_plan
-from planners.tamp.solve_stats import ReplanRecord, SolveStats
+import numpy as np
 
-__all__ = ["BoundAction", "Infeasible", "PlanFileError", "ReplanRecord", "Solution", "SolveStats"]
+from planners.cause import Cause
+from planners.contact import Contact, StepLabel
+from planners.motion.arm import tcp_pose
+from planners.motion.trajectory import Trajectory
+from planners.placing.surfaces import Surface
+from planners.scene import Body, RobotState, Scene
+from planners.strategies import Strategy
+from planners.tamp.plan_file import is_same, read_plan, write_plan
 
 _EVIDENCE = 70
 """Characters of the evidence that the repr of an `Infeasible` shows."""
+_SKILLS = {"close": "pick", "open": "place"}
+"""Skill whose contact a phase begins with."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoundAction:
+    """A ground action of the task plan whose references are bound to a motion.
+
+    Attributes:
+        name: action of the PDDL domain, as in Fig. 4 of Lee & Kim 2019.
+        args: the symbols of the action, references included.
+        trajectory: the verified motion behind the references.
+        scene: the world in which the motion was planned, as the actions before it leave it.
+        target: the object that is moved or approached, "" for a base motion.
+        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
+    """
+
+    name: str
+    args: tuple[str, ...]
+    trajectory: Trajectory = field(repr=False)
+    scene: Scene = field(repr=False)
+    target: str = ""
+    surfaces: tuple[Surface, ...] = field(default=(), repr=False)
+
+    def __str__(self) -> str:
+        return f"{self.name.upper()} ({' '.join(self.args).upper()})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, BoundAction) and is_same(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.args, self.target))
+
+    @property
+    def is_clearance(self) -> bool:
+        """Whether the action puts an object down."""
+        return self.name.startswith("PutDown")
+
+    @property
+    def obstructed(self) -> str:
+        """Name of the object that the cleared object obstructs, "" if the action clears nothing for another object."""
+        return self.args[1] if self.name == "PutDownForClearance" else ""
+
+    @property
+    def released(self) -> Body | None:
+        """The object at the pose where the gripper lets go of it, None if the action releases nothing."""
+        opening = next((phase for phase in self.trajectory.phases if phase.name == "open"), None)
+        if opening is None or opening.touched is None:
+            return None
+        sample = self.trajectory.sample(opening.start)
+        T_world_tcp = tcp_pose(self.scene.robot, RobotState(sample.base, sample.q, sample.finger_position))
+        return self.scene.body(opening.touched.name).at_pose(T_world_tcp @ opening.touched.T_tcp_object)
+
+
+@dataclass(frozen=True)
+class ReplanRecord:
+    """One turn of Algorithm 1's loop, for printing as in Fig. 11.
+
+    Attributes:
+        plan: the task plan that was tried, as text, one action each.
+        verified: how many of its actions were bound.
+        refuted: the action that motion planning refuted, "" for none.
+        new_facts: facts learnt from the refutation, as text.
+        reason: why motion planning refuted the action, "" for none.
+    """
+
+    plan: tuple[str, ...]
+    verified: int
+    refuted: str
+    new_facts: tuple[str, ...]
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class SolveStats:
+    """Counts and CPU times [s] of one solve."""
+
+    replans: int = 0
+    task_plans: int = 0
+    task_planning_s: float = 0.0
+    motion_planning_s: float = 0.0
+    total_s: float = 0.0
+    history: tuple[ReplanRecord, ...] = field(default=(), repr=False)
+
+    def rows(self) -> dict[str, str]:
+        """Times and counts in words, for the summary of a plan."""
+        return {
+            "Planning time": f"{self.total_s:.2f} s of CPU time",
+            "Replans": f"{self.replans} (task plans: {self.task_plans})",
+        }
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,7 +188,7 @@ class Solution:
         return read_plan(path, cls)
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the plan from above: objects, clearances in order, the way of the base.
+        """Draw the plan from above: objects, clearances in order, the path of the base.
 
         Args:
             ax: matplotlib axes to draw in; a new figure without it.
@@ -107,9 +199,10 @@ class Solution:
         Raises:
             ValueError: the plan has no actions.
         """
-        # The drawing room stands above this one and needs matplotlib; planning must not import either of them.
-        drawing = importlib.import_module("planners.drawing.overview")
-        return drawing.draw_overview(self, ax)
+        # Drawing is built on this package and needs matplotlib, which planning must not import.
+        from planners.drawing.overview import draw_overview
+
+        return draw_overview(self, ax)
 
     def to_html(self, path: str | Path) -> None:
         """Write the plan as one page for a browser, which needs no network: its motions in 3-D on a time line.
@@ -121,8 +214,10 @@ class Solution:
             ValueError: the plan has no actions.
             OSError: the file cannot be written.
         """
-        drawing = importlib.import_module("planners.drawing.page.planned")
-        drawing.write_plan_page(self, Path(path))
+        # As for `plot`: the page is built on this package.
+        from planners.drawing.page.planned import write_plan_page
+
+        write_plan_page(self, Path(path))
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,3 +284,27 @@ def _clearance(action: BoundAction) -> str:
     where = "" if body is None else f" to x = {body.position[0]:.2f} m, y = {body.position[1]:.2f} m"
     because = f", because it obstructs {action.obstructed}" if action.obstructed else ""
     return f"{action.target}{where}{because}"
+
+
+def contacts(solution: Solution | Infeasible | None) -> tuple[Contact, ...]:
+    """The contacts of a plan, in order of time; none of a failure."""
+    actions = solution.actions if isinstance(solution, Solution) else ()
+    return tuple(contact for contact in map(contact_of, actions) if contact is not None)
+
+
+def contact_of(action: BoundAction) -> Contact | None:
+    """The contact of an action, None of a base motion."""
+    for phase in action.trajectory.phases:
+        if phase.name in _SKILLS:
+            sample = action.trajectory.sample(phase.start)
+            state = RobotState(sample.base, sample.q, sample.finger_position)
+            return Contact(_SKILLS[phase.name], action.target, sample.base, tcp_pose(action.scene.robot, state))
+    return None
+
+
+def label_of(trajectory: Trajectory, time: float, contact: Contact | None) -> StepLabel:
+    """The label of a step at a time [s] in a trajectory that leads to a contact, or comes from it."""
+    phase = trajectory.phase(time)
+    later = (other.start for other in trajectory.phases if other.start > phase.start)
+    end = trajectory.sample(next(later, trajectory.duration))
+    return StepLabel(phase.name, contact, np.concatenate((end.base, end.q, [end.finger_position])))

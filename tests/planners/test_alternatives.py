@@ -9,11 +9,10 @@ import pytest
 
 from assets.robots import FETCH
 from planners.clearing.minimum_clearances import minimum_clearances
-from planners.execution.contact import contact_of
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.skills.alternatives import Alternatives, direction_class
-from planners.tamp.solution import Solution
+from planners.tamp.solution import Solution, contact_of
 from tests.planners.scenes import random_scene
 
 PLANNER = Planner(FETCH, grasps="side", canonical=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.execution.contact import Contact, contact_of, contacts, label_of
+from planners.contact import Contact
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import SIDE
@@ -15,7 +15,7 @@ from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.release import rotated
 from planners.planner import Planner, map_placer
 from planners.scene import RobotState, Scene
-from planners.tamp.solution import Solution
+from planners.tamp.solution import Solution, contact_of, contacts, label_of
 from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import cylinder, random_scene, table_scene
 

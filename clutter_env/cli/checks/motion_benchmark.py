@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
 from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import STEP, CollisionWorld

@@ -28,7 +28,7 @@ def run(arguments: Arguments) -> None:
     """Measure and print part by part; the file of results grows with every part."""
     from clutter_env.experiments.maps.benchmark import measure_parts
     from clutter_env.experiments.maps.model_check import robot_by_name
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
 
     results: dict[str, Any] = {}
     for measurement in measure_parts(robot_by_name(arguments.robot), arguments):

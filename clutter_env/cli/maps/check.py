@@ -48,7 +48,7 @@ def run(arguments: Arguments) -> None:
     """Build the map, measure, and print one line for each number."""
     from clutter_env.experiments.maps.arm_answers import measure_arm
     from clutter_env.experiments.maps.model_check import checked_arm
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
     from irm.maps.grid import MapParameters
 
     arm = checked_arm(arguments.mjcf, arguments.base, arguments.tip, arguments.approach)

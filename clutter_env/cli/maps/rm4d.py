@@ -36,7 +36,7 @@ def run(arguments: Arguments) -> None:
     """Measure and print a table."""
     from assets.robots import robot
     from clutter_env.experiments.maps.rm4d_comparison import compare_with_rm4d
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
     from clutter_env.reporting.tables import markdown_table
 
     counts = arguments.samples, arguments.poses

@@ -15,11 +15,10 @@ from assets.robots import robot as find_robot
 from clutter_env import time_limit
 from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.variants import VARIANTS
-from planners.execution.contact import contacts
 from planners.execution.expert import ExpertConfig, TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
-from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.solution import Infeasible, Solution, contacts
 
 __all__ = ["ASSESSMENT", "Assessment", "Attempt", "Trial", "base_moves", "run_trial"]
 

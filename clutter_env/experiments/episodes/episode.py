@@ -16,8 +16,7 @@ import clutter_env
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_rows, report_text
 from clutter_env.rendering.film import Film
-from clutter_env.reporting.compilation import shown_compilation
-from clutter_env.reporting.progress import progress_bar
+from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import write_page
 from planners.drawing.plan import draw_plan

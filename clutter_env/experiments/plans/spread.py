@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.tables import markdown_table
 from planners.clock import cpu_seconds
-from planners.execution.contact import Contact, contact_of
+from planners.contact import Contact
 from planners.planner import Planner
 from planners.scene import Scene
-from planners.tamp.solution import Solution
+from planners.tamp.solution import Solution, contact_of
 
 __all__ = [
     "BINS",

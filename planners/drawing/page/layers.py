@@ -17,7 +17,7 @@ from planners.grasping.base_placement import MapPlacer, inverse_map
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Phase
 from planners.scene import RobotState
-from planners.tamp.bound_action import BoundAction
+from planners.tamp.solution import BoundAction
 
 __all__ = ["plan_values"]
 

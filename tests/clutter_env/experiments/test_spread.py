@@ -19,7 +19,7 @@ from clutter_env.experiments.plans.spread import (
     spread_table,
 )
 from clutter_env.experiments.plans.spread_figure import plot_spread
-from planners.execution.contact import Contact
+from planners.contact import Contact
 from planners.placing.release import rotated
 from planners.planner import Planner
 

@@ -17,7 +17,7 @@ from clutter_env.learning.contacts.planned_decider import PlannedDecider
 from clutter_env.learning.contacts.planned_mover import PlannedMover
 from clutter_env.learning.contacts.reading import planar_pose, read
 from clutter_env.learning.contacts.tracking import action_towards, error_to
-from planners.execution.contact import Contact
+from planners.contact import Contact
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
 

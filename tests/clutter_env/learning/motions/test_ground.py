@@ -18,7 +18,7 @@ from clutter_env.learning.contacts.reading import Reading, planar_pose, read
 from clutter_env.learning.keyframes.ground import Ground, closed_ground
 from clutter_env.learning.keyframes.motions import Motion
 from clutter_env.learning.keyframes.mover import KeyframeMover
-from planners.execution.contact import Contact
+from planners.contact import Contact
 
 Array = NDArray[np.float64]
 FRONT = Ground(np.array((-0.65, -1.4)), np.array((np.inf, 1.4)))

@@ -1,4 +1,4 @@
-"""JSON files that are complete or absent, of dataclasses and numbers that JSON itself does not know."""
+"""Files that are complete or absent, JSON of our types, and JSON lines that survive a killed run."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-__all__ = ["json_text", "json_values", "write_atomically", "write_json", "written_atomically"]
 
 
 def json_values(value: Any) -> Any:
@@ -88,3 +86,39 @@ def written_atomically(path: Path) -> Iterator[Path]:
         raise OSError(problem.errno, f"{problem.strerror or problem}, cannot write", str(path)) from problem
     finally:
         part.unlink(missing_ok=True)
+
+
+class JsonLines:
+    """A file of JSON values, one per line; a last line that a killed run left incomplete is removed.
+
+    Attributes:
+        values: what the file held when it was opened, and what has been added since.
+
+    Raises:
+        OSError: the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.values: list[Any] = [json.loads(line) for line in _whole_lines(path)]
+
+    def append(self, value: Any) -> None:
+        """Add a value at the end of the file, and write it to the disk; see `json_file.json_values`."""
+        text = json_text(value)
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self.values.append(json.loads(text))
+
+
+def _whole_lines(path: Path) -> list[str]:
+    """The complete lines of the file; an incomplete last one is removed from it."""
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    if len(whole) < len(text):
+        path.write_text(whole, encoding="utf-8")
+    return whole.splitlines()

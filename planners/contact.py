@@ -9,17 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.motion.arm import tcp_pose
-from planners.motion.trajectory import Trajectory
-from planners.scene import RobotState
-from planners.tamp.solution import BoundAction, Infeasible, Solution
-
-__all__ = ["Contact", "StepLabel", "contact_of", "contacts", "label_of"]
-
 Array = NDArray[np.float64]
 
-_SKILLS = {"close": "pick", "open": "place"}
-"""The skill whose contact a phase begins with."""
 _STRAIGHT = 1e-6
 """[m, rad] off the line ahead of the base within which the gripper counts as straight ahead: rounding."""
 
@@ -53,7 +44,7 @@ class Contact:
 
     @property
     def is_straight(self) -> bool:
-        """Whether the base faces the gripper and both have the same yaw, as a canonical plan has it where it can."""
+        """Whether the base faces the gripper and both have the same yaw, as a canonical plan has it if it can."""
         c, s = math.cos(self.base[2]), math.sin(self.base[2])
         away = self.tcp[:2, 3] - self.base[:2]
         aside, turn = c * away[1] - s * away[0], math.remainder(self.yaw - self.base[2], 2 * math.pi)
@@ -61,7 +52,7 @@ class Contact:
 
 
 class StepLabel(NamedTuple):
-    """What one control step of the expert is part of.
+    """Label of one control step of the expert.
 
     Attributes:
         phase: of the motion, as in `Trajectory.phases`: "drive", "ready", "transit", "approach", "close", "lift",
@@ -74,27 +65,3 @@ class StepLabel(NamedTuple):
     phase: str
     contact: Contact | None
     keyframe: Array
-
-
-def contacts(solution: Solution | Infeasible | None) -> tuple[Contact, ...]:
-    """The contacts of a plan, in order of time; none of a failure."""
-    actions = solution.actions if isinstance(solution, Solution) else ()
-    return tuple(contact for contact in map(contact_of, actions) if contact is not None)
-
-
-def contact_of(action: BoundAction) -> Contact | None:
-    """The contact of an action, None of a base motion."""
-    for phase in action.trajectory.phases:
-        if phase.name in _SKILLS:
-            sample = action.trajectory.sample(phase.start)
-            state = RobotState(sample.base, sample.q, sample.finger_position)
-            return Contact(_SKILLS[phase.name], action.target, sample.base, tcp_pose(action.scene.robot, state))
-    return None
-
-
-def label_of(trajectory: Trajectory, time: float, contact: Contact | None) -> StepLabel:
-    """The label of a step at a time [s] in a trajectory that leads to a contact, or comes from it."""
-    phase = trajectory.phase(time)
-    later = (other.start for other in trajectory.phases if other.start > phase.start)
-    end = trajectory.sample(next(later, trajectory.duration))
-    return StepLabel(phase.name, contact, np.concatenate((end.base, end.q, [end.finger_position])))

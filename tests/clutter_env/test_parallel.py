@@ -14,10 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from clutter_env.parallel.errors import WorkerError
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, WorkerError, run_jobs
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(params=["", pytest.param("local", marks=pytest.mark.slow)], ids=["processes", "ray"])
@@ -66,7 +65,7 @@ def test_jobs_that_crash_or_hang_do_not_stop_the_others(ray: str) -> None:
 
 def test_how_a_process_ended_is_said_and_one_worker_is_replaced() -> None:
     assert list(run_jobs(behave, ["die", "one"], workers=1)) == [
-        ("die", Crash("the process ended with exit code 3")),
+        ("die", Crash("the process ended: EXIT(3)")),
         ("one", "one"),
     ]
 
@@ -122,8 +121,8 @@ def test_workers_end_with_the_iterator() -> None:
 
 
 PARENT = """
-from clutter_env.parallel.jobs import run_jobs
-from tests.clutter_env.parallel.test_jobs import announce
+from clutter_env.parallel import run_jobs
+from tests.clutter_env.test_parallel import announce
 if __name__ == "__main__":
     list(run_jobs(announce, [{path!r}], workers=1))
 """

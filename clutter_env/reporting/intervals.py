@@ -9,8 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_INTERVAL", "Interval", "Times", "bootstrap", "success_interval", "times", "wilson"]
-
 RESAMPLES = 4000
 LEVEL = 0.95
 Z = 1.959963984540054

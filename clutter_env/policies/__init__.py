@@ -1,0 +1,1 @@
+"""Policies: from observations to actions. `protocol.py` says how to add one."""
