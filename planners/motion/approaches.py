@@ -55,7 +55,7 @@ APPROACH_PATTERNS = (
     ApproachPattern("front", back=0.10, up=0.0, held_up=0.19, held_back=0.0),
     ApproachPattern("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
 )
-"""Tried in this order: from above little more clearance than at the grasp suffices; from the front shelves do not matter."""
+"""In this order: lines from above need little more clearance than the grasp, those from the front fit under shelves."""
 _DRIVES = (
     ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, by_torso=True, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, drives=True),
