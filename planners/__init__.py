@@ -10,9 +10,8 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 from planners.arms import ArmsError
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.robot_model import RobotArrays, robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
+from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.contact import Contact, StepLabel
 from planners.execution.contact_motion import plan_contact
 from planners.execution.controlled_env import ControlledEnv, controlled_env

@@ -16,8 +16,7 @@ from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
 from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.validation import validate
+from planners.collision.world import CompiledScenes, validate
 from planners.grasping.arms import ArmCandidates
 from planners.grasping.base_placement import MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig

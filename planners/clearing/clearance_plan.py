@@ -13,7 +13,7 @@ from planners.clearing.commitments import CandidateSource, Commitments
 from planners.clearing.minimum_clearances import FloorLimits
 from planners.clearing.saving_time import Grasps
 from planners.clock import NO_DEADLINE, Deadline
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.grasping.candidates import GraspCandidate
 from planners.placing.placements import Placement, PlacementSearch
 from planners.scene import Scene

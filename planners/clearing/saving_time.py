@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.clearing.commitments import CandidateSource, Commitments
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.stacking import objects_on
+from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.arm import FIXED_BITS
 from planners.motion.pick_and_place import can_take
 from planners.scene import Scene
+from planners.scene.masks import FIXED_BITS
 
 __all__ = ["Grasps", "arm_time", "drive_time", "is_open", "seen_from", "with_blockers", "with_less_time"]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.robot_model import robot_arrays
+from planners.collision.scene_arrays import robot_arrays
 from planners.contact import StepLabel
 from planners.execution.config import ExpertConfig
 from planners.execution.controlled_env import ControlledEnv, num_disturbances

@@ -17,7 +17,8 @@ from irm.floor.free_space import FreeSpace
 from irm.maps.cache import cached_map
 from irm.queries.inverse import InverseReachabilityMap
 from irm.visibility.map import VisibilityMap
-from planners.collision.robot_model import BASE, robot_arrays
+from irm.visibility.robot_view import BASE
+from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.footprint import fits, inner_radius
 from planners.scene import Scene, StaticObstacle
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.stacking import objects_on
+from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, GraspFamily

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.stacking import with_room_below
-from planners.collision.world import CollisionWorld
-from planners.motion.arm import FIXED_BITS, on_base, tcp_pose
+from planners.collision.straight_lines import trace_by_torso, trace_straight
+from planners.collision.world import CollisionWorld, with_clearance_below
+from planners.motion.arm import on_base, tcp_pose
 from planners.motion.arm_query import ArmQuery
-from planners.motion.straight_lines import trace_by_torso, trace_straight
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
+from planners.scene.masks import FIXED_BITS
 
 SIDE_CLEARANCE = 0.012
 """[m] between each finger of the open gripper and the object."""
@@ -128,7 +128,7 @@ def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, i
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject.grasped(body, T_world_tcp)
     openings = _openings(world.scene.robot, body, T_world_tcp)
-    loaded, covered = with_room_below(world, name), is_covered(world.scene, body.foot)
+    loaded, covered = with_clearance_below(world, name), is_covered(world.scene, body.foot)
     return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore, covered)
 
 

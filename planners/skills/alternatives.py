@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.clearing.minimum_clearances import FloorLimits, minimum_clearances
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import MapPlacer
 from planners.grasping.canonical import CanonicalGrasps
 from planners.grasping.families import find_grasp_set

@@ -13,7 +13,7 @@ import numpy as np
 
 from irm.arm.kinematics import ArmChain
 from planners.clearing.lookahead import grasped
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import (
     OFF_TABLE,

@@ -18,7 +18,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import stand_off
-from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
+from planners.motion.arm import ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
 from planners.motion.homing import is_among_objects, is_at_home, plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -31,6 +31,7 @@ from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
+from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 from planners.tamp.bound_motion import BoundMotion
 from planners.tamp.usable_grasps import UsableGrasps

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.motion.contact_free import ContactFree, merge_phases, phases_of
 from planners.motion.trajectory import Trajectory, is_contact, join
 from planners.scene import RobotState, Scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.pick_and_place import can_leave, fewest_blockers
 from planners.scene import Scene

@@ -6,7 +6,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.placements import PlacementSearch
 from planners.planner import map_placer
