@@ -15,7 +15,8 @@ from irm.visibility.robot_view import BASE
 from planners import Planner, Solution
 from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.execution.expert import ExpertConfig, TampExpert
+from planners.expert.config import ExpertConfig
+from planners.expert.expert import TampExpert
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import SELF_BIT, Scene
 

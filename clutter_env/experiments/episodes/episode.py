@@ -20,10 +20,10 @@ from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import write_page
 from planners.drawing.plan import draw_plan
-from planners.execution.expert import EpisodeReport, TampExpert
+from planners.expert.expert import TampExpert
+from planners.expert.report import EpisodeReport, Recording
 from planners.planner import Planner, warmup
 from planners.scene import Scene
-from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["EpisodeResult", "EpisodeSettings", "draw_episode", "episode_figures", "episode_text", "play_episode"]
