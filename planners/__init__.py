@@ -7,13 +7,13 @@ Example:
 A strategy and a task planner of your own are passed as objects: a `Strategy`, anything with the `TaskPlanner` protocol.
 """
 
-from planners.arms import ArmsError
 from planners.cause import Cause
-from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
+from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel
+from planners.context import ArmsError, PlanningContext, map_placer
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.execute import ExecutionResult, execute
 from planners.expert.executor import Command, ExecutionStatus, Executor, follow
@@ -29,10 +29,9 @@ from planners.grasping.families import SIDE, find_grasp_set
 from planners.grasping.grasp_poses import generate_grasps, gripper_opening
 from planners.motion.arm import NoPath, tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
-from planners.placing.locations import stand_at
+from planners.placing.locations import rotated, stand_at
 from planners.placing.placements import PlacementSearch
-from planners.placing.release import rotated
-from planners.planner import Planner, clearance_floor, map_placer, solve, warmup
+from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.resting import release_pitch
@@ -96,6 +95,7 @@ __all__ = [
     "PlacementSearch",
     "PlanFileError",
     "Planner",
+    "PlanningContext",
     "RobotArrays",
     "Scene",
     "SceneError",

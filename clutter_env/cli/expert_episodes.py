@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-import json
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +17,22 @@ from matplotlib.figure import Figure
 import clutter_env
 from clutter_env.cli.episode import Arguments
 from clutter_env.errors import RenderingUnavailable, UsageError
-from clutter_env.experiments.clearance_table.statistics import CRASH
-from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
-from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.evaluation.clearance_table import CRASH, Attempt, Table, Trial, Variant
 from clutter_env.rendering.film import Film
 from clutter_env.reporting.intervals import times, wilson
 from clutter_env.reporting.progress import progress_bar, shown_compilation
-from planners import EpisodeReport, GroundAction, Infeasible, Planner, Scene, Solution, TampExpert, format_plan, warmup
+from planners import (
+    EpisodeReport,
+    GroundAction,
+    Infeasible,
+    Planner,
+    Scene,
+    Solution,
+    TampExpert,
+    find_strategy,
+    format_plan,
+    warmup,
+)
 
 assert clutter_env  # registers the environments
 
@@ -33,8 +40,6 @@ _MOST_SEEDS = 1000
 """Seeds tried until the target of a scene is obstructed."""
 _PLANNING_S = 30.0
 """[s] of wall time for one solve."""
-_EPISODE_S = 1200.0
-"""[s] of wall time after which one of many episodes is killed."""
 _FACTS = 8
 """Maximum number of new facts printed for one replanning step."""
 
@@ -280,26 +285,19 @@ def _aligned(rows: dict[str, str]) -> str:
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
 
 
-@dataclass(frozen=True)
-class Counted:
-    """One of many episodes: the minimum number of clearances, None if not proved or not known, and the attempt."""
-
-    floor: int | None
-    attempt: Attempt
-
-
 def count_many(arguments: Arguments) -> dict[str, Any]:
     """Play the scenes from a seed on in parallel, and print the success rate.
 
-    Each episode is written to episodes.jsonl as soon as it is over, one JSON object a line.
+    Scenes and episodes are written to episodes.jsonl as they end, one JSON object a line.
 
     Returns:
         The records as JSON values.
     """
-    first = Trial(
-        arguments.objects,
+    objects, strategy, path = arguments.objects, arguments.strategy, arguments.out / "episodes.jsonl"
+    common = Trial(
+        objects,
         arguments.seed,
-        arguments.strategy,
+        strategy,
         arguments.layout,
         arguments.control_mode,
         physics=True,
@@ -307,73 +305,48 @@ def count_many(arguments: Arguments) -> dict[str, Any]:
         grasps=arguments.grasps,
         robot=arguments.robot,
     )
-    path, count = arguments.out / "episodes.jsonl", arguments.episodes
-    mode = f"{arguments.control_mode} mode, {arguments.strategy}, grasp set {arguments.grasps}"
-    print(f"{count} episodes of {arguments.environment}, robot {arguments.robot}, {mode}")
-    played: list[Counted] = []
-    seeds = (replace(first, seed=seed) for seed in itertools.count(first.seed))
-    wanted = itertools.takewhile(lambda _: len(played) < count, seeds)
-    play = _play_obstructed if arguments.obstructed else _play
-    with path.open("w") as file, progress_bar(total=count, unit="episode") as bar:
-        for trial, result in run_jobs(play, wanted, arguments.workers, _EPISODE_S):
-            if isinstance(result, Crash):
-                result = Counted(None, Attempt(*trial.key, cause=CRASH, detail=result.detail))
-            elif isinstance(result, Killed):
-                detail = f"did not end within {result.seconds:.0f} s"
-                result = Counted(None, Attempt(*trial.key, cause="killed", detail=detail))
-            if result is None:
-                continue
-            played.append(result)
-            file.write(json.dumps(asdict(result)) + "\n")
-            file.flush()
-            bar.update()
-            bar.set_postfix(succeeded=sum(entry.attempt.solved for entry in played), seed=trial.seed)
-    played = sorted(played, key=lambda entry: entry.attempt.seed)[:count]
-    print(f"\n{counts_text(played)}\n\nevery episode: {path}")
-    return {"settings": asdict(first), "episodes": [asdict(entry) for entry in played]}
+    mode = f"{arguments.control_mode} mode, {strategy}, grasp set {arguments.grasps}"
+    print(f"{arguments.episodes} episodes of {arguments.environment}, robot {arguments.robot}, {mode}")
+    path.unlink(missing_ok=True)
+    variants = {strategy: Variant(find_strategy(strategy))}
+    table = Table(common, (objects,), variants, arguments.episodes, arguments.obstructed, path)
+    table.run(arguments.workers)
+    attempts, scenes = table.attempts(objects, strategy), table.assessments(objects)
+    floors = {seed: scenes[seed].floor if scenes[seed].proved else None for seed in attempts}
+    print(f"\n{counts_text(list(attempts.values()), floors)}\n\nevery episode: {path}")
+    episodes = [{"floor": floors[seed], "attempt": asdict(attempt)} for seed, attempt in attempts.items()]
+    return {"settings": asdict(common), "episodes": episodes}
 
 
-def _play(trial: Trial, only_obstructed: bool = False) -> Counted | None:
-    """The episode of a scene; None if only an obstructed target is wanted, and it is not or cannot be freed."""
-    scene = run_trial(replace(trial, strategy=ASSESSMENT))
-    assert isinstance(scene, Assessment)
-    if only_obstructed and not scene.is_obstructed:
-        return None
-    attempt = run_trial(trial)
-    assert isinstance(attempt, Attempt)
-    return Counted(scene.floor if scene.proved else None, attempt)
+def counts_text(played: Sequence[Attempt], floors: Mapping[int, int | None]) -> str:
+    """Rates of both kinds of success with 95% intervals, clearances, times, causes of failure and deviations.
 
-
-def _play_obstructed(trial: Trial) -> Counted | None:
-    return _play(trial, only_obstructed=True)
-
-
-def counts_text(played: Sequence[Counted]) -> str:
-    """Rates of both kinds of success with 95% intervals, clearances, times, causes of failure and deviations."""
-    ended = [entry for entry in played if entry.attempt.cause != CRASH]
-    attempts = [entry.attempt for entry in ended]
-    solved = [attempt for attempt in attempts if attempt.solved]
-    lifted = sum(attempt.lifted for attempt in attempts)
-    floors = [entry.floor for entry in ended if entry.attempt.solved and entry.floor is not None]
-    simulated = times([attempt.sim_s for attempt in solved])
-    planning = times([attempt.total_s for attempt in attempts])
+    Args:
+        played: the episodes.
+        floors: by seed the minimum number of clearances, None if not proved.
+    """
+    ended = [attempt for attempt in played if attempt.cause != CRASH]
+    solved = [attempt for attempt in ended if attempt.solved]
+    lifted = sum(attempt.lifted for attempt in ended)
+    known = [floor for attempt in solved if (floor := floors.get(attempt.seed)) is not None]
+    simulated, planning = times([one.sim_s for one in solved]), times([one.total_s for one in ended])
     rows = {
         "episodes": f"{len(ended)}, and {len(played) - len(ended)} CRASHED",
         "clean success": f"{len(solved)} of {len(ended)}: {wilson(len(solved), len(ended))}",
         "target lifted": f"{lifted} of {len(ended)}: {wilson(lifted, len(ended))}",
         "objects cleared": f"{_mean([len(attempt.clearances) for attempt in solved]):.2f} on average",
-        "minimum number of clearances": f"{_mean(floors):.2f} on average",
-        "cleared twice or more": f"{sum(attempt.duplicated for attempt in attempts)} objects",
-        "replans after deviations": f"{sum(attempt.replans for attempt in attempts)}",
-        "toppled or off the table": f"{sum(attempt.fallen for attempt in attempts)} objects",
-        "disturbed": f"{sum(attempt.disturbed for attempt in attempts)} objects",
+        "minimum number of clearances": f"{_mean(known):.2f} on average",
+        "cleared twice or more": f"{sum(attempt.duplicated for attempt in ended)} objects",
+        "replans after deviations": f"{sum(attempt.replans for attempt in ended)}",
+        "toppled or off the table": f"{sum(attempt.fallen for attempt in ended)} objects",
+        "disturbed": f"{sum(attempt.disturbed for attempt in ended)} objects",
         "planning": f"{planning.median:.2f} s of CPU time (median), {planning.p95:.2f} s (95th percentile)",
         "simulated time of a success": f"{simulated.median:.1f} s (median), {simulated.p95:.1f} s (95th percentile)",
     }
     lines = [_aligned(rows)]
-    causes = Counter(entry.attempt.cause for entry in played if entry.attempt.cause)
+    causes = Counter(attempt.cause for attempt in played if attempt.cause)
     # Deviations are counted without the names of their objects.
-    deviations = Counter(text.rpartition(": ")[2] for attempt in attempts for text in attempt.deviations)
+    deviations = Counter(text.rpartition(": ")[2] for attempt in ended for text in attempt.deviations)
     for title, counts in (("causes of failure", causes), ("deviations", deviations)):
         if counts:
             lines += [f"  {title}:", *(f"    {number} x {name}" for name, number in counts.most_common())]

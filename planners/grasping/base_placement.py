@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +116,13 @@ def farthest_reach(robot: RobotSpec) -> float:
     lengths = [*(link.offset for link in links[2:]), robot.tcp_offset]
     reach = sum(float(np.linalg.norm(length)) for length in lengths)
     return reach + float(np.linalg.norm(np.add(links[0].offset, links[1].offset)[:2]))
+
+
+class Arm(NamedTuple):
+    """One arm that acts: its base poses among the static obstacles of a scene, and its joints."""
+
+    placer: MapPlacer
+    chain: ArmChain
 
 
 @dataclass(frozen=True)

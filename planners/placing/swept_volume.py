@@ -15,8 +15,6 @@ from planners.placing.negative_goal_region import SweptVolume, join_volumes
 from planners.scene import HeldObject
 from planners.scene.bodies import UPRIGHT_TILT
 
-__all__ = ["GraspVolumes", "grasp_volume", "path_volume", "standing_volume"]
-
 Array = NDArray[np.float64]
 
 _SPACING = 0.02

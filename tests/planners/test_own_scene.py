@@ -11,7 +11,7 @@ from assets.robots import FETCH
 from planners import Solution, solve
 from planners.grasping.base_placement import free_floor
 from planners.placing.negative_goal_region import SupportGrid
-from planners.placing.static_footprint import static_mask
+from planners.placing.surfaces import static_mask
 from planners.scene import Scene, SceneError, StaticObstacle
 from tests.planners.own_scenes import MOVABLE, SUPPORT, TABLE_X, TOP, deepest, kitchen, read
 from tests.planners.scenes import table_scene

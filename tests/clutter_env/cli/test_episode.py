@@ -10,7 +10,6 @@ import pytest
 
 from clutter_env.cli.episode import Arguments
 from clutter_env.cli.expert_episodes import (
-    Counted,
     Played,
     counts_text,
     episode_text,
@@ -20,7 +19,7 @@ from clutter_env.cli.expert_episodes import (
     write_plan,
 )
 from clutter_env.cli.main import main
-from clutter_env.experiments.clearance_table.trials import Attempt
+from clutter_env.evaluation.clearance_table import Attempt
 from planners import Cause, EpisodeReport, Infeasible, Solution
 from planners.tamp.solution import ReplanRecord, SolveStats
 from tests.planners.plans import solved
@@ -68,7 +67,7 @@ def test_counts_keep_crashes_apart_from_failures() -> None:
     success = Attempt(15, 1, "lookahead", solved=True, clearances=("object_02",), deviations=("object_03: toppled",))
     failed = Attempt(15, 2, "lookahead", cause="no clearance location")
     crashed = Attempt(15, 3, "lookahead", cause="crash", detail="Traceback")
-    text = counts_text([Counted(1, success), Counted(2, failed), Counted(None, crashed)])
+    text = counts_text([success, failed, crashed], {1: 1, 2: 2, 3: None})
     for part in ("1 of 2: 0.50", "1 CRASHED", "1 x no clearance location", "1 x toppled"):
         assert part in text
 
@@ -118,7 +117,7 @@ def test_the_demonstration_takes_the_target_out_of_fifteen_objects(
 @pytest.mark.slow
 def test_many_episodes_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["episode", "--objects", "5", "--episodes", "2", "--workers", "1", "--no-obstructed", "--out", str(tmp_path)])
-    assert len((tmp_path / "episodes.jsonl").read_text().splitlines()) == 2
+    assert len(json.loads((tmp_path / "report.json").read_text())["episodes"]) == 2
     assert "clean success" in capsys.readouterr().out
 
 

@@ -1,4 +1,4 @@
-"""The floor against brute force, and laws it must obey."""
+"""The lower bound on clearances against brute force, and laws it must obey."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from planners.cause import Cause
-from planners.clearing.minimum_clearances import (
+from planners.clearing.lower_bound import (
     FloorLimits,
+    FloorOptionsError,
     clearance_floor,
     minimum_clearances,
     self_clearable_sets,
 )
-from planners.clearing.self_clearable import FloorOptionsError, is_self_clearable, removal_orders, usable_options
 
 STATIC = 1 << 63
 
@@ -60,7 +60,7 @@ def objects_of(mask: int) -> frozenset[int]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_floor_and_all_smallest_sets_match_brute_force(seed: int) -> None:
+def test_lower_bound_and_all_smallest_sets_match_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     feasible = 0
     for _ in range(100):
@@ -81,7 +81,7 @@ def test_floor_and_all_smallest_sets_match_brute_force(seed: int) -> None:
     assert feasible > 30
 
 
-def test_every_order_is_executable_and_ends_with_the_target() -> None:
+def test_the_order_takes_each_object_through_its_first_option_that_is_free() -> None:
     rng = np.random.default_rng(5)
     for _ in range(60):
         options = random_options(rng, 9)
@@ -89,22 +89,16 @@ def test_every_order_is_executable_and_ends_with_the_target() -> None:
         if result.count is None:
             continue
         assert frozenset(result.objects) == objects_of(result.mask)
-        assert is_self_clearable(options, result.mask, 0)
-        for order in removal_orders(options, result.mask, 0):
-            removed = 0
-            for step in order:
-                assert step.option == usable_options(options, step.object, removed)[0]
-                removed |= 1 << step.object
-            assert order[-1].object == 0
-            assert removed == result.mask | 1
+        removed = 0
+        for step in result.order:
+            masks = [mask & ~(1 << step.object) for mask in options[step.object]]
+            assert step.option == next(j for j, mask in enumerate(masks) if mask & ~removed == 0)
+            removed |= 1 << step.object
+        assert result.order[-1].object == 0
+        assert removed == result.mask | 1
 
 
-def test_number_of_orders_of_independent_blockers_is_factorial() -> None:
-    options = {0: [0b11110], 1: [0], 2: [0], 3: [0], 4: [0]}
-    assert len(set(removal_orders(options, 0b11110, 0))) == 24
-
-
-def test_adding_an_option_never_raises_the_floor() -> None:
+def test_adding_an_option_never_raises_the_lower_bound() -> None:
     rng = np.random.default_rng(6)
     for _ in range(60):
         options = random_options(rng, 10)
@@ -187,7 +181,7 @@ def test_limits_give_honest_bounds() -> None:
             continue
         assert result.count is not None
         assert result.lower_bound <= exact.count <= result.count
-        assert is_self_clearable(options.__getitem__, result.mask, 0)
+        assert is_removable(dict(enumerate(options)), result.objects, 0)
         unproved += not result.proved
     assert unproved
 
@@ -201,12 +195,11 @@ def test_misuse_is_refused() -> None:
         minimum_clearances({}, 60)
 
 
-def test_floor_of_a_scene_speaks_in_names() -> None:
+def test_the_lower_bound_of_a_scene_speaks_in_names() -> None:
     blockers = {"cup": [0b110], "jar": [0b100], "can": [0]}
     names = tuple(blockers)
     scene = SimpleNamespace(names=names, index=names.index, held_names=())
-    provider = SimpleNamespace(blockers=blockers.__getitem__)
-    floor = clearance_floor(scene, "cup", provider)
+    floor = clearance_floor(scene, "cup", blockers.__getitem__)
     assert (floor.count, floor.objects, floor.options, floor.proved) == (2, ("can", "jar"), (0, 0, 0), True)
     holding = SimpleNamespace(names=names, index=names.index, held_names=("cup",))
-    assert clearance_floor(holding, "cup", provider).count == 0
+    assert clearance_floor(holding, "cup", blockers.__getitem__).count == 0
