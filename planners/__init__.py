@@ -40,7 +40,15 @@ from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeome
 from planners.skills.motion import SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import AStar
-from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.problem import (
+    GroundAction,
+    NoPlan,
+    SymbolicState,
+    TaskPlan,
+    TaskPlanner,
+    TaskProblem,
+    format_plan,
+)
 from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
@@ -117,6 +125,7 @@ __all__ = [
     "find_grasp_set",
     "find_strategy",
     "follow",
+    "format_plan",
     "generate_grasps",
     "gripper_opening",
     "gripper_poses",
