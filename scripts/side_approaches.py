@@ -27,7 +27,7 @@ from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, find_layout
 from irm.arm.frames import pose_of
 from irm.arm.kinematics import ArmChain
-from planners.collision.robot_model import robot_arrays
+from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.context import map_placer
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
