@@ -64,9 +64,9 @@ def run(arguments: Arguments) -> None:
     from clutter_env.data.collect import make_job
     from clutter_env.data.dataset import Dataset
     from clutter_env.data.minari import export_minari
-    from clutter_env.task import Task
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
+    from clutter_env.task import Task
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})

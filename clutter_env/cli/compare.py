@@ -96,8 +96,8 @@ def scene_sets(arguments: Arguments) -> list[SceneSet]:
         LearningError: they name none, or a number of scenes that there is not.
         SuiteError: no such suite.
     """
-    from clutter_env.evaluation.scenes import SceneSet
     from clutter_env.errors import LearningError
+    from clutter_env.evaluation.scenes import SceneSet
 
     if not arguments.suites and not arguments.envs:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes")

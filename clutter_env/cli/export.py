@@ -31,10 +31,10 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Export, and say what was written."""
     from clutter_env.data.dataset import Dataset
-    from clutter_env.errors import LearningError
     from clutter_env.data.hdf5 import export_hdf5
     from clutter_env.data.lerobot import export_lerobot
     from clutter_env.data.minari import export_minari
+    from clutter_env.errors import LearningError
     from clutter_env.reporting.files import write_json
 
     if arguments.image_size and arguments.to != "lerobot":

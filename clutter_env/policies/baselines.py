@@ -1,4 +1,4 @@
-"""Policies without training, with which learned ones are compared. All are privileged: they read the simulation."""
+"""Policies without training, with which learned ones are compared; they read the simulation. See `experts` for more."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.policies.experts import MAX_SCRIPT_STEPS, PLANNERS, PlannerExpert, ScriptedExpert, expert_keywords
+from clutter_env.policies.experts import MAX_SCRIPT_STEPS
 from clutter_env.policies.protocol import PolicyError
-from clutter_env.policies.scripted import SCRIPTS, direct_approach
+from clutter_env.policies.scripted import direct_approach
 
 _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
 """Indices of the approach directions, those from the robot's side first."""
@@ -106,40 +106,3 @@ class DirectApproach:
         """The next action."""
         self._steps += 1
         return direct_approach(self._env)[1]
-
-
-class ExpertPolicy:
-    """An expert, planner or script, by its name in `experts`.
-
-    Attributes:
-        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
-            support.
-        env_keywords: keyword arguments with which an environment must be made for it.
-    """
-
-    is_privileged = True
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self.grasps = PLANNERS[name].grasps if name in PLANNERS else "all"
-        self.env_keywords = expert_keywords(name)
-
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
-        """Start an episode."""
-        is_script = self._name in SCRIPTS
-        self._expert = ScriptedExpert(env, self._name) if is_script else PlannerExpert(env, PLANNERS[self._name])
-        self._expert.reset()
-
-    @property
-    def done(self) -> bool:
-        """Whether it has finished or given up."""
-        return self._expert.done
-
-    @property
-    def failure(self) -> str:
-        """Why it gave up, "" if it did not say."""
-        return str(self._expert.report_values.get("failure") or "")
-
-    def act(self, observation: Any) -> Any:  # noqa: ARG002  the expert reads the simulation
-        """The next action."""
-        return self._expert.act()

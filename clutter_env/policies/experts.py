@@ -1,4 +1,4 @@
-"""Experts with one interface: the task and motion planner, and the scripts."""
+"""Experts: privileged policies that demonstrate, the task and motion planner and the scripts."""
 
 from __future__ import annotations
 
@@ -17,9 +17,7 @@ from clutter_env.reporting.files import json_values
 from clutter_env.task import family
 
 if TYPE_CHECKING:
-    from planners import StepLabel
-
-__all__ = ["MAX_SCRIPT_STEPS", "PLANNERS", "Expert", "expert_keywords", "expert_names", "make_expert"]
+    from planners import StepLabel, TampExpert
 
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
@@ -47,11 +45,26 @@ MAX_SCRIPT_STEPS = 400
 
 
 class Expert(Protocol):
-    """Acts in one environment; it may read the state of the simulation."""
+    """A privileged policy that can say what it does.
+
+    Attributes:
+        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
+            support.
+        env_keywords: keyword arguments with which an environment must be made for it.
+    """
+
+    is_privileged: bool
+    grasps: str
+    env_keywords: Mapping[str, Any]
 
     @property
     def done(self) -> bool:
         """Whether it has finished or given up."""
+        ...
+
+    @property
+    def failure(self) -> str:
+        """Why it gave up, "" if it did not say."""
         ...
 
     @property
@@ -74,11 +87,11 @@ class Expert(Protocol):
         """The report as JSON values."""
         ...
 
-    def reset(self) -> None:
-        """Start with the episode for which the environment has just been reset."""
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
+        """Start an episode; `env` has been reset and returned `info`."""
         ...
 
-    def act(self) -> NDArray[Any]:
+    def act(self, observation: Any) -> NDArray[Any]:
         """The next action."""
         ...
 
@@ -91,63 +104,56 @@ def expert_names(env_id: str) -> tuple[str, ...]:
     return (kind,) if kind in SCRIPTS else (*PLANNERS, "scripted")
 
 
-def expert_keywords(name: str) -> dict[str, Any]:
-    """Keyword arguments with which an environment must be made for an expert."""
-    return {"control_mode": "ee"} if name in SCRIPTS else {}
-
-
-def make_expert(env: gym.Env, name: str = "") -> Expert:
-    """An expert for an environment.
-
-    Args:
-        env: made with `gym.make`.
-        name: one of `expert_names`; "" for the first.
+def find_expert(env_id: str, name: str = "") -> str:
+    """The name of an expert of an environment; "" stands for the first.
 
     Raises:
         UnknownExpert: no such expert for this environment; the message lists the known ones.
     """
-    assert env.spec is not None
-    known = expert_names(env.spec.id)
+    known = expert_names(env_id)
     if not known:
-        raise UnknownExpert(
-            f"no expert acts in {env.spec.id}; those of the Retrieve environments act in the same scenes"
-        )
+        raise UnknownExpert(f"no expert acts in {env_id}; those of the Retrieve environments act in the same scenes")
     if name and name not in known:
-        raise UnknownExpert(f"no expert {name!r} for {env.spec.id}; known ones: {', '.join(known)}")
-    chosen = name or known[0]
-    if chosen in SCRIPTS:
-        return ScriptedExpert(env, chosen)
-    return PlannerExpert(env, PLANNERS[chosen])
+        raise UnknownExpert(f"no expert {name!r} for {env_id}; known ones: {', '.join(known)}")
+    return name or known[0]
+
+
+def make_expert(name: str) -> Expert:
+    """An expert by a name of `find_expert`."""
+    return ScriptedExpert(name) if name in SCRIPTS else PlannerExpert(PLANNERS[name])
 
 
 class ScriptedExpert:
-    """An expert that follows one of `SCRIPTS`.
+    """An expert that follows one of `SCRIPTS`, in an environment with `control_mode="ee"`."""
 
-    Raises:
-        UnknownExpert: the environment is not controlled by the velocity of the gripper.
-    """
+    is_privileged, grasps, failure = True, "all", ""
+    env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
 
-    def __init__(self, env: gym.Env, name: str) -> None:
-        base_env: Any = env.unwrapped
-        if base_env.config.control_mode != "ee":
-            raise UnknownExpert(f"the script {name!r} needs control_mode='ee'")
-        self._env, self._name = base_env, name
-        self._steps = 0
-        self.skill = ""
+    def __init__(self, name: str) -> None:
+        self._name, self._steps = name, 0
+        self.skill, self.plan_text = "", name
         self.step_label: StepLabel | None = None
-        self.done = False
-        self.plan_text = name
         self.report_values: Mapping[str, Any] = {}
 
-    def reset(self) -> None:
-        """Start with the episode for which the environment has just been reset."""
-        self._steps = 0
-        self.done = False
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode.
 
-    def act(self) -> NDArray[Any]:
+        Raises:
+            UnknownExpert: the environment is not controlled by the velocity of the gripper.
+        """
+        inner: Any = env.unwrapped
+        if inner.config.control_mode != "ee":
+            raise UnknownExpert(f"the script {self._name!r} needs control_mode='ee'")
+        self._env, self._steps = inner, 0
+
+    @property
+    def done(self) -> bool:
+        """Whether it has given up."""
+        return self._steps >= MAX_SCRIPT_STEPS
+
+    def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         self._steps += 1
-        self.done = self._steps >= MAX_SCRIPT_STEPS
         self.skill, action = SCRIPTS[self._name](self._env)
         return action
 
@@ -158,42 +164,54 @@ class PlannerExpert:
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
     """
 
-    def __init__(self, env: gym.Env, choice: PlannerChoice) -> None:
+    is_privileged = True
+    env_keywords: Mapping[str, Any] = MappingProxyType({})
+
+    def __init__(self, choice: PlannerChoice) -> None:
+        self.grasps, self._choice = choice.grasps, choice
+        self._expert: TampExpert | None = None
+
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Plan for the episode for which the environment has just been reset."""
         # The scripts do without the planner and its compiled kernels.
         from planners import ExpertConfig, TampExpert
 
-        config = ExpertConfig(planning_s=math.inf)
+        choice, config = self._choice, ExpertConfig(planning_s=math.inf)
         self._expert = TampExpert(env, choice.strategy, grasps=choice.grasps, canonical=choice.canonical, config=config)
+        self._expert.reset()
 
     @property
     def done(self) -> bool:
         """Whether the planner has finished or given up."""
-        return bool(self._expert.done)
+        return self._expert is not None and bool(self._expert.done)
+
+    @property
+    def failure(self) -> str:
+        """Why it gave up, "" if it did not."""
+        return str(self.report_values.get("failure") or "")
 
     @property
     def skill(self) -> str:
         """The symbolic action and the phase of its motion, such as "PickUp object_03: lift"."""
-        return str(self._expert.phase)
+        return "" if self._expert is None else str(self._expert.phase)
 
     @property
-    def step_label(self) -> StepLabel:
+    def step_label(self) -> StepLabel | None:
         """Phase, contact and keyframe that the last action belongs to."""
-        return self._expert.step_label
+        return None if self._expert is None else self._expert.step_label
 
     @property
     def plan_text(self) -> str:
         """The last plan, as in Fig. 13 of Lee & Kim 2019."""
-        return "\n".join(str(action) for action in getattr(self._expert.solution, "actions", ()))
+        solution = None if self._expert is None else self._expert.solution
+        return "\n".join(str(action) for action in getattr(solution, "actions", ()))
 
     @property
     def report_values(self) -> Mapping[str, Any]:
         """`EpisodeReport` as JSON values."""
-        return dict(json_values(self._expert.report))
+        return {} if self._expert is None else dict(json_values(self._expert.report))
 
-    def reset(self) -> None:
-        """Plan for the episode for which the environment has just been reset."""
-        self._expert.reset()
-
-    def act(self) -> NDArray[Any]:
+    def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
+        assert self._expert is not None
         return np.asarray(self._expert.act())

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clutter_env.errors import LearningError
+from clutter_env.task import Task
 
 RUN_FILE = "run.json"
 GOAL_ALGORITHMS = ("sac", "tqc")
@@ -17,7 +18,7 @@ SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
 CLONERS = ("bc", "dagger")
 """Learn from an expert."""
 MOTION_LEARNERS = ("keyframes",)
-"""Learn from demonstrations, or from canonical plans of which nothing is simulated, how picks and places are executed."""
+"""Learn from demonstrations, or from canonical plans without physics, how picks and places are executed."""
 MOTIONS_FILE = "motions.npz"
 """Their weights, in the directory of a run."""
 DECISION_LEARNERS = ("decisions", "decisions_dagger")
@@ -31,6 +32,12 @@ def run_directories(name: str) -> tuple[Path, ...]:
     """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
     found = [Path(part) for part in name.split("+")]
     return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
+
+
+def run_task(directory: Path) -> Task:
+    """The task that a run was trained on; raises `LearningError` if the directory holds no training run."""
+    task = load_run(directory)["task"]
+    return Task(task["env_id"], task["keywords"])
 
 
 def load_run(directory: Path) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from clutter_env.data.episode import Episode
 from clutter_env.errors import DatasetError, LearningError
 from clutter_env.evaluation.score import held_out_seeds, success_rate
 from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy
-from clutter_env.policies.experts import Expert, make_expert
+from clutter_env.policies.experts import Expert, find_expert, make_expert
 from clutter_env.policies.features import feature_vector
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
@@ -84,7 +84,7 @@ def train_clone(run: Run, settings: BC) -> list[dict[str, float]]:
         policy = clone(examples, config, lambda step, loss: writer.add_scalar("train/loss", loss, step))
         finish_round(policy, examples)
         if isinstance(settings, DAgger):
-            expert = make_expert(run.task.env_id, settings.expert or str(dataset.identity["expert"]))
+            expert = make_expert(find_expert(run.task.env_id, settings.expert or str(dataset.identity["expert"])))
             rng = np.random.default_rng(run.seed)
             seed = DAGGER_SEEDS + run.seed * settings.rounds * settings.round_episodes
             for _ in range(settings.rounds):
