@@ -3,9 +3,9 @@
     clutter-env compare --suites side-15-v1 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
 
-The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their seed form
-one row. Two Markdown tables and a picture are written to the output directory; every result is written there as soon as
-its episode ends: run the same command again after an interruption.
+The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their
+seed form one row. Two Markdown tables and a picture are written to the output directory; every score is written there as
+soon as its episode ends: run the same command again after an interruption.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Policies without training, with which learned ones are compared. All are privileged: they read the simulation."""
+"""Policies without training, with which learned ones are compared; they read the simulation. See `experts` for more."""
 
 from __future__ import annotations
 

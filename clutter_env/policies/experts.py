@@ -1,4 +1,4 @@
-"""Experts: privileged policies that solve their environment, the task and motion planner and the scripts."""
+"""Experts: privileged policies that demonstrate, the task and motion planner and the scripts."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import UnknownExpert
-from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.scripted import SCRIPTS
 from clutter_env.reporting.files import json_values
 from clutter_env.task import family
 
 if TYPE_CHECKING:
-    from planners import StepLabel
+    from planners import StepLabel, TampExpert
 
 STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
@@ -46,13 +45,26 @@ MAX_SCRIPT_STEPS = 400
 
 
 class Expert(Protocol):
-    """A privileged policy that also says, for recording, what its actions are part of."""
+    """A privileged policy that can say what it does.
+
+    Attributes:
+        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
+            support.
+        env_keywords: keyword arguments with which an environment must be made for it.
+    """
 
     is_privileged: bool
+    grasps: str
+    env_keywords: Mapping[str, Any]
 
     @property
     def done(self) -> bool:
         """Whether it has finished or given up."""
+        ...
+
+    @property
+    def failure(self) -> str:
+        """Why it gave up, "" if it did not say."""
         ...
 
     @property
@@ -62,7 +74,7 @@ class Expert(Protocol):
 
     @property
     def step_label(self) -> StepLabel | None:
-        """Phase, pick-place action and keyframe that the last action belongs to; None if it has no plan."""
+        """Phase, contact and keyframe that the last action belongs to; None if it has no plan."""
         ...
 
     @property
@@ -93,7 +105,7 @@ def expert_names(env_id: str) -> tuple[str, ...]:
 
 
 def find_expert(env_id: str, name: str = "") -> str:
-    """The name of an expert for an environment; "" for its default one.
+    """The name of an expert of an environment; "" stands for the first.
 
     Raises:
         UnknownExpert: no such expert for this environment; the message lists the known ones.
@@ -107,36 +119,32 @@ def find_expert(env_id: str, name: str = "") -> str:
 
 
 def make_expert(name: str) -> Expert:
-    """The expert of that name: one of `PLANNERS` or `SCRIPTS`; see `find_expert`."""
+    """An expert by a name of `find_expert`."""
     return ScriptedExpert(name) if name in SCRIPTS else PlannerExpert(PLANNERS[name])
 
 
 class ScriptedExpert:
-    """Follows one of `SCRIPTS`.
+    """An expert that follows one of `SCRIPTS`, in an environment with `control_mode="ee"`."""
 
-    Attributes:
-        env_keywords: keyword arguments with which an environment must be made for it.
-    """
-
-    is_privileged, grasps = True, "all"
+    is_privileged, grasps, failure = True, "all", ""
     env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
 
     def __init__(self, name: str) -> None:
         self._name, self._steps = name, 0
-        self.skill = self.failure = ""
+        self.skill, self.plan_text = "", name
         self.step_label: StepLabel | None = None
-        self.plan_text = name
         self.report_values: Mapping[str, Any] = {}
 
-    def check(self, env: gym.Env[Any, Any]) -> None:
-        """Refuse an environment that is not controlled by the velocity of the gripper (`PolicyError`)."""
-        if env.get_wrapper_attr("control_mode") != "ee":
-            raise PolicyError(f"the script {self._name!r} needs control_mode='ee'")
-
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
-        """Start an episode."""
-        self._env: Any = env.unwrapped
-        self._steps = 0
+        """Start an episode.
+
+        Raises:
+            UnknownExpert: the environment is not controlled by the velocity of the gripper.
+        """
+        inner: Any = env.unwrapped
+        if inner.config.control_mode != "ee":
+            raise UnknownExpert(f"the script {self._name!r} needs control_mode='ee'")
+        self._env, self._steps = inner, 0
 
     @property
     def done(self) -> bool:
@@ -151,62 +159,59 @@ class ScriptedExpert:
 
 
 class PlannerExpert:
-    """Follows the plans of `planners.TampExpert`, without a time limit.
+    """`planners.TampExpert` without a time limit.
 
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
-
-    Attributes:
-        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
-            support.
     """
 
     is_privileged = True
+    env_keywords: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, choice: PlannerChoice) -> None:
         self.grasps, self._choice = choice.grasps, choice
+        self._expert: TampExpert | None = None
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Plan for the episode for which the environment has just been reset."""
         # The scripts do without the planner and its compiled kernels.
         from planners import ExpertConfig, TampExpert
 
-        strategy, grasps, canonical = self._choice
-        config = ExpertConfig(planning_s=math.inf)
-        self._expert = TampExpert(env, strategy, grasps=grasps, canonical=canonical, config=config)
+        choice, config = self._choice, ExpertConfig(planning_s=math.inf)
+        self._expert = TampExpert(env, choice.strategy, grasps=choice.grasps, canonical=choice.canonical, config=config)
         self._expert.reset()
 
     @property
     def done(self) -> bool:
         """Whether the planner has finished or given up."""
-        return bool(self._expert.done)
+        return self._expert is not None and bool(self._expert.done)
 
     @property
     def failure(self) -> str:
-        """Why it gave up, "" if it did not say."""
+        """Why it gave up, "" if it did not."""
         return str(self.report_values.get("failure") or "")
 
     @property
-    def phase(self) -> str:
+    def skill(self) -> str:
         """The symbolic action and the phase of its motion, such as "PickUp object_03: lift"."""
-        return str(self._expert.phase)
-
-    skill = phase
+        return "" if self._expert is None else str(self._expert.phase)
 
     @property
-    def step_label(self) -> StepLabel:
-        """Phase, pick-place action and keyframe that the last action belongs to."""
-        return self._expert.step_label
+    def step_label(self) -> StepLabel | None:
+        """Phase, contact and keyframe that the last action belongs to."""
+        return None if self._expert is None else self._expert.step_label
 
     @property
     def plan_text(self) -> str:
         """The last plan, as in Fig. 13 of Lee & Kim 2019."""
-        return "\n".join(str(action) for action in getattr(self._expert.solution, "actions", ()))
+        solution = None if self._expert is None else self._expert.solution
+        return "\n".join(str(action) for action in getattr(solution, "actions", ()))
 
     @property
     def report_values(self) -> Mapping[str, Any]:
         """`EpisodeReport` as JSON values."""
-        return dict(json_values(self._expert.report))
+        return {} if self._expert is None else dict(json_values(self._expert.report))
 
     def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
+        assert self._expert is not None
         return np.asarray(self._expert.act())

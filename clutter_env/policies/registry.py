@@ -23,9 +23,7 @@ from clutter_env.task import family
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
 _GOAL_FAMILIES = ("reach", "pick")
-_EXPERTS: Mapping[str, Callable[[int], AnyPolicy]] = {
-    name: lambda _, name=name: make_expert(name) for name in (*PLANNERS, *SCRIPTS)
-}
+_EXPERTS = (*PLANNERS, *SCRIPTS)
 _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
     "greedy": lambda _: GreedyPolicy(),
     "direct-approach": lambda _: DirectApproach(),
@@ -39,7 +37,7 @@ _SHIPPED = MappingProxyType(
         for ending, problem in (("", "side"), ("-all", "all"), ("-shelf", "shelf"))
     }
 )
-"""Two-level policies with the weights of the package (see `weights.SHIPPED`): both levels learned, or one of them planned;
+"""Two-level policies with the weights of the package (`weights.SHIPPED`): both levels learned, or one of them planned;
 with level grasps, all grasps, and under the shelf's board."""
 BUILT_IN = (*_EXPERTS, *_SHIPPED, *_BASELINES)
 """Names of the built-in policies."""
@@ -57,9 +55,10 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     Raises:
         PolicyError: there is no such policy, or it lacks the methods of the protocol.
     """
-    make = (_EXPERTS | _BASELINES).get(name)  # type: ignore[operator]  # both are dictionaries
-    if make is not None:
-        return make(seed)
+    if name in _EXPERTS:
+        return make_expert(name)
+    if name in _BASELINES:
+        return _BASELINES[name](seed)
     if name in _SHIPPED:
         from clutter_env.policies.learned import shipped_policy  # needs torch, which the others do without
 

@@ -18,7 +18,7 @@ SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
 CLONERS = ("bc", "dagger")
 """Learn from an expert."""
 MOTION_LEARNERS = ("keyframes",)
-"""Learn from demonstrations, or from canonical plans of which nothing is simulated, how picks and places are executed."""
+"""Learn from demonstrations, or from canonical plans without physics, how picks and places are executed."""
 MOTIONS_FILE = "motions.npz"
 """Their weights, in the directory of a run."""
 DECISION_LEARNERS = ("decisions", "decisions_dagger")
@@ -32,6 +32,12 @@ def run_directories(name: str) -> tuple[Path, ...]:
     """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
     found = [Path(part) for part in name.split("+")]
     return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
+
+
+def run_task(directory: Path) -> Task:
+    """The task that a run was trained on; raises `LearningError` if the directory holds no training run."""
+    task = load_run(directory)["task"]
+    return Task(task["env_id"], task["keywords"])
 
 
 def load_run(directory: Path) -> dict[str, Any]:
@@ -50,16 +56,6 @@ def load_run(directory: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise LearningError(f"{path} is no record of a training run, or it is damaged: {problem!r}") from problem
     return record
-
-
-def run_task(directory: Path) -> Task:
-    """The task that a run was trained on.
-
-    Raises:
-        LearningError: the directory holds no training run.
-    """
-    task = load_run(directory)["task"]
-    return Task(task["env_id"], task["keywords"])
 
 
 def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

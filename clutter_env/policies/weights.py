@@ -29,7 +29,7 @@ SHIPPED: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "decisions": {"side": "decisions-side.npz", "all": "decisions-all.npz", "shelf": "decisions-shelf.npz"},
     }
 )
-"""Files in `assets/policies/`, by what was learned and by problem: level grasps, all grasps, under the shelf's board."""
+"""Files in `assets/policies/`, by what was learned and by problem: level grasps, all grasps, under a shelf."""
 _ABOUT = "about"
 
 

@@ -37,8 +37,8 @@ _ROUND_RATE = 0.3
 def train_decisions(run: Run, settings: Decisions) -> list[dict[str, float]]:
     """Train in this process; a resumed run goes on with the examples that it collected.
 
-    All collect `scenes` scenes and fit once; `DecisionsDAgger` then has `rounds` in each of which the learner decides in
-    `round_episodes` new scenes, without physics, and is fitted to all examples.
+    All collect `scenes` scenes and fit once; `DecisionsDAgger` then has `rounds` in each of which the learner decides
+    in `round_episodes` new scenes, without physics, and is fitted to all examples.
     """
     torch.set_num_threads(1)
     env = run.task.make()

@@ -1,8 +1,8 @@
 """Examples for the high-level policy: candidate picks and places, and what stands in their way.
 
-They are collected from random scenes without physics and without planning a motion. By the planner's geometry a candidate
-is free if some arm configuration reaches it that touches nothing; of several, the one that touches the fewest objects
-counts.
+They are collected from random scenes without physics and without planning a motion. By the planner's geometry a
+candidate is free if some arm configuration reaches it that touches nothing; of several, the one that touches the fewest
+objects counts.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def pick_examples(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -
 
 
 def place_examples(
-    scene: Scene, rule: CandidateRule, points: NDArray[np.float64], rng: np.random.Generator, share: float = _SHARE
+    scene: Scene, rule: CandidateRule, points: NDArray[np.float64], rng: np.random.Generator
 ) -> CandidateExamples:
     """A random share of the candidate places of a scene's held object at points (k, 3) [m]."""
     assert scene.held is not None

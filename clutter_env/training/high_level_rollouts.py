@@ -1,8 +1,8 @@
-"""Rollouts of a high-level policy without physics: how good its decisions are, and examples from the states that it visits.
+"""Rollouts of a high-level policy without physics: how good its decisions are, and examples from the visited states.
 
-A pick or place that is free by the planner's geometry is assumed to succeed: the object is then in the gripper, or stands
-where it was to be put. Any other one ends the rollout. Labelling the visited states is DAgger (Ross et al. 2011): choosing
-the best of many candidates finds those that the network is wrong about.
+A pick or place that is free by the planner's geometry is assumed to succeed: the object is then in the gripper, or
+stands where it was to be put. Any other one ends the rollout. Labelling the visited states is DAgger (Ross et al.
+2011): choosing the best of many candidates finds those that the network is wrong about.
 """
 
 from __future__ import annotations

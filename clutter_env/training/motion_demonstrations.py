@@ -135,8 +135,8 @@ def _drawn_scene(env: gym.Env[Any, Any], seed: int) -> tuple[Scene, str]:
 def motions_of_plan(solution: Solution) -> Iterator[Motion]:
     """The motions of a plan, one for each contact, in order of time.
 
-    Observations show the robot where the plan has it, and of the objects only the one of the contact, where it is when the
-    last action of the motion begins: it is row 0.
+    Observations show the robot where the plan has it, and of the objects only the one of the contact, where it is when
+    the last action of the motion begins: it is row 0.
     """
     before: list[BoundAction] = []
     for action in solution.actions:

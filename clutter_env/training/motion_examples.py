@@ -1,8 +1,8 @@
 """Examples for the keyframe network: situations of demonstrated motions, and the keyframes that belong to them.
 
-Under a shelf the planner's straight lines are drives of the base: from outside with the arm rigid, straight in ("enter"),
-then along the gripper to the contact ("reach"); on the way out back along the gripper ("back") and straight out ("leave").
-Such lines are cut at their corners into phases; see `planners.drive_out`.
+Under a shelf the planner's straight lines are drives of the base: from outside with the arm rigid, straight in
+("enter"), then along the gripper to the contact ("reach"); then back along the gripper ("back") and straight out
+("leave"). Such lines are cut at their corners into phases; see `planners.drive_out`.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ class _Tensors:
         return torch.stack(losses).sum()
 
     def moved(self, chosen: torch.Tensor, config: KeyframeFitConfig) -> tuple[torch.Tensor, ...]:
-        """Features with contact and free joints changed; orientations, positions and free joints (k, 2) that change too.
+        """Features with contact and free joints changed; orientations, positions and free joints (k, 2) as they change.
 
         The free joints change everywhere as they do at the contact.
         """

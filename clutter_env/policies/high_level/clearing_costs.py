@@ -1,9 +1,9 @@
 """Clearances that are left, from what the network predicts about candidates: value iteration over the objects.
 
-The cost of taking an object is that of its best candidate. At a candidate every object that may be in the way costs the
-lesser of two: the risk of touching it, or clearing it first, one clearance and what it takes to take that object. Costs
-start at `MAX_COST` and fall until they no longer change, as in Bellman-Ford. An object that stands in the way of two others
-that are both cleared is counted twice: the values are upper bounds of the clearances.
+The cost of taking an object is that of its best candidate. At a candidate every object that may be in the way costs
+the lesser of two: the risk of touching it, or clearing it first, one clearance and what it takes to take that object.
+Costs start at `MAX_COST` and fall until they no longer change, as in Bellman-Ford. An object that stands in the way of
+two others that are both cleared is counted twice: the values are upper bounds of the clearances.
 """
 
 from __future__ import annotations

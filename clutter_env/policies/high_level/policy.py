@@ -40,8 +40,8 @@ _DETOUR = 0.5
 _PLACED_COST = 2.0
 """[clearances] of clearing an object that has been put in the way."""
 _MARGIN, _MARGIN_WORTH = 0.008, 0.1
-"""[m] by which other objects are also imagined to be thicker, and the weight of what is then in the way: motions are not
-exact, so candidates with clearance around them are preferred."""
+"""[m] by which other objects are also imagined to be thicker, and the weight of what is then in the way: motions are
+not exact, so candidates with clearance around them are preferred."""
 _CROWDING_COST = 0.5
 """[clearances] of a place without any clearance around it."""
 _MOVED = 0.01
@@ -184,7 +184,7 @@ class LearnedHighLevelPolicy:
         return self._without_tried(weighed, "pick", [body.name for body in scene.bodies])
 
     def _weigh(self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]) -> _Weighed:
-        """Candidates with their own objects (m, 5), as these stand there, and the objects' indices in the scene (m,)."""
+        """Candidates with their own objects (m, 5), as these stand there, and these objects' indices (m,)."""
         rows = object_rows(scene.bodies)
         alone = _batch(
             candidates, own, rows[None, :0].repeat(len(candidates), 0), np.ones((len(candidates), 0), np.bool_)

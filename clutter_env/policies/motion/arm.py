@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class ArmKinematics:
-    """Forward kinematics of torso and arm in torch, in the base's frame, so that a loss can weigh the gripper's error."""
+    """Forward kinematics of torso and arm in torch, in the base's frame, for losses on the gripper's error."""
 
     def __init__(self, robot: RobotSpec) -> None:
         offsets, axes, tip = frames_of(robot)
@@ -86,7 +86,7 @@ def nearest_home(robot: RobotSpec, q: Array) -> Array:
 
 
 def with_wrist_flipped(robot: RobotSpec, q: Array) -> Array:
-    """Configurations (..., 8) with the same gripper pose, the wrist bent to the other side and the forearm half a turn on.
+    """Configurations (..., 8) with the same gripper pose, the wrist bent to the other side, the forearm half a turn on.
 
     A robot whose arm does not end in a roll, a bend and a roll about one line keeps its configurations.
     """

@@ -16,7 +16,7 @@ from clutter_env.policies.parsed_observation import ParsedObservation, wrapped
 Array = NDArray[np.float64]
 
 _RESPONSE = 0.12
-"""[s] in which the remainder of a motion shrinks to 1 / e; the measured joints lag about 0.02 s behind their targets."""
+"""[s] in which the remaining motion shrinks to 1 / e; the measured joints lag about 0.02 s behind their targets."""
 _NOTHING = 1e-4
 """[m], [rad] A joint this near its goal does not determine the pace."""
 _BRAKING_SHARE = 0.8
@@ -117,7 +117,7 @@ class GripperError:
 
 
 class IntegralOffset:
-    """Integral offset correction: the network is told a contact that is shifted by the integral of the gripper's error."""
+    """Integral offset correction: the contact in the network input is shifted by the integral of the gripper's error."""
 
     def __init__(self) -> None:
         self._shift, self._turn = np.zeros(3), np.zeros(3)

@@ -1,4 +1,4 @@
-"""The region that the base keeps out of: the largest rectangle that no demonstrated drive enters; and paths round it."""
+"""The keep-out region of the base: the largest rectangle that no demonstrated drive enters; and paths round it."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ class KeepOutRegion:
 
 
 def keep_out_of_drives(drives: Iterable[Array]) -> KeepOutRegion:
-    """The largest rectangle about the middle of the table that none of these drives (n, 2) [m] enters; empty without any.
+    """The largest rectangle about the middle of the table that none of these drives (n, 2) [m] enters.
 
-    Sides beyond which nothing drives are infinitely far away; areas are measured as far as the drives reach.
+    It is empty without drives. Sides beyond which nothing drives are infinitely far away; areas are measured as far as the drives reach.
     """
     best, largest = KeepOutRegion(np.zeros(2), np.zeros(2)), 0.0
     paths = [_filled(drive) for drive in drives]

@@ -104,7 +104,7 @@ class ShelfKeyframePlanner:
         return self._arm.height if phase in _RAISED[contact.skill] else 0.0
 
     def _q_at(self, contact: Contact, offset: IntegralOffset, height: float) -> Array:
-        """(8,) Torso and arm with the gripper at a height [m] above the offset contact, in the frame of the base there."""
+        """(8,) Torso and arm with the gripper at a height [m] above the offset contact, for the base there."""
         base_tcp = contact_in_base(offset.applied_to(contact.tcp), contact.base)
         last_tcp, last_height, _ = self._last
         if height != last_height or np.abs(base_tcp - last_tcp).max() > _SAME:

@@ -48,8 +48,8 @@ _GRID = np.array(
 )
 """Torsos [m] and rolls of the upper arm [rad] from home that are candidates beside the demonstrated ones."""
 _UNLIKE_COST, _STRANGE_COST, _FLIPPED_COST = 0.2, 0.5, 0.3
-"""Costs for each unit by which the contact where free joints were demonstrated differs; of free joints that are not among
-the nearest demonstrated ones; of a wrist that is bent to the other side (one demonstrated pick in ten, deep inside)."""
+"""Costs for each unit by which the contact where free joints were demonstrated differs; of free joints that are not
+among the nearest demonstrated ones; of a wrist bent to the other side (one demonstrated pick in ten, deep inside)."""
 _KEPT = 12
 """Candidates at the contact for which lifts are compared."""
 _LIFTS = np.array(
@@ -67,7 +67,7 @@ _CLEARANCE, _TOUCHING = 0.02, 0.004
 """[m] of clearance of the arm that is enough, and below which it is likely to touch; the wrist behind a level gripper
 that reaches down to the table has no more than 9 mm."""
 _MISS_COST, _CLEARANCE_COST, _HIT_COST = 60.0, 20.0, 300.0
-"""Costs of a metre by which the gripper misses its pose, and of a metre that a ball of the arm lacks to either clearance."""
+"""Costs of a metre by which the gripper misses its pose, and of a metre that a ball of the arm lacks to a clearance."""
 _MAX_RISK = 6.0
 """Cost of lacking clearance up to which an arm is expected to get through."""
 _POINT_SPACING = 0.02
@@ -99,8 +99,8 @@ class ArmChoice(NamedTuple):
 class ArmPredictor:
     """Arm configurations predicted by a network, corrected by forward kinematics before the robot moves.
 
-    Where forward kinematics predicts the gripper beside its line, the network is told a contact on the other side, as the
-    feedback of a measured error does while the robot moves; and free joints on the other side of wrong ones.
+    Where forward kinematics predicts the gripper beside its line, the contact in the network input is moved to the other
+    side, as feedback of the measured error does while the robot moves; and free joints to the other side of wrong ones.
     """
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec) -> None:
@@ -256,14 +256,14 @@ def demonstrated_row(contact: Contact, free: Array) -> Array:
 
 
 def nearest_demonstrated(shown: Array, contact: Contact) -> tuple[Array, Array]:
-    """Free joints (k, 2) of the demonstrated contacts (m, 7) nearest to a contact, and how far those are from it (k,)."""
+    """Free joints (k, 2) of the demonstrated contacts (m, 7) nearest to a contact, and their distances from it (k,)."""
     away = np.linalg.norm((shown[:, :5] - demonstrated_row(contact, np.zeros(2))[:5]) / _KEY_UNITS, axis=1)
     nearest = np.argsort(away, kind="stable")[:_NEAREST]
     return shown[nearest, 5:], away[nearest]
 
 
 class ArmBalls:
-    """b balls along the collision solids of the links from the first joint of the arm to the wrist, without the gripper.
+    """b balls along the collision solids of the arm, from its first joint to the wrist, without the gripper.
 
     Attributes:
         radius: (b,) [m].
