@@ -60,12 +60,9 @@ def left_in(directory: Path) -> set[str]:
     return {entry.name for entry in directory.iterdir() if entry.is_file()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("size", "named", "left"),
-    [
-        pytest.param(100, "run.json", set(), marks=pytest.mark.slow),
-        (20_000, "replay_buffer.pkl", {"run.json"}),
-    ],
+    ("size", "named", "left"), [(100, "run.json", set()), (20_000, "replay_buffer.pkl", {"run.json"})]
 )
 def test_training_stops_with_a_message(size: int, named: str, left: set[str], tmp_path: Path) -> None:
     result = run_with_limit(TRAIN, size, tmp_path)
@@ -74,6 +71,7 @@ def test_training_stops_with_a_message(size: int, named: str, left: set[str], tm
     assert left_in(tmp_path) == left
 
 
+@pytest.mark.slow
 def test_a_policy_is_complete_or_the_old_one_stays(tmp_path: Path) -> None:
     result = run_with_limit(POLICY, 5000, tmp_path)
     assert "policy.pt" in result.stdout, result.stderr

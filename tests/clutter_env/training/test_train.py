@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from clutter_env.policies.reinforcement import GRIPPER_SCALE, GoalFeatures, Scal
 from clutter_env.policies.runs import differences, load_run  # noqa: E402
 from clutter_env.task import Task  # noqa: E402
 from clutter_env.training.cloning import CloneConfig, Examples, clone  # noqa: E402
+from clutter_env.training.reinforcement import make_model, save_model  # noqa: E402
 from clutter_env.training.run import Run, runs_of_seeds  # noqa: E402
 from clutter_env.training.settings import BC, PPO, SAC, SETTINGS, TQC, DAgger, MaskablePPO, Settings  # noqa: E402
 from clutter_env.training.train import train, train_all  # noqa: E402
@@ -71,7 +73,7 @@ def play(directory: Path, task: Task) -> int:
     ("settings", "task"),
     [
         (TQC(steps=120, checkpoint_every=120, **BRIEF), REACH),
-        (PPO(steps=512, checkpoint_every=512, **BRIEF), SKILL),
+        pytest.param(PPO(steps=512, checkpoint_every=512, **BRIEF), SKILL, marks=pytest.mark.slow),
         pytest.param(
             MaskablePPO(steps=1024, checkpoint_every=1024, clone_scenes=3, clone_steps=3, **BRIEF),
             SKILL,
@@ -86,6 +88,30 @@ def test_reinforcement_learns_saves_and_resumes(settings: Any, task: Task, tmp_p
     longer = replace(run, settings=replace(settings, steps=2 * settings.steps))
     assert train(longer, resume=True).history[-1]["steps"] == 2 * settings.steps
     assert play(run.directory, task) > 0
+
+
+def test_skill_models_are_saved_and_act(tmp_path: Path) -> None:
+    run, env = Run(SKILL, MaskablePPO(steps=10), tmp_path / "run"), SKILL.make()
+    run.write_record()
+    save_model(make_model("maskable_ppo", env, seed=0), run.directory)
+    env.close()
+    assert play(run.directory, SKILL) > 0
+
+
+@pytest.mark.parametrize("file", ["run.json", "replay_buffer.pkl"])
+def test_a_full_disk_stops_training_with_a_message(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_file = os.replace
+
+    def full(source: Path, target: Path) -> None:
+        if Path(target).name == file:
+            raise OSError(28, "No space left on device")
+        replace_file(source, target)
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(LearningError, match=rf"training had to stop: .*{file}"):
+        train(Run(REACH, SHORT_SAC, tmp_path / "run"))
+    left = {entry.name for entry in (tmp_path / "run").iterdir() if entry.is_file()}
+    assert left == (set() if file == "run.json" else {"run.json"})
 
 
 def test_cloning_and_dagger_act(demos: Path, tmp_path: Path) -> None:
@@ -104,7 +130,7 @@ def test_demonstrations_of_another_task_are_refused(demos: Path, tmp_path: Path)
         train(Run(REACH, settings, tmp_path / "run"))
     with pytest.raises(LearningError, match="control_mode"):
         train(Run(Task("clutter_env/Pick-v0", {"control_mode": "joint"}), settings, tmp_path / "third"))
-    with pytest.raises(DatasetError, match="no complete dataset"):
+    with pytest.raises(DatasetError, match="holds no dataset"):
         train(Run(PICK, replace(settings, demos=tmp_path), tmp_path / "fourth"))
 
 
