@@ -16,15 +16,16 @@ from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
 from irm.arm.frames import pose_of
 from irm.arm.kinematics import ArmChain
 from planners.collision.robot_model import robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import PADDING, CollisionWorld
 from planners.context import map_placer
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import even_yaws, gripper_opening
-from planners.grasping.gripper import gripper_clearances
+from planners.grasping.gripper import FINGER_GAP, gripper_clearances
 from planners.scene import Scene
+from planners.scene.cover import BACK, HELD_GAP
 
 __all__ = ["CELL", "approach_table", "reachable_yaws"]
 
@@ -63,6 +64,13 @@ def approach_table(
     return {
         "robot": robot.full_name,
         "grasp_height": robot.grasp_height,
+        "planner": {
+            "yaws": SIDE.directions,
+            "padding": PADDING,
+            "finger_gap": FINGER_GAP,
+            "back": BACK,
+            "held_gap": HELD_GAP,
+        },
         "palm_reach": round(gripper.palm_reach + PALM_SLACK, 6),
         "pad_half_height": gripper.pad_half_height,
         "solids": _solids(robot),
