@@ -14,8 +14,9 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.robots.reach import LevelReach
 from irm.arm.frames import pose_of
 from irm.arm.kinematics import ArmChain, fk_frames
-from planners.collision.geometry import CYLINDER
-from planners.collision.robot_model import BASE, RobotArrays, robot_arrays
+from irm.visibility.robot_view import BASE
+from planners.collision.gjk import CYLINDER
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
 
 __all__ = ["draw_robot"]
 

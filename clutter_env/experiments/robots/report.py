@@ -15,7 +15,7 @@ from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
 from irm.arm.general.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
 from irm.arm.kinematics import ArmChain, forward
-from planners.collision.robot_model import GeometryError, robot_arrays
+from planners.collision.scene_arrays import GeometryError, robot_arrays
 from planners.grasping.gripper import gripper_clearances
 
 __all__ = ["RobotReport", "report_of"]
