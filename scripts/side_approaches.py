@@ -64,11 +64,11 @@ def approach_table(
         tick: called after every row of cells.
 
     Returns:
-        `planner`: the planner's margins, see `scene.obstruction.PlannerMargins`; `palm_reach`, `pad_half_height`: lengths
-        [m] as in `planners.grasping.gripper`; `solids`: gripper and wrist of a
-        level gripper, rows (x0, x1, half width, radius, half height, moves with the fingers) in metres, x along the
-        approach from the TCP; `grasp_height` [m] of the TCP above the table; `layouts`: for each name rows of cells
-        along x, each cell a bit mask of the reachable yaws as six hexadecimal
+        `planner`: the planner's margins, see `scene.obstruction.PlannerMargins`; `palm_reach`, `pad_half_height`:
+        lengths [m] as in `planners.grasping.gripper`; `solids`: gripper and wrist of a level gripper, rows (x0, x1,
+        half width, radius, half height, moves with the fingers) in metres, x along the approach from the TCP;
+        `grasp_height` [m] of the TCP above the table; `layouts`: for each name rows of cells along x, each cell a bit
+        mask of the reachable yaws as six hexadecimal
         digits; bit k is a yaw of 2πk/24.
     """
     gripper = gripper_clearances(robot)
