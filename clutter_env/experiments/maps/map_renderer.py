@@ -13,7 +13,7 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.maps.posed_robot import PosedRobot
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import Box
-from clutter_env.simulation.meshes import add_meshes, has_visuals
+from clutter_env.simulation.model import add_meshes, has_visuals
 
 __all__ = ["Arrows", "Cup", "MapRenderer", "View"]
 
