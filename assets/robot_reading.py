@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.arm_reading import ModelArm, load_model, read_arm
 from assets.files import path as asset_path
 from assets.robot_parts import ChainLink, InvalidRobot
+from irm.model_reading import ModelArm, load_model, read_arm
 
 __all__ = ["RobotPage", "page_of", "read_fields"]
 
