@@ -44,7 +44,7 @@ $(VENV)/.rl: $(VENV)/.core
 setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl
 
 demo: $(VENV)/.visuals
-	$(BIN)/python scripts/run_episode.py --objects $(OBJECTS)
+	$(BIN)/clutter-env episode --objects $(OBJECTS)
 
 test: $(VENV)/.dev $(VENV)/.rl
 	$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
@@ -62,7 +62,7 @@ check: $(VENV)/.dev
 # WITH names versions in place of those of constraints.txt.
 COMPAT := outputs/compat
 COMPAT_TESTS := tests/test_readme.py tests/assets tests/irm/maps tests/irm/queries tests/clutter_env/scene tests/clutter_env/simulation \
-  tests/clutter_env/envs tests/planners/test_planner.py tests/planners/execution
+  tests/clutter_env/envs tests/planners/test_planner.py tests/planners/expert
 compat:
 	$(PYTHON) -m venv --clear $(COMPAT)
 	$(COMPAT)/bin/python -m pip install --quiet --editable ".[dev,data]" $(if $(WITH),$(WITH),--constraint constraints.txt)
@@ -82,7 +82,7 @@ docs: $(VENV)/.docs
 	@echo "documentation: outputs/site/index.html"
 
 bench: $(VENV)/.core
-	$(BIN)/python scripts/benchmark.py
+	$(BIN)/clutter-env benchmark
 
 soak: $(VENV)/.core
 	$(BIN)/python scripts/soak.py --steps 2000000

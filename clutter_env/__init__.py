@@ -1,10 +1,22 @@
 """Registers the environments with Gymnasium, and knows the suites of scenes."""
 
+from typing import Any
+
 from gymnasium.envs.registration import WrapperSpec, register
 
+from clutter_env.scene.layout import Box, Layout
 from clutter_env.suites import suite, suite_names
 
-__all__ = ["OBJECT_COUNTS", "SKILL_OBJECT_COUNTS", "skill_budget", "suite", "suite_names", "time_limit"]
+__all__ = [
+    "OBJECT_COUNTS",
+    "SKILL_OBJECT_COUNTS",
+    "Box",
+    "Layout",
+    "skill_budget",
+    "suite",
+    "suite_names",
+    "time_limit",
+]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
@@ -36,7 +48,7 @@ for _name in ("Reach", "Pick"):
         id=f"clutter_env/{_name}-v0",
         entry_point=f"clutter_env.envs.goal:{_name}Env",
         max_episode_steps=100,
-        additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal_interface:GoalInterface", {}),),
+        additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 
 for _count in SKILL_OBJECT_COUNTS:
@@ -46,3 +58,12 @@ for _count in SKILL_OBJECT_COUNTS:
         kwargs={"num_objects": _count},
         max_episode_steps=skill_budget(_count),
     )
+
+
+def __getattr__(name: str) -> Any:
+    """`__version__`, read when it is asked for: importing the package stays fast."""
+    if name == "__version__":
+        from clutter_env.version import version
+
+        return version()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,6 +10,7 @@ __all__ = [
     "RenderingUnavailable",
     "StateError",
     "SuiteError",
+    "UsageError",
 ]
 
 
@@ -39,3 +40,7 @@ class RenderingUnavailable(ClutterEnvError, RuntimeError):
 
 class SuiteError(ClutterEnvError):
     """No such suite, or a scene of a suite that is not the one that the suite was made with."""
+
+
+class UsageError(ClutterEnvError):
+    """Arguments of a command that do not go together, or name something that there is not."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from clutter_env.learning.demonstrations.collect import collect
 from clutter_env.learning.demonstrations.dataset import Dataset, Job
 from clutter_env.learning.task import Task
-from clutter_env.parallel.jobs import run_jobs
+from clutter_env.parallel import run_jobs
 
 if __name__ == "__main__":
     job = Job(Task("clutter_env/Retrieve-o5-v0"), expert="lookahead", episodes=5)

@@ -14,14 +14,13 @@ from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.robot_model import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel
-from planners.execution.contact_motion import plan_contact
-from planners.execution.controlled_env import ControlledEnv, controlled_env
-from planners.execution.direct import ExecutionResult, execute
-from planners.execution.executor import Command, Executor, Outcome
-from planners.execution.expert import EpisodeReport, ExpertConfig, ExpertError, TampExpert
-from planners.execution.following import follow
-from planners.execution.holding import held_object
-from planners.execution.monitor import MonitorConfig, Sensor
+from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
+from planners.expert.execute import ExecutionResult, execute
+from planners.expert.executor import Command, ExecutionStatus, Executor, follow
+from planners.expert.expert import TampExpert
+from planners.expert.interfaces import ControlledEnv, controlled_env
+from planners.expert.monitor import Sensor, held_object
+from planners.expert.report import EpisodeReport
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import GraspCandidates, gripper_poses
@@ -40,9 +39,11 @@ from planners.scene.resting import release_pitch
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
-from planners.skills.motion import SkillPlanner
+from planners.skills.motion import SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
+from planners.symbolic.engines import AStar
 from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
 from planners.tamp.solution import BoundAction, Infeasible, Solution, contact_of, contacts, label_of
@@ -54,6 +55,7 @@ __all__ = [
     "DIRECTION_CLASSES",
     "SIDE",
     "STRATEGIES",
+    "AStar",
     "Alternatives",
     "ArmConfigurations",
     "ArmsError",
@@ -69,6 +71,7 @@ __all__ = [
     "ControlledEnv",
     "EpisodeReport",
     "ExecutionResult",
+    "ExecutionStatus",
     "Executor",
     "ExpertConfig",
     "ExpertError",
@@ -82,7 +85,6 @@ __all__ = [
     "MotionLayer",
     "NoPath",
     "NoPlan",
-    "Outcome",
     "PlacementSearch",
     "PlanFileError",
     "Planner",
@@ -103,6 +105,8 @@ __all__ = [
     "TaskPlan",
     "TaskPlanner",
     "TaskProblem",
+    "applicable_actions",
+    "apply_action",
     "clearance_floor",
     "contact_of",
     "contacts",

@@ -9,7 +9,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from assets.robots import FETCH, RobotSpec
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from irm.visibility.map import VisibilityMap, cached_visibility
 from planners.arms import check_arms, one_or_all
 from planners.cause import Cause

@@ -1,31 +1,180 @@
-"""The tables in docs/ against the spaces they describe."""
+"""README and the pages of docs/: their Python runs, their commands can be read, their tables say what the code does."""
 
 from __future__ import annotations
 
 import importlib
 import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
-import numpy as np
 import pytest
 
-import clutter_env  # noqa: F401 - registers the environments
-from assets.robots import FETCH, RobotSpec
+import clutter_env
+from assets import FETCH, RobotSpec
+from clutter_env.cli.main import COMMANDS, read
 from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.envs.reward import DENSE_SCALES
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import SHAPE_SETS, capacity
+from planners import STRATEGIES, Cause, Solution
+from tests.planners.own_scenes import deepest
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
-RETRIEVE = (DOCS / "retrieve.md").read_text()
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
+USER_PAGES = {name: text for name, text in PAGES.items() if not name.startswith("docs/notes/")}
+MOST_WORDS = {"docs/results.md": 800}
+QUICK = (
+    "docs/retrieve.md",
+    "docs/environments/",
+    "docs/extend.md",
+    "docs/add_a_robot.md",
+    "docs/suites.md",
+    "README.md",
+)
+"""Pages whose Python takes a few seconds."""
 
 
-def rows(heading: str) -> list[list[str]]:
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE)
+
+
+def run(page: str) -> dict[str, Any]:
+    """The names that the Python of a page leaves, run from top to bottom."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for code in blocks(page, "python"):
+        exec(compile(code, page, "exec"), names)
+    return names
+
+
+WITH_PYTHON = [page for page in USER_PAGES if blocks(page, "python") and page != "docs/learning.md"]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=() if page.startswith(QUICK) else pytest.mark.slow) for page in WITH_PYTHON],
+)
+def test_the_python_of_a_page_runs_from_top_to_bottom(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = run(page)
+    printed = capsys.readouterr().out
+    if page == "README.md":
+        assert "scored=True" in printed
+        assert (tmp_path / "episode.html").stat().st_size > 20_000
+        assert names["answer"].poses.shape[1] == 3
+    if page.startswith("docs/environments/") and "observation" in names:
+        assert names["observation"] in names["env"].observation_space
+    if page == "docs/your_own_scene.md":
+        assert "movable: can tea rice salt flour sugar" in printed
+        assert "static obstacles: wall pillar leg plate" in printed
+        solution = names["solution"]
+        assert isinstance(solution, Solution)
+        assert deepest(names["model"], solution, ("pillar", "plate", "leg", "wall"))[0] <= 0.001
+
+
+@pytest.mark.slow
+def test_the_python_of_the_learning_page_runs_after_its_collection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With one episode in place of two hundred."""
+    page = "docs/learning.md"
+    collect = next(line for block in blocks(page, "sh") for line in block.splitlines() if "collect" in line)
+    argv = shlex.split(collect.replace("--episodes 200", "--episodes 1"))[1:]
+    monkeypatch.chdir(tmp_path)
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); from clutter_env.cli.main import main; main()",
+    ]
+    subprocess.run([*command, *argv], check=True)
+    script = tmp_path / "page.py"
+    body = "".join(f"    {line}" for line in "\n".join(blocks(page, "python")).splitlines(keepends=True))
+    script.write_text(f"import sys\nsys.path.insert(0, {str(ROOT)!r})\nif __name__ == '__main__':\n{body}")
+    subprocess.run([sys.executable, script], check=True)
+
+
+def commands(page: str) -> Iterator[list[str]]:
+    """The package's own commands in the shell blocks of a page, without comments."""
+    for block in blocks(page, "sh"):
+        for line in block.replace("\\\n", " ").splitlines():
+            argv = shlex.split(line, comments=True)
+            if argv[:1] == ["clutter-env"]:
+                yield argv[1:]
+
+
+@pytest.mark.parametrize("page", [page for page in USER_PAGES if any(commands(page))])
+def test_the_commands_of_a_page_can_be_read(page: str) -> None:
+    for command, *argv in commands(page):
+        if command in ("--help", "COMMAND"):
+            continue
+        assert command in COMMANDS, command
+        module = importlib.import_module(f"clutter_env.cli.{command}")
+        if hasattr(module, "Arguments") and "--help" not in argv:
+            read(module, command, argv)
+
+
+@pytest.mark.parametrize("page", USER_PAGES)
+def test_pages_are_short(page: str) -> None:
+    assert len(PAGES[page].split()) <= MOST_WORDS.get(page, 1500)
+
+
+def test_every_page_is_in_the_sites_contents() -> None:
+    contents = set(re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
+    assert contents == {str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md")}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_link_resolves_in_a_clone(page: str) -> None:
+    """Files and headings; README's links are relative to the repository, so that they work in every clone and fork."""
+    for link in re.findall(r"\]\((?!https?:|mailto:)([^)\s]+)", PAGES[page]):
+        file, _, anchor = link.partition("#")
+        path = (ROOT / page).parent / file if file else ROOT / page
+        assert path.is_file(), link
+        headings = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE) if anchor else []
+        assert anchor in ("", *(re.sub(r"[^\w\- ]", "", h).strip().lower().replace(" ", "-") for h in headings)), link
+
+
+@pytest.mark.parametrize("page", USER_PAGES)
+def test_files_and_modules_named_in_the_pages_exist(page: str) -> None:
+    for file in re.findall(
+        r"(?:assets|tests|scripts|docs|examples|planners)/[\w/]+\.(?:py|xml|md|png|pddl)", PAGES[page]
+    ):
+        assert (ROOT / file).is_file(), file
+    for module in re.findall(r"from ((?:assets|irm|planners|clutter_env)[\w.]*) import", PAGES[page]):
+        importlib.import_module(module)
+
+
+def test_the_results_in_readme_are_those_of_the_results_page() -> None:
+    results = PAGES["docs/results.md"]
+    rows = re.findall(r"^\|[^|\n]*`([\w-]+)`[^|\n]*\|[^|\n]*\| ([^|\n]+) \| ([^|\n]+) \|$", PAGES["README.md"], re.M)
+    assert [name for name, _, _ in rows] == ["lookahead", "keyframes", "greedy", "bulldozer"]
+    for name, clean, lifted in rows:
+        assert re.search(rf"^\|[^|]*\| `{name}`[^|]*\|[^|]*\| {re.escape(clean)} \| {lifted} \|", results, re.M), name
+    table = re.findall(r"^\| \d+ \| \d+ \| [\d.]+ \| .*solves.* \|$", PAGES["README.md"], re.M)
+    assert len(table) == 3
+    assert all(row in results for row in table)
+
+
+def test_every_cause_and_strategy_is_on_the_planners_page() -> None:
+    for cause in Cause:
+        assert f"| `{cause}` |" in PAGES["docs/planners.md"]
+    for name in STRATEGIES:
+        assert f"| `{name}`" in PAGES["docs/planners.md"]
+
+
+def rows(page: str, heading: str) -> list[list[str]]:
     """Cells of the first table under a heading."""
-    part = RETRIEVE.split(heading, 1)[1]
+    part = PAGES[page].split(heading, 1)[1]
     table = re.search(r"(?:^\|.*\n)+", part, re.MULTILINE)
+    assert table is not None
     return [[cell.strip() for cell in line.strip("|\n").split("|")] for line in table[0].splitlines()[2:]]
 
 
@@ -34,121 +183,50 @@ def indices(cell: str) -> list[int]:
     return list(range(numbers[0], numbers[1] + 1)) if "–" in cell else numbers
 
 
-@pytest.mark.parametrize(
-    ("heading", "entry"),
-    [
-        ("### `robot`", "robot"),
-        ("### `tcp`", "tcp"),
-        ("### `gripper`", "gripper"),
-        ("### `goal`", "goal"),
-        ("### `objects`", "objects"),
-    ],
-)
-def test_observation_tables_have_every_index_and_its_bounds(heading: str, entry: str) -> None:
+SPACES = "docs/environments/actions_observations.md"
+
+
+@pytest.mark.parametrize("entry", ["robot", "tcp", "gripper", "goal", "objects"])
+def test_observation_tables_have_every_index_its_unit_and_its_bounds(entry: str) -> None:
     space = gym.make("clutter_env/Retrieve-o1-v0").observation_space[entry]
     seen = []
-    for cells in rows(heading):
+    for cells in rows(SPACES, f"### `{entry}`"):
         low, high = (float(bound) for bound in cells[-1].split(","))
         for index in indices(cells[0]):
             assert (space.low[index], space.high[index]) == (low, high), (entry, index)
+            column = OBSERVATION_LAYOUT[entry].columns[index]
+            assert cells[2] == column.unit or (not column.unit and cells[2] in ("–", "0 or 1")), (entry, index)
             seen.append(index)
     assert seen == list(range(space.shape[0]))
+    assert f"reshape(N, {len(OBJECT_FIELDS)})" in PAGES[SPACES]
 
 
 @pytest.mark.parametrize("mode", ["joint", "ee"])
-def test_action_tables_have_every_index(mode: str) -> None:
+def test_action_tables_have_every_index_and_the_robots_limits(mode: str) -> None:
+    table = rows(SPACES, f'### `control_mode="{mode}"`')
     size = gym.make("clutter_env/Retrieve-o1-v0", control_mode=mode).action_space.shape[0]
-    seen = [index for cells in rows(f'### `control_mode="{mode}"`') for index in indices(cells[0])]
-    assert seen == list(range(size))
+    assert [index for cells in table for index in indices(cells[0])] == list(range(size))
+    if mode == "joint":
+        for cells, velocity, acceleration in zip(table, FETCH.max_velocity, FETCH.max_acceleration, strict=False):
+            assert cells[3].startswith(f"±{velocity} "), cells
+            assert cells[4].startswith(f"{acceleration} "), cells
 
 
-def test_action_table_has_the_robots_limits() -> None:
-    for cells, velocity, acceleration in zip(
-        rows('### `control_mode="joint"`'), FETCH.max_velocity, FETCH.max_acceleration, strict=False
-    ):
-        assert cells[3].startswith(f"±{velocity} "), cells
-        assert cells[4].startswith(f"{acceleration} "), cells
-
-
-def test_reward_table_has_every_term_and_scale() -> None:
-    table = {cells[0]: float(cells[-1]) for cells in rows("## Reward")}
+def test_tables_of_keywords_layouts_rewards_and_robots_are_complete() -> None:
+    table = {cells[0].strip("`"): float(cells[-1]) for cells in rows("docs/retrieve.md", "## Reward")}
     assert table == dict(DENSE_SCALES)
-
-
-def test_keyword_and_layout_tables_are_complete() -> None:
-    part = RETRIEVE.split("## Keyword arguments", 1)[1]
-    names = set(re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", part.split("| layout |")[0], re.MULTILINE))
-    documented = {name for cell in names for name in re.findall(r"`(\w+)`", cell)}
-    assert documented == set(EnvConfig.__dataclass_fields__)
+    keywords = {name for cells in rows("docs/retrieve.md", "## Keyword") for name in re.findall(r"`(\w+)`", cells[0])}
+    assert keywords == set(EnvConfig.__dataclass_fields__)
+    layouts = {cells[0].strip("`"): cells for cells in rows("docs/environments/layouts.md", "# Layouts")}
+    assert set(layouts) == set(LAYOUTS)
     for name, layout in LAYOUTS.items():
-        line = next(line for line in part.splitlines() if line.startswith(f"| `{name}` |"))
-        assert f"{layout.width} × {layout.depth} m" in line
-        assert line.rstrip(" |").endswith(", ".join(str(capacity(layout, shapes)) for shapes in SHAPE_SETS))
-
-
-def test_object_columns_are_counted_right() -> None:
-    assert f"reshape(N, {len(OBJECT_FIELDS)})" in RETRIEVE
-    limit = gym.spec("clutter_env/Retrieve-o15-v0").max_episode_steps
-    assert limit == 400 + 220 * 15
-    assert "400 + 220 N" in RETRIEVE
-
-
-EXAMPLES = [
-    (page, code)
-    for page in ("retrieve", "environments/reach", "environments/pick", "environments/skill", "add_a_robot")
-    for code in re.findall(
-        r"^```python\n((?:import|from) .*?)^```", (DOCS / f"{page}.md").read_text(), re.DOTALL | re.M
-    )
-]
-
-
-def test_every_page_has_an_example() -> None:
-    pages = [page.removeprefix("environments/") for page, _ in EXAMPLES]
-    assert pages == ["retrieve", "retrieve", "reach", "pick", "skill", "add_a_robot", "add_a_robot"]
-
-
-@pytest.mark.parametrize(("page", "code"), EXAMPLES, ids=[page for page, _ in EXAMPLES])
-def test_examples_run(page: str, code: str) -> None:
-    names: dict = {}
-    exec(code, names)
-    observation = names["observation"]
-    assert observation in names["env"].observation_space
-    if page in ("environments/reach", "environments/pick"):
-        table = (DOCS / f"{page}.md").read_text()
-        last = max(int(number) for number in re.findall(r"`observation` \d+(?: –|,) (\d+)", table))
-        assert np.shape(observation["observation"]) == (last + 1,)
-
-
-EXTENSIONS = re.findall(r"^```python\n(.*?)^```", (DOCS / "extend.md").read_text(), re.DOTALL | re.M)
-
-
-@pytest.mark.parametrize("code", EXTENSIONS, ids=["strategy", "task planner", "layout"])
-def test_extensions_run(code: str, capsys: pytest.CaptureFixture[str]) -> None:
-    exec(code, {})
-    assert capsys.readouterr().out
-
-
-def test_named_columns_are_where_the_page_says() -> None:
-    assert OBSERVATION_LAYOUT["robot"]["base_velocity"] == slice(12, 15)
-    for heading, entry in (("### `robot`", "robot"), ("### `objects`", "objects"), ("### `goal`", "goal")):
-        units = {index: cells[2] for cells in rows(heading) for index in indices(cells[0])}
-        for index, column in enumerate(OBSERVATION_LAYOUT[entry].columns):
-            assert units[index] == (column.unit or units[index]), (entry, column)
-            assert bool(column.unit) == (units[index] not in ("–", "0 or 1")), (entry, column)
-
-
-def test_layout_and_robot_fields_are_documented() -> None:
-    documented = {name for cells in rows("### A layout of your own") for name in re.findall(r"`(\w+)`", cells[0])}
-    assert documented == set(Layout.__dataclass_fields__)
-    table = re.search(r"\| field \|.*?\n\n", (DOCS / "add_a_robot.md").read_text(), re.DOTALL)[0]
-    named = {name for line in table.strip().splitlines() for name in re.findall(r"`(\w+)`", line.split("|")[1])}
+        assert layouts[name][1] == f"{layout.width} × {layout.depth} m"
+        assert layouts[name][-1] == ", ".join(str(capacity(layout, shapes)) for shapes in SHAPE_SETS)
+    own = rows("docs/environments/layouts.md", "## A layout of your own")
+    assert {name for cells in own for name in re.findall(r"`(\w+)`", cells[0])} == set(Layout.__dataclass_fields__)
+    robot = PAGES["docs/add_a_robot.md"].split("| field |", 1)[1].split("\n\n", 1)[0]
+    named = {name for line in robot.splitlines()[2:] for name in re.findall(r"`(\w+)`", line.split("|")[1])}
     assert named == set(RobotSpec.__dataclass_fields__)
-
-
-@pytest.mark.parametrize("page", sorted(str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")))
-def test_files_and_modules_named_in_the_pages_exist(page: str) -> None:
-    text = (DOCS / page).read_text()
-    for file in re.findall(r"(?:assets|tests|scripts|docs)/[\w/]+\.(?:py|xml|md|png)", text):
-        assert (DOCS.parent / file).is_file(), file
-    for module in re.findall(r"from ([\w.]+) import", text):
-        importlib.import_module(module)
+    limit = gym.spec("clutter_env/Retrieve-o15-v0").max_episode_steps
+    assert limit == 400 + 220 * 15 == clutter_env.time_limit(15)
+    assert "400 + 220 N" in PAGES["docs/retrieve.md"]

@@ -8,7 +8,6 @@ CPU times of one process. Every number of objects is measured in a process of it
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from clutter_env.experiments.environments.batch_scaling import measure_batch
 from clutter_env.experiments.environments.resets import compare_resets
 from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
 from clutter_env.experiments.environments.toppled import measure_toppled
-from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 
 
@@ -72,8 +70,3 @@ def run(arguments: Arguments) -> None:
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
         write_json(arguments.json, {"about": about, "settings": settings, "rows": rows})
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("benchmark", Arguments, run, __doc__, words)

@@ -7,12 +7,9 @@ Run the same command again after an interruption: seeds that are decided already
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
-
-from clutter_env.reporting.command import run_command
 
 if TYPE_CHECKING:
     from clutter_env.learning.demonstrations.collect import JobRunner, Outcome
@@ -68,8 +65,8 @@ def run(arguments: Arguments) -> None:
     from clutter_env.learning.demonstrations.dataset import Dataset
     from clutter_env.learning.exports.minari import export_minari
     from clutter_env.learning.task import Task
-    from clutter_env.parallel.jobs import run_jobs
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.parallel import run_jobs
+    from clutter_env.reporting.files import write_json
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
@@ -113,8 +110,3 @@ def collect_with_bar(job: Job, dataset: Dataset, run: JobRunner) -> tuple[list[i
             bar.set_postfix(seed=outcome.seed, last=outcome.reason.partition(":")[0] or "kept")
 
         return collect(job, dataset, run, report), made
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("collect", Arguments, run, __doc__, words)

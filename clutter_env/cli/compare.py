@@ -10,12 +10,11 @@ its episode ends: run the same command again after an interruption.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from clutter_env.reporting.command import command_line, run_command
+from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
     from clutter_env.learning.comparison.scene_sets import SceneSet
@@ -61,8 +60,8 @@ def run(arguments: Arguments) -> None:
     from clutter_env.learning.comparison.picture import plot
     from clutter_env.learning.comparison.records import ResultRecords
     from clutter_env.learning.comparison.tables import markdown, markdown_by_floor
-    from clutter_env.parallel.jobs import run_jobs
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.parallel import run_jobs
+    from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
     comparison = Comparison(
@@ -103,8 +102,3 @@ def scene_sets(arguments: Arguments) -> list[SceneSet]:
     of_suites = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
     count = arguments.scenes or 50
     return of_suites + [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("compare", Arguments, run, __doc__, words)

@@ -9,11 +9,10 @@ directory; results that are there already are not made again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutter_env.reporting.command import command_line, run_command
+from clutter_env.cli.main import command_line
 
 
 @dataclass(frozen=True)
@@ -60,8 +59,3 @@ def run(arguments: Arguments) -> None:
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{table}\n")
     draw(results, arguments.out / "plot.png")
     print(table)
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("curve", Arguments, run, __doc__, words)

@@ -7,11 +7,8 @@ Run the same command again after an interruption: scenes that are planned alread
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)
@@ -43,7 +40,7 @@ def run(arguments: Arguments) -> None:
 
     from clutter_env.learning.demonstrations.decision_collect import DecisionJob, collect_decisions
     from clutter_env.learning.task import Task
-    from clutter_env.parallel.jobs import run_jobs
+    from clutter_env.parallel import run_jobs
     from clutter_env.reporting.progress import progress_bar
 
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
@@ -61,8 +58,3 @@ def run(arguments: Arguments) -> None:
     print(f"{counts['decisions']} decisions in {arguments.out}")
     rate = f": {counts['made'] / wall_s * 3600:.0f} per hour" if counts["made"] else ""
     print(f"{counts['made']} of them made now, in {wall_s:.0f} s{rate}; {counts['without_plan']} scenes without a plan")
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("decisions", Arguments, run, __doc__, words)

@@ -30,7 +30,7 @@ from clutter_env.experiments.episodes.episode import (
 )
 from clutter_env.experiments.episodes.many import counts_text, play_many
 from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 from irm import cache_folder, cached_map, is_map_at_hand

@@ -8,12 +8,11 @@ A policy has the methods `reset(env, info)` and `act(observation)`. The rules ar
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from clutter_env.reporting.command import run_command
 from clutter_env.reporting.tables import markdown_table
 
 
@@ -47,7 +46,7 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Play, print, write."""
     from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
     evaluation = Evaluation(
@@ -84,8 +83,3 @@ def _text(content: Mapping[str, Any]) -> str:
         )
         cells.append((name, str(rates["episodes"]), clean, lifted))
     return markdown_table(("scenes", "episodes", "clean success", "lifted"), cells)
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("evaluate", Arguments, run, __doc__, words)

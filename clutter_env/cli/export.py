@@ -7,12 +7,9 @@ The demonstrations are those of `clutter-env collect`. LeRobot needs pip install
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-
-from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.learning.exports.lerobot import export_lerobot
     from clutter_env.learning.exports.minari import export_minari
     from clutter_env.learning.exports.robomimic import export_robomimic
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
 
     if arguments.image_size and arguments.to != "lerobot":
         raise LearningError(
@@ -61,8 +58,3 @@ def run(arguments: Arguments) -> None:
     print(f"{episodes} episodes in {path}: {size / 1e6:.1f} MB")
     if arguments.json is not None:
         write_json(arguments.json, {"path": path, "format": arguments.to, "episodes": episodes, "bytes": size})
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("export", Arguments, run, __doc__, words)

@@ -1,12 +1,25 @@
-"""The console command: `clutter-env COMMAND ...`."""
+"""The console command: `clutter-env COMMAND ...`.
+
+A command is a module of this package with a dataclass `Arguments`, read by tyro, and a function `run(arguments)`; its
+docstring is the help text. Modules import what they run inside their functions, so that `--help` appears at once.
+"""
 
 from __future__ import annotations
 
+import difflib
 import importlib
+import logging
+import shlex
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Collection, Sequence
+from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["COMMANDS", "main"]
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 COMMANDS = {
     "episode": "run the expert in physics: one episode in full, or statistics of many",
@@ -26,32 +39,120 @@ COMMANDS = {
 }
 """The commands, each in the module of its name in this package, and what they do."""
 
+SHELLS = ("bash", "zsh", "tcsh")
+PACKAGES = ("assets", "irm", "planners", "clutter_env")
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run a command; `words` are the command and its arguments, those of the process if not given."""
-    command, *rest = (sys.argv[1:] if words is None else words) or ["--help"]
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a command.
+
+    Exit codes: 0 success, 1 an error while it ran, 2 wrong arguments, 130 interrupted by Ctrl-C.
+
+    Args:
+        argv: the command and its arguments; those of the process if not given.
+    """
+    command, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
     if command in ("-h", "--help"):
         print(_overview())
     elif command == "--version":
-        print(_version())
+        from importlib import metadata
+
+        print(f"clutter-env {metadata.version('clutter-env')}")
+    elif command == "--completion":
+        _print_completion(*rest)
     elif command in COMMANDS:
-        importlib.import_module(f"clutter_env.cli.{command}").main(rest)
+        _run(command, rest)
     else:
-        sys.exit(f"clutter-env: no command {command!r}\n\n{_overview()}")
+        close = difflib.get_close_matches(command, COMMANDS, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        print(f"clutter-env: no command {command!r}{hint}\n\n{_overview()}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _run(command: str, argv: Sequence[str]) -> None:
+    logging.basicConfig(format="%(message)s")
+    advice = ""
+    try:
+        module = importlib.import_module(f"clutter_env.cli.{command}")
+        if hasattr(module, "main"):
+            module.main(argv)
+            return
+        arguments = read(module, f"clutter-env {command}", argv)
+        advice = getattr(module, "WHEN_INTERRUPTED", "")
+        module.run(arguments)
+    except KeyboardInterrupt:
+        print(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", file=sys.stderr)
+        sys.exit(130)
+    except Exception as problem:
+        if not is_own(problem):
+            raise
+        sys.exit(f"clutter-env {command}: {problem}")
+
+
+def read(module: ModuleType, prog: str, argv: Sequence[str]) -> Any:
+    """The arguments of a command; wrong ones end the process with a message and exit code 2."""
+    import tyro
+
+    return tyro.cli(module.Arguments, prog=prog, description=module.__doc__, args=argv)
+
+
+def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[str] = ()) -> str:
+    """The command that was given, to be shown beside its results: the arguments that are not the default.
+
+    Args:
+        name: of the command.
+        arguments: its arguments.
+        leave_out: names of arguments that the results do not depend on.
+    """
+    argv = ["clutter-env", name]
+    for entry in fields(arguments):
+        value: Any = getattr(arguments, entry.name)
+        flag = entry.name.replace("_", "-")
+        if entry.name in leave_out or value == entry.default:
+            continue
+        if isinstance(value, bool):
+            argv.append(f"--{flag}" if value else f"--no-{flag}")
+        else:
+            argv += [f"--{flag}", *map(str, value if isinstance(value, tuple) else (value,))]
+    return shlex.join(argv)
+
+
+def is_own(problem: BaseException) -> bool:
+    """Whether an error says all there is to say in its message: one of this project's, or of the file system.
+
+    One that is raised in a user's code, by whatever it calls, keeps its traceback.
+    """
+    is_known = type(problem).__module__.partition(".")[0] in PACKAGES or isinstance(problem, OSError)
+    return is_known and not any(_is_users(frame.f_globals) for frame, _ in traceback.walk_tb(problem.__traceback__))
+
+
+def _is_users(module: dict[str, Any]) -> bool:
+    """Whether the globals are those of a module that is neither ours, nor Python's, nor an installed package."""
+    root = str(module.get("__name__", "")).partition(".")[0]
+    if root in PACKAGES or root in sys.stdlib_module_names or root == "__main__":
+        return False
+    return "site-packages" not in Path(str(module.get("__file__", ""))).parts
 
 
 def _overview() -> str:
     lines = "\n".join(f"  {name:<11}{text}" for name, text in COMMANDS.items())
     return (
-        f"usage: clutter-env COMMAND [arguments]\n       clutter-env --version\n\n{lines}\n\n"
+        "usage: clutter-env COMMAND [arguments]\n       clutter-env --version\n"
+        f"       clutter-env --completion {{{','.join(SHELLS)}}}\n\n{lines}\n\n"
         "clutter-env COMMAND --help lists the arguments."
     )
 
 
-def _version() -> str:
-    from importlib import metadata
+def _print_completion(shell: str = "", *_: str) -> None:
+    """Print the completion script of a shell."""
+    if shell not in SHELLS:
+        print(f"clutter-env: --completion {shell}: valid shells: {', '.join(SHELLS)}", file=sys.stderr)
+        sys.exit(2)
+    import tyro
 
-    return f"clutter-env {metadata.version('clutter-env')}"
+    modules = {name: importlib.import_module(f"clutter_env.cli.{name}") for name in COMMANDS}
+    commands = {name: module.Arguments for name, module in modules.items()}
+    tyro.extras.subcommand_cli_from_dict(commands, prog="clutter-env", args=["--tyro-print-completion", shell])
 
 
 if __name__ == "__main__":

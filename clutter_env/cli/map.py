@@ -75,7 +75,7 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""
     from clutter_env.experiments.maps.building import build_map
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
     from irm import ArmChain
 
     robot = _robot(arguments)

@@ -8,11 +8,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,3 @@ def run(arguments: Arguments) -> None:
     print(f"{lifted} after {score.sim_s:.1f} s; {around}: {'clean success' if score.clean else 'no clean success'}")
     if played.film is not None:
         print(f"film: {played.film}")
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("play", Arguments, run, __doc__, words)

@@ -10,12 +10,11 @@ same command again after an interruption. JSON, a Markdown table and plots are w
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from clutter_env.reporting.command import command_line, run_command
+from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
     from clutter_env.experiments.clearance_table.table import TableSettings
@@ -82,7 +81,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.experiments.clearance_table.records import Records
     from clutter_env.experiments.clearance_table.table import TableSettings, run_trials, summarise_table
     from clutter_env.experiments.clearance_table.variants import ABLATIONS, ARMS
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
 
     settings = TableSettings(
         objects=arguments.objects,
@@ -129,7 +128,7 @@ def run(arguments: Arguments) -> None:
 def compare_layouts(arguments: Arguments, settings: TableSettings) -> None:
     """Run the first strategy over several layouts, and print one table."""
     from clutter_env.experiments.clearance_table.layouts import run_layouts, summary
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
 
     rows = run_layouts(
         settings,
@@ -142,8 +141,3 @@ def compare_layouts(arguments: Arguments, settings: TableSettings) -> None:
     print(f"\n{summary(rows)}")
     for path in filter(None, (arguments.out / "layouts.json", arguments.json)):
         write_json(path, {"settings": settings.of_trials, "rows": rows})
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("table", Arguments, run, __doc__, words)

@@ -12,12 +12,9 @@ Without --out a run is written to a directory of its own under outputs/runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-
-from clutter_env.reporting.command import run_command
 
 if TYPE_CHECKING:
     from clutter_env.learning.training.run import Run
@@ -104,7 +101,7 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Train and print the histories."""
     from clutter_env.learning.training.seeds import seeds_of, train_all
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
 
     runs = seeds_of(make_run(arguments), arguments.seeds)
     trained = train_all(runs, arguments.workers, arguments.resume, arguments.ray, report=print_history)
@@ -148,8 +145,3 @@ def make_run(arguments: Arguments) -> Run:
         evaluation_steps=arguments.evaluation_steps,
         grasps=arguments.grasps,
     )
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("train", Arguments, run, __doc__, words)

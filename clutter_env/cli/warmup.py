@@ -7,11 +7,8 @@ They are kept on the disk. Without this command the first solve does the same wo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from clutter_env.reporting.command import run_command
 
 
 @dataclass(frozen=True)
@@ -29,8 +26,8 @@ def run(arguments: Arguments) -> None:
     import time
 
     import planners
-    from clutter_env.reporting.compilation import shown_compilation
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
+    from clutter_env.reporting.progress import shown_compilation
 
     started, before = time.perf_counter(), time.process_time()
     with shown_compilation():
@@ -39,8 +36,3 @@ def run(arguments: Arguments) -> None:
     print(f"ready after {wall_s:.0f} s ({cpu_s:.0f} s of CPU time)")
     if arguments.json is not None:
         write_json(arguments.json, {"wall_s": wall_s, "cpu_s": cpu_s})
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("warmup", Arguments, run, __doc__, words)

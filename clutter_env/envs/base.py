@@ -1,8 +1,13 @@
-"""What all environments of the package share: actions, observations, rendering, saved states."""
+"""The base of all environments of the package: actions, observations, rendering, saved states."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -11,30 +16,29 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from assets import RobotSpec
+from assets import RobotSpec, UnknownRobot
+from assets import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
-from clutter_env.envs.generator import generator_kept_on_error
-from clutter_env.envs.identity import environment_kind
-from clutter_env.envs.judge import Judge, read_memory, written_memory
 from clutter_env.envs.observation import EntryLayout, Observer
-from clutter_env.envs.pickling import kept_attributes, make_again
 from clutter_env.envs.reset_options import ResetOptions
-from clutter_env.envs.task import Task
+from clutter_env.envs.success import SuccessMonitor, checked_memory
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
-from clutter_env.scene.layout import Layout
+from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import slot_shapes
+from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.ee_control import TcpFollower
 from clutter_env.simulation.physics_state import capture_physics
 from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["BaseEnv"]
+_PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
+"""Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
 
 
-class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
-    """A robot, a table, objects; subclasses say what the task is."""
+class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
+    """A robot, a table, objects; subclasses define the task by the abstract methods."""
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
     """Of an instance on a machine without a display, "human" is left out: checkers try every mode that is listed."""
@@ -57,7 +61,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
             image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
-        self._judge: Judge
+        self._monitor: SuccessMonitor
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
@@ -85,13 +89,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
             StateError: the option `state` is not a saved state of this environment.
         """
         checked = ResetOptions.of(options)
-        with generator_kept_on_error(self):
+        with restored_generator(self):
             super().reset(seed=seed)
             if checked.state is not None:
                 self.restore_state(checked.state)
             else:
                 self._simulator.start(self._draw_scene(checked), self._start_configuration())
-                self._judge = Judge(self.world, self.measurements, self.target_slot)
+                self._monitor = SuccessMonitor(self.world, self.measurements, self.target_slot)
                 self._begin()
         if self.render_mode == "human":
             self.render()
@@ -104,7 +108,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
         self._simulator.step(action)
-        self._judge.update(self.measurements)
+        self._monitor.update(self.measurements)
         reward, terminated = self._advance()
         if self.render_mode == "human":
             self.render()
@@ -226,7 +230,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         assert scene is not None
         memory = {
             "task": self._memory(),
-            "judge": written_memory(self._judge.memory()),
+            "judge": self._monitor.memory(),
             **self._simulator.memory(),
             "rng": self.np_random.bit_generator.state,
         }
@@ -241,38 +245,79 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         saved = unpack(state, self._kind)
         checked = self._simulator.check(saved)
         check_generator(self.np_random, saved.memory["rng"])
-        judged = read_memory(saved.memory["judge"])
-        judged.check(saved.scene.num_objects)
+        watched = checked_memory(saved.memory["judge"], saved.scene.num_objects, self.world.controller.num_grippers)
         bookkeeping = self._read_memory(saved.memory["task"])
         self._simulator.restore(checked)
-        self._judge = Judge.recall(judged, self.world, self.measurements, self.target_slot)
+        self._monitor = SuccessMonitor.recall(watched, self.world, self.measurements, self.target_slot)
         self._recall(bookkeeping)
         self.np_random.bit_generator.state = saved.memory["rng"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._simulator.has_started else None
-        return make_again, (type(self), self.config.keywords(), kept_attributes(self), saved)
+        attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
+        return _unpickled, (type(self), self.config.keywords(), attributes, saved)
+
+    # What a task defines.
+
+    @abstractmethod
+    def _draw_scene(self, options: ResetOptions) -> TableScene:
+        """The scene of a new episode."""
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Start the task's bookkeeping; the world and `measurements` are those of the first state."""
+
+    @abstractmethod
+    def _advance(self) -> tuple[float, bool]:
+        """Bookkeeping after a step: the reward, and whether the episode has ended."""
+
+    @abstractmethod
+    def _observe(self) -> dict[str, Any]:
+        """The observation."""
+
+    @abstractmethod
+    def _is_success(self) -> bool:
+        """Whether the task is done in the present state."""
+
+    @abstractmethod
+    def _memory(self) -> dict[str, Any]:
+        """The task's bookkeeping as JSON values."""
+
+    @abstractmethod
+    def _read_memory(self, memory: Any) -> Any:
+        """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
+
+    @abstractmethod
+    def _recall(self, bookkeeping: Any) -> None:
+        """Restore the bookkeeping that `_read_memory` returned."""
 
     # Inside.
 
     @property
     def _kind(self) -> dict[str, Any]:
-        """What a saved state and the environment that restores it must have in common."""
-        return environment_kind(type(self).__name__, self.config, self.layout, self.robot)
+        """What a saved state and the environment that restores it must have in common; JSON values."""
+        return {
+            "task": type(self).__name__,
+            "mujoco": mujoco.__version__,
+            "num_objects": int(self.config.num_objects),
+            "layout": layout_identity(self.layout),
+            "robot": robot_identity(self.robot),
+            "control_mode": self.config.control_mode,
+        }
 
     def _info(self) -> dict[str, Any]:
         """The info dictionary, the same keys in all environments."""
-        judge, all_held = self._judge, self.measurements.all_held
-        held = self.target_slot if judge.is_target_held else max(all_held)
+        monitor, all_held = self._monitor, self.measurements.all_held
+        held = self.target_slot if monitor.is_target_held else max(all_held)
         return {
             "is_success": self._is_success(),
-            "lifted": judge.lifted,
+            "lifted": monitor.lifted,
             "target": self.target,
             "held": self.world.names[held] if held >= 0 else "",
-            "num_fallen": judge.num_fallen,
-            "num_disturbed": judge.num_disturbed,
-            "num_cleared": judge.num_cleared,
+            "num_fallen": monitor.num_fallen,
+            "num_disturbed": monitor.num_disturbed,
+            "num_cleared": monitor.num_cleared,
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
@@ -289,3 +334,46 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Task):
         if self.config.obs_mode == "rgbd":
             parts |= self._rendering.observation_spaces()
         return spaces.Dict(parts)
+
+
+@contextmanager
+def restored_generator(env: gym.Env) -> Iterator[None]:
+    """If the block raises, put back the environment's random generator, its state and its seed; they may be None."""
+    generator, seed = env._np_random, env._np_random_seed
+    state = {} if generator is None else generator.bit_generator.state
+    try:
+        yield
+    except BaseException:
+        env._np_random, env._np_random_seed = generator, seed
+        if generator is not None:
+            generator.bit_generator.state = state
+        raise
+
+
+def layout_identity(layout: Layout) -> Any:
+    """The name of a known layout, all fields of another one; JSON values."""
+    if LAYOUTS.get(layout.name) == layout:
+        return layout.name
+    return json.loads(json.dumps(asdict(layout)))
+
+
+def robot_identity(robot: RobotSpec) -> str:
+    """The name of a known robot; of another one the name and a digest of its fields and its MJCF file."""
+    try:
+        if find_robot(robot.name) == robot:
+            return robot.name
+    except UnknownRobot:
+        pass
+    content = json.dumps(asdict(robot)).encode() + robot.mjcf_path.read_bytes()
+    return f"{robot.name} {hashlib.sha256(content).hexdigest()[:16]}"
+
+
+def _unpickled(
+    make: Callable[..., BaseEnv], keywords: dict[str, Any], attributes: dict[str, Any], saved: bytes | None
+) -> BaseEnv:
+    """The environment of a pickle; `saved` is None if `reset` had not been called."""
+    env = make(**keywords)
+    env.__dict__.update(attributes)
+    if saved is not None:
+        env.restore_state(saved)
+    return env

@@ -7,8 +7,10 @@ from abc import abstractmethod
 from dataclasses import replace
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig, check_choice, check_integer
@@ -18,8 +20,6 @@ from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import Fields
-
-__all__ = ["GOAL_TOLERANCE", "GoalEnv", "PickEnv", "ReachEnv"]
 
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
@@ -124,6 +124,25 @@ class GoalEnv(BaseEnv):
 
     def _recall(self, bookkeeping: NDArray[np.float64]) -> None:
         self._goal = bookkeeping
+
+
+class GoalInterface(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """The outermost wrapper of `Reach` and `Pick`: it shows their `compute_reward`; put it around wrappers of your own.
+
+    Stable-Baselines3's `check_env` calls `env.compute_reward(...)`, and since Gymnasium 1.0 a wrapper has only the
+    attributes of its own class.
+
+    Example:
+        env = GoalInterface(gym.wrappers.TimeLimit(env, max_episode_steps=50))
+    """
+
+    def __init__(self, env: gym.Env) -> None:
+        RecordConstructorArgs.__init__(self)
+        super().__init__(env)
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Rewards (...,) of achieved and desired goals (..., 3); see `GoalEnv.compute_reward`."""
+        return self.env.get_wrapper_attr("compute_reward")(achieved_goal, desired_goal, info)
 
 
 class ReachEnv(GoalEnv):

@@ -6,10 +6,10 @@ from typing import Any
 
 from clutter_env.config import EnvConfig, check_integer
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.judge import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.scene_drawing import draw_scene
+from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.scene.layout import TABLE
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import Fields
@@ -22,7 +22,7 @@ class RetrieveEnv(BaseEnv):
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
     scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). The info of `reset` and of every step
-    has `is_success`, `lifted`, `target`, `held`, `num_fallen`, `num_disturbed` and `num_cleared`; see `judge.Judge`.
+    has `is_success`, `lifted`, `target`, `held`, `num_fallen`, `num_disturbed` and `num_cleared`; see `success`.
     With `success="clean"` the task is done only if nothing has fallen or been disturbed, with "lifted" in any case.
     The episode ends with success, when the target has fallen off the table, or, with `terminate_on_fallen`, when an
     object has fallen.
@@ -62,20 +62,20 @@ class RetrieveEnv(BaseEnv):
         self._potential = self._measure_potential()
 
     def _advance(self) -> tuple[float, bool]:
-        judge, is_success = self._judge, self._is_success()
-        is_spoilt = self.config.terminate_on_fallen and judge.num_fallen > 0
-        is_over = is_success or judge.is_target_lost or is_spoilt
+        monitor, is_success = self._monitor, self._is_success()
+        is_spoilt = self.config.terminate_on_fallen and monitor.num_fallen > 0
+        is_over = is_success or monitor.is_target_lost or is_spoilt
         if self.config.reward_mode == "sparse":
             return float(is_success), is_over
         before, self._potential = self._potential, self._measure_potential()
-        return dense_reward(before, self._potential, event_terms(judge, is_success)), is_over
+        return dense_reward(before, self._potential, event_terms(monitor, is_success)), is_over
 
     def _observe(self) -> dict[str, Any]:
-        hold = min(self._judge.steps_held / HOLD_STEPS, 1.0)
-        return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._judge.lift)
+        hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
+        return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._monitor.lift)
 
     def _is_success(self) -> bool:
-        return self._judge.lifted and (self.config.success == "lifted" or self._judge.is_clean)
+        return self._monitor.lifted and (self.config.success == "lifted" or self._monitor.is_clean)
 
     def _memory(self) -> dict[str, Any]:
         return {}
@@ -90,4 +90,4 @@ class RetrieveEnv(BaseEnv):
         """The potential of the present state; 0 with the sparse reward, which has none."""
         if self.config.reward_mode == "sparse":
             return 0.0
-        return potential(potential_terms(self.world, self.measurements, self._judge, self.target_slot))
+        return potential(potential_terms(self.world, self.measurements, self._monitor, self.target_slot))

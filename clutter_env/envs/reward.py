@@ -10,10 +10,8 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from clutter_env.envs.judge import LIFT_HEIGHT, Judge
+from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor
 from clutter_env.simulation.world import Measurements, World
-
-__all__ = ["DENSE_SCALES", "POTENTIAL_TERMS", "dense_reward", "event_terms", "potential", "potential_terms"]
 
 REACH_SCALE = 5.0
 """[1/m] The reaching term falls to a quarter at 0.2 m."""
@@ -46,22 +44,22 @@ def potential(terms: Mapping[str, float]) -> float:
     return sum(DENSE_SCALES[name] * terms[name] for name in POTENTIAL_TERMS)
 
 
-def potential_terms(world: World, measurements: Measurements, judge: Judge, target: int) -> dict[str, float]:
+def potential_terms(world: World, measurements: Measurements, monitor: SuccessMonitor, target: int) -> dict[str, float]:
     """The terms of a state's potential, each between 0 and 1: see the table in `docs/retrieve.md`."""
-    is_held = float(judge.is_target_held)
+    is_held = float(monitor.is_target_held)
     return {
         "reach": 1.0 - math.tanh(REACH_SCALE * _grasp_distance(world, measurements, target)),
         "grasp": is_held,
-        "lift": is_held * min(max(judge.lift / LIFT_HEIGHT, 0.0), 1.0),
+        "lift": is_held * min(max(monitor.lift / LIFT_HEIGHT, 0.0), 1.0),
     }
 
 
-def event_terms(judge: Judge, is_success: bool) -> dict[str, float]:
+def event_terms(monitor: SuccessMonitor, is_success: bool) -> dict[str, float]:
     """What has happened in a step: success (0 or 1), objects newly disturbed or fallen, target lost (0 or 1)."""
     return {
         "success": float(is_success),
-        "disturbed": float(judge.newly_disturbed),
-        "lost": float(judge.is_target_lost),
+        "disturbed": float(monitor.newly_disturbed),
+        "lost": float(monitor.is_target_lost),
     }
 
 

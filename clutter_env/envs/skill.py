@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from clutter_env import skill_budget
 from clutter_env.config import check_choice, check_integer
-from clutter_env.envs.generator import generator_kept_on_error
-from clutter_env.envs.judge import is_as_placed
+from clutter_env.envs.base import restored_generator
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.envs.success import is_as_placed
 from clutter_env.errors import ActionError
 from planners import (
     DIRECTIONS,
@@ -44,7 +44,7 @@ _PUSHING = MonitorConfig(displacement=math.inf, tilt=math.pi)
 """Of an attempt that runs into objects: their motion does not stop it."""
 SKILL_COST = 0.05
 """Reward lost by every skill; success is worth 1."""
-HOLD_STEPS = 20
+FINAL_HOLD_STEPS = 20
 """Control steps for which the target is held up in the end, if that is not success yet."""
 BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "is_box")
 """Columns of an object's row before its `DIRECTIONS` flags of failed attempts."""
@@ -110,7 +110,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Raises:
             OptionError: an unknown or invalid option.
         """
-        with generator_kept_on_error(self):
+        with restored_generator(self):
             super().reset(seed=seed)
             _, info = self._physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
@@ -250,7 +250,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     def _hold(self) -> None:
         """Stand still and hold the target."""
         controller = self._physics_env.world.controller
-        for _ in range(HOLD_STEPS):
+        for _ in range(FINAL_HOLD_STEPS):
             if self._is_taken or self._step_physics(self._physics_env.joint_action(controller.state.target, 0.0)):
                 return
 

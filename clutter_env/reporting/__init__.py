@@ -1,1 +1,1 @@
-"""Statistics, tables and files of results."""
+"""Progress, files, tables and intervals of results: what commands and scripts share."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-__all__ = ["NOTHING", "markdown_section", "markdown_table", "number_text"]
-
 NOTHING = "–"
 """Stands in a cell for which there is no value."""
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.general.solutions import SolverArrays, solver_arrays
-from irm.arm.kinematics import ArmChain, fk_frames
+from irm.ik.solutions import SolverArrays, solver_arrays
+from irm.chain import ArmChain
+from irm.kinematics import fk_frames
 from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 

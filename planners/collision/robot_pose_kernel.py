@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import fk_frames
+from irm.kinematics import fk_frames
 from planners.collision.compilation import inlined_kernel, leaf_kernel
 from planners.collision.geometry import Solids
 from planners.collision.references import by_reference

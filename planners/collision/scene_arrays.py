@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irm.arm.kinematics import ArmChain, fk_frames
+from irm.chain import ArmChain
+from irm.kinematics import fk_frames
 from planners.collision.configuration_kernel import Obstacles
 from planners.collision.geometry import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.robot_model import RobotArrays, robot_arrays

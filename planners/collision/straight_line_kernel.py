@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import arm_jacobian, fk_frames
+from irm.kinematics import arm_jacobian, fk_frames
 from irm.compilation import njit
 from planners.collision.compilation import leaf_kernel
 from planners.collision.references import by_reference

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
-from planners.drawing.drawn_plan import DrawnPlan
 from planners.drawing.region import ClearancePicture, DrawnSurface
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.placing.locations import placement_grid
@@ -25,7 +24,7 @@ from planners.placing.negative_goal_region import (
 from planners.placing.surfaces import Surface
 from planners.placing.swept_volume import path_volume
 from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
-from planners.tamp.solution import BoundAction
+from planners.tamp.solution import BoundAction, Solution
 
 __all__ = ["Choice", "choices_of", "last_picture"]
 
@@ -69,7 +68,7 @@ class _Hold:
     touched: HeldObject
 
 
-def choices_of(solution: DrawnPlan) -> list[Choice]:
+def choices_of(solution: Solution) -> list[Choice]:
     """The choices of clearance locations in a plan, in order."""
     choices: list[Choice] = []
     for index, action in enumerate(solution.actions):
@@ -80,7 +79,7 @@ def choices_of(solution: DrawnPlan) -> list[Choice]:
     return choices
 
 
-def last_picture(solution: DrawnPlan) -> ClearancePicture:
+def last_picture(solution: Solution) -> ClearancePicture:
     """The supports when everything has been cleared, and NGR1: what taking the target sweeps.
 
     Raises:
@@ -102,7 +101,7 @@ def last_picture(solution: DrawnPlan) -> ClearancePicture:
     )
 
 
-def _supports(solution: DrawnPlan) -> Sequence[StaticObstacle]:
+def _supports(solution: Solution) -> Sequence[StaticObstacle]:
     """The supports that the plan could put objects on."""
     put = next((action for action in solution.actions if action.surfaces), None)
     return (solution.actions[-1].scene.support,) if put is None else [surface.support for surface in put.surfaces]
@@ -115,7 +114,7 @@ def _outlines_on_support(scene: Scene) -> list[Array]:
 
 
 def _choice(
-    solution: DrawnPlan,
+    solution: Solution,
     put: BoundAction,
     picked: BoundAction | None,
     later: Sequence[BoundAction],

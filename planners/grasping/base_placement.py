@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
-from irm.floor.free_space import FreeSpace
-from irm.maps.cache import cached_map
-from irm.queries.inverse import InverseReachabilityMap
+from irm.chain import ArmChain
+from irm.free_space import FreeSpace
+from irm.cache import cached_map
+from irm.inverse_map import InverseReachabilityMap
 from irm.visibility.map import VisibilityMap
 from planners.collision.robot_model import BASE, robot_arrays
 from planners.grasping.footprint import fits, inner_radius

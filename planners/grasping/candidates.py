@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.collision.stacking import objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
+from irm.chain import pose_of
 from planners.collision.robot_model import robot_arrays
 
 __all__ = ["FINGER_GAP", "GripperClearances", "gripper_clearances"]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import MAX_SOLUTIONS
+from irm.ik.closed_form import MAX_SOLUTIONS
 
 __all__ = ["CAPACITY", "Kept", "Memory", "make_memory"]
 

@@ -101,7 +101,7 @@ def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: 
         follower: model of the controller.
         robot: whose chain it is.
         q_start: (8,) configuration at the start.
-        trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.execution.executor`.
+        trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.expert.executor`.
     """
     follower.reset(q_start)
     configurations, fingers, held = [], [], []

@@ -24,8 +24,6 @@ from planners.placing.surfaces import Surface
 from planners.planner import Planner, map_placer
 from planners.scene import Scene
 
-__all__ = ["DIRECTION_CLASSES", "Alternatives", "direction_class"]
-
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 

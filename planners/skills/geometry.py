@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.clearing.lookahead import grasped
 from planners.collision.compiled_scenes import CompiledScenes
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
@@ -29,8 +29,6 @@ from planners.placing.surfaces import KeepClear
 from planners.planner import map_placer
 from planners.scene import Body, Scene
 from planners.strategies import find_strategy
-
-__all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geometry"]
 
 DIRECTIONS = 6
 """Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""

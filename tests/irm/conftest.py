@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH, ChainLink
-from irm.floor.free_space import FreeSpace
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
+from irm.free_space import FreeSpace
+from irm.reachability_map import ReachabilityMap
+from irm.inverse_map import InverseReachabilityMap
 
 LIFT_ARM = dataclasses.replace(
     FETCH,

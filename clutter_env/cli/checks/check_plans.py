@@ -45,7 +45,7 @@ def run(arguments: Arguments) -> None:
     """Solve, replay, report."""
     from clutter_env.envs.retrieve import RetrieveEnv
     from clutter_env.experiments.plans.replay import DeepestContact, PlanReplay
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
     from planners import Infeasible, Scene, solve
 

@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
 from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import STEP, CollisionWorld
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import find_grasp_set

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from clutter_env.experiments.environments.endurance import run_endurance
 from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 
 

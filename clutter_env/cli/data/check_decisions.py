@@ -38,7 +38,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.learning.decisions.evaluation import score
     from clutter_env.learning.decisions.examples import scene_of
     from clutter_env.learning.decisions.kinematic import simulate_decisions
-    from clutter_env.reporting.json_file import write_json
+    from clutter_env.reporting.files import write_json
     from clutter_env.suites import suite
 
     decider = LearnedDecider.load(arguments.model)

@@ -17,7 +17,7 @@ from typing import Any
 import assets
 from clutter_env.experiments.suites.making import PLANS, SuitePlan, make_suite, with_new_floors
 from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import json_text, write_atomically
+from clutter_env.reporting.files import json_text, write_atomically
 from clutter_env.reporting.progress import progress_bar
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from assets.robots import robot as find_robot
 from clutter_env.experiments.suites.approaches import approach_table
 from clutter_env.reporting.command import run_command
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 

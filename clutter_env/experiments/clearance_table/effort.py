@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clutter_env.experiments.clearance_table.trials import Attempt
-from clutter_env.reporting.statistics import Interval, bootstrap
+from clutter_env.reporting.intervals import Interval, bootstrap
 
 __all__ = ["Effort", "effort_of"]
 

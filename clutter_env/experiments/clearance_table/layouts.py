@@ -11,7 +11,7 @@ from clutter_env.experiments.clearance_table.records import Records
 from clutter_env.experiments.clearance_table.statistics import CRASH
 from clutter_env.experiments.clearance_table.table import TableSettings, run_trials, table_seeds
 from clutter_env.experiments.clearance_table.trials import Attempt
-from clutter_env.reporting.statistics import Times, times
+from clutter_env.reporting.intervals import Times, times
 from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
 
 __all__ = ["LayoutRow", "make_layout_row", "run_layouts", "summary"]

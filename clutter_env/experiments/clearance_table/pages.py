@@ -11,7 +11,7 @@ from clutter_env.experiments.clearance_table.paper import PAPER, PAPER_OBJECTS
 from clutter_env.experiments.clearance_table.picture import plot
 from clutter_env.experiments.clearance_table.statistics import Row, Scenes, Shared
 from clutter_env.experiments.clearance_table.table import Summary, TableSettings
-from clutter_env.reporting.statistics import Times
+from clutter_env.reporting.intervals import Times
 from clutter_env.reporting.tables import NOTHING, markdown_section, number_text
 
 __all__ = ["markdown", "write_page"]

@@ -15,7 +15,7 @@ from clutter_env.experiments.clearance_table.paper import PAPER, PAPER_OBJECTS
 from clutter_env.experiments.clearance_table.statistics import Row, Shared
 from clutter_env.experiments.clearance_table.table import Summary
 from clutter_env.experiments.clearance_table.variants import ABLATIONS, ARMS
-from clutter_env.reporting.statistics import Interval
+from clutter_env.reporting.intervals import Interval
 
 __all__ = ["draw_table", "plot"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt
-from clutter_env.reporting.json_lines import JsonLines
+from clutter_env.reporting.files import JsonLines
 
 __all__ = ["OtherSettings", "Record", "Records"]
 

@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 
 from clutter_env.experiments.clearance_table.effort import Effort, effort_of
 from clutter_env.experiments.clearance_table.trials import Assessment, Attempt
-from clutter_env.reporting.statistics import Interval, Times, bootstrap, times, wilson
+from clutter_env.reporting.intervals import Interval, Times, bootstrap, times, wilson
 
 __all__ = ["CRASH", "Row", "Scenes", "Shared", "make_row", "make_shared", "mcnemar", "summarise_scenes"]
 

@@ -25,7 +25,7 @@ from clutter_env.experiments.clearance_table.statistics import (
 from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
 from clutter_env.experiments.clearance_table.variants import ARMS, VARIANTS
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.object_sets import MAX_OBJECTS
 from planners.grasping.families import GRASP_SETS

@@ -15,7 +15,8 @@ from assets.robots import robot as find_robot
 from clutter_env import time_limit
 from clutter_env.experiments.clearance_table.supports import chosen_supports
 from clutter_env.experiments.clearance_table.variants import VARIANTS
-from planners.execution.expert import ExpertConfig, TampExpert
+from planners.expert.config import ExpertConfig
+from planners.expert.expert import TampExpert
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.tamp.solution import Infeasible, Solution, contacts

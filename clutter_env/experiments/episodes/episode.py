@@ -16,15 +16,14 @@ import clutter_env
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_rows, report_text
 from clutter_env.rendering.film import Film
-from clutter_env.reporting.compilation import shown_compilation
-from clutter_env.reporting.progress import progress_bar
+from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import write_page
 from planners.drawing.plan import draw_plan
-from planners.execution.expert import EpisodeReport, TampExpert
+from planners.expert.expert import TampExpert
+from planners.expert.report import EpisodeReport, Recording
 from planners.planner import Planner, warmup
 from planners.scene import Scene
-from planners.tamp.recording import Recording
 from planners.tamp.solution import Infeasible, Solution
 
 __all__ = ["EpisodeResult", "EpisodeSettings", "draw_episode", "episode_figures", "episode_text", "play_episode"]

@@ -13,9 +13,9 @@ import numpy as np
 
 from clutter_env.experiments.clearance_table.statistics import CRASH
 from clutter_env.experiments.clearance_table.trials import ASSESSMENT, Assessment, Attempt, Trial, run_trial
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.reporting.intervals import times, wilson
 from clutter_env.reporting.progress import progress_bar
-from clutter_env.reporting.statistics import times, wilson
 
 __all__ = ["Episode", "counts_text", "play_many"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from planners.execution.expert import EpisodeReport
+from planners.expert.report import EpisodeReport
 from planners.symbolic.problem import GroundAction, format_plan
 from planners.tamp.solution import ReplanRecord, Solution
 

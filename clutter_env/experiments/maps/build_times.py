@@ -10,8 +10,8 @@ from typing import Any
 
 from assets.robots import RobotSpec
 from clutter_env.reporting.progress import progress_bar
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
+from irm.reachability_map import ReachabilityMap
+from irm.inverse_map import InverseReachabilityMap
 
 __all__ = ["BUILDS", "BuildCost", "measure_build"]
 

@@ -11,9 +11,9 @@ import numpy as np
 from assets.robots import RobotSpec
 from clutter_env.experiments.maps.slices import draw_arm_map
 from clutter_env.reporting.progress import progress_bar
-from irm.arm.chain import ArmChain
-from irm.maps.grid import MapParameters
-from irm.maps.reachability import ReachabilityMap
+from irm.chain import ArmChain
+from irm.grid import MapParameters
+from irm.reachability_map import ReachabilityMap
 
 __all__ = ["MapReport", "build_map"]
 

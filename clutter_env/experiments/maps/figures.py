@@ -20,10 +20,10 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.maps.map_renderer import Arrows, MapRenderer, View
 from clutter_env.experiments.maps.placement_figure import draw_placement
 from clutter_env.experiments.maps.slices import best_manipulability, draw_slice
-from irm.maps.cache import cached_map
-from irm.maps.equations import inverse_reachability, inverse_reachability_on_floor
-from irm.maps.orientation_index import rotation
-from irm.maps.reachability import ReachabilityMap
+from irm.cache import cached_map
+from irm.equations import inverse_reachability, inverse_reachability_on_floor
+from irm.rotations import rotation
+from irm.reachability_map import ReachabilityMap
 
 Floats = NDArray[np.float64]
 

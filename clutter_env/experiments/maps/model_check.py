@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from assets.arm_reading import APPROACHES
 from assets.robots import RobotSpec, robot
-from irm.arm.kinematics import ArmChain, forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
 from irm.errors import ChainError
 
 __all__ = ["TipModel", "check_chain", "checked_arm", "compare_with_model", "robot_by_name"]

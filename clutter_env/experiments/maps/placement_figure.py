@@ -15,14 +15,14 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.maps.bases.base_quality import CollisionModel
 from clutter_env.experiments.maps.map_renderer import Cup, MapRenderer, View
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
-from irm.arm.kinematics import ArmChain
-from irm.checks.verification import Verified, tcp_poses, verify
-from irm.floor.free_space import FreeSpace
-from irm.maps.cache import cached_map
-from irm.queries.arguments import YAW_STEP
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.keys import base_turns, find_key, flat_key
-from irm.queries.placement import BasePlacement
+from irm.chain import ArmChain
+from irm.verification import Verified, tcp_poses, verify
+from irm.free_space import FreeSpace
+from irm.cache import cached_map
+from irm.query_options import YAW_STEP
+from irm.inverse_map import InverseReachabilityMap
+from irm.inverse_table import base_turns, find_key, flat_key
+from irm.placement import BasePlacement
 
 __all__ = ["draw_placement"]
 

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from irm.arm.chain import ArmChain
-from irm.arm.kinematics import fk_frames
-from irm.maps.reachability import ReachabilityMap
+from irm.chain import ArmChain
+from irm.kinematics import fk_frames
+from irm.reachability_map import ReachabilityMap
 
 __all__ = ["best_manipulability", "draw_arm_map", "draw_slice"]
 

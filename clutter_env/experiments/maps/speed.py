@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
-from irm.floor.free_space import FreeSpace
-from irm.maps.cache import cached_map
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.classical import ClassicalInverseReachabilityMap
-from irm.queries.full_scan import full_scan
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.placement import BasePlacement
+from irm.free_space import FreeSpace
+from irm.cache import cached_map
+from irm.reachability_map import ReachabilityMap
+from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.old_full_scan import full_scan
+from irm.inverse_map import InverseReachabilityMap
+from irm.placement import BasePlacement
 
 __all__ = ["PAPER", "Timing", "map_of_size", "measure_speed", "plot_speed", "speed_table"]
 

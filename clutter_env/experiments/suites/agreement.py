@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.obstruction import count_blockers, side_approaches
 from planners.cause import Cause

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
-from irm.arm.frames import pose_of
-from irm.arm.kinematics import ArmChain
+from irm.chain import pose_of
+from irm.chain import ArmChain
 from planners.collision.robot_model import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations

@@ -13,7 +13,7 @@ import gymnasium as gym
 
 from assets.robots import robot as find_robot
 from clutter_env import OBJECT_COUNTS
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.suites import GRASPS, SPLITS, content_digest, scene_digests
 from planners.planner import Planner
 from planners.scene import Scene

@@ -17,7 +17,7 @@ from clutter_env.learning.comparison.scene_sets import SceneSet
 from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy, policy_families, policy_grasps
 from clutter_env.learning.comparison.tables import Row, summarise
 from clutter_env.learning.errors import LearningError
-from clutter_env.parallel.jobs import Crash, Killed
+from clutter_env.parallel import Crash, Killed
 from clutter_env.suites import Floor
 
 __all__ = ["CONTROLS", "Comparison", "EvaluationRunner", "evaluate_all", "make_jobs", "make_rows"]

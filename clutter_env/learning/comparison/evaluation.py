@@ -43,7 +43,7 @@ class Score:
         steps: of the environment: control steps, or skills.
         sim_s: simulated time [s].
         moved: number of objects other than the target that ended elsewhere; see `MOVED`.
-        cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs.judge`.
+        cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs.success`.
         refused: number of skills that the motion layer refused; 0 for policies that do not act by skills.
         failure: "" for success, else why not.
         wall_s: wall time [s], with planning and the policy's inference.

@@ -12,7 +12,7 @@ from clutter_env.errors import SuiteError
 from clutter_env.learning.comparison.evaluation import Score, SuitePolicy, play_scene
 from clutter_env.learning.comparison.scene_sets import Scene, SceneSet, find_floor, skill_scene
 from clutter_env.learning.comparison.suite_policies import acts_by_skills, env_keywords, load_policy
-from clutter_env.parallel.jobs import Crash, Killed
+from clutter_env.parallel import Crash, Killed
 from clutter_env.suites import Floor
 
 __all__ = ["FLOOR", "EvaluationJob", "Result", "WrongScene", "failed_episode", "run_job"]

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clutter_env.learning.comparison.strata import STRATA
 from clutter_env.learning.comparison.tables import Row
-from clutter_env.reporting.statistics import Interval
+from clutter_env.reporting.intervals import Interval
 
 __all__ = ["plot"]
 

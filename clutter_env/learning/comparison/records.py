@@ -11,7 +11,7 @@ from clutter_env.learning.comparison.run_names import run_directories
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.runs import differences, load_run
 from clutter_env.learning.task import versions
-from clutter_env.reporting.json_lines import JsonLines
+from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
 
 __all__ = ["ResultRecords"]

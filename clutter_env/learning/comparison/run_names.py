@@ -7,7 +7,7 @@ from pathlib import Path
 
 from clutter_env.learning.policies.runs import DECISION_LEARNERS, MOVER_LEARNERS, RUN_FILE, load_run
 from clutter_env.learning.task import Task
-from clutter_env.reporting.json_file import json_text
+from clutter_env.reporting.files import json_text
 
 __all__ = ["run_directories", "run_names", "run_task"]
 

@@ -16,8 +16,8 @@ from clutter_env.learning.comparison.strata import by_stratum
 from clutter_env.learning.comparison.suite_policies import env_keywords, load_policy, policy_grasps
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.task import versions
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
-from clutter_env.reporting.statistics import wilson
+from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor, content_digest, suite
 
 __all__ = ["Evaluation", "evaluate", "results"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from clutter_env.learning.comparison.evaluation import Score
 from clutter_env.learning.comparison.strata import STRATA, stratum
-from clutter_env.reporting.statistics import NO_INTERVAL, Interval, bootstrap, success_interval
+from clutter_env.reporting.intervals import NO_INTERVAL, Interval, bootstrap, success_interval
 from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
 from clutter_env.suites import Floor
 

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 from numpy.typing import NDArray
 
-from clutter_env.envs.judge import HOLD_STEPS
+from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.learning.contacts.protocols import Decider, Mover, Observation
 
 __all__ = ["MOST_CONTACTS", "HierarchicalPolicy"]

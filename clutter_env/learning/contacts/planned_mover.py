@@ -14,12 +14,12 @@ from planners import (
     Command,
     CompiledScenes,
     Contact,
+    ExecutionStatus,
     Executor,
     GraspCandidates,
     MonitorConfig,
     MotionLayer,
     NoPath,
-    Outcome,
     PlacementSearch,
     Planner,
     Scene,
@@ -83,7 +83,7 @@ class PlannedMover:
         if self._executor is not None:
             step = self._executor.advance(self._sensor.read())
             self._last = step.command
-            if step.outcome is not Outcome.RUNNING:
+            if step.status is not ExecutionStatus.RUNNING:
                 self._executor = None
                 self._end("" if step.deviation is None else str(step.deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))

@@ -13,7 +13,7 @@ from assets import robot
 from clutter_env.learning.decisions.contact_rule import ContactRule
 from clutter_env.learning.decisions.network import ContactNetwork
 from clutter_env.learning.errors import LearningError
-from clutter_env.reporting.json_file import written_atomically
+from clutter_env.reporting.files import written_atomically
 from clutter_env.scene.layout import find_layout
 
 __all__ = ["DecisionModel"]

@@ -20,7 +20,7 @@ from clutter_env.learning.demonstrations.images import with_images
 from clutter_env.learning.demonstrations.replay import replay_in_fresh_process
 from clutter_env.learning.errors import CollectionError, LearningError, UnknownExpert
 from clutter_env.learning.task import HELD_OUT, Task
-from clutter_env.parallel.jobs import Crash, Killed
+from clutter_env.parallel import Crash, Killed
 
 __all__ = ["JobRunner", "Outcome", "collect", "demonstrate", "make_job"]
 

@@ -23,7 +23,7 @@ from clutter_env.learning.demonstrations.episode import Episode
 from clutter_env.learning.demonstrations.episode_file import read_episode
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.task import Task, versions
-from clutter_env.reporting.json_file import json_text, write_atomically, write_json
+from clutter_env.reporting.files import json_text, write_atomically, write_json
 
 __all__ = ["Dataset", "Job"]
 

@@ -16,8 +16,8 @@ from clutter_env.learning.demonstrations.decision_file import DECISION_COLUMNS, 
 from clutter_env.learning.demonstrations.decision_labels import decisions_of
 from clutter_env.learning.errors import CollectionError, DatasetError, LearningError
 from clutter_env.learning.task import HELD_OUT, Task, versions
-from clutter_env.parallel.jobs import Crash, Killed
-from clutter_env.reporting.json_file import json_text, write_atomically, write_json
+from clutter_env.parallel import Crash, Killed
+from clutter_env.reporting.files import json_text, write_atomically, write_json
 from planners import Alternatives, Planner, Scene, SceneError, Solution, find_grasp_set, map_placer
 
 __all__ = [

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from clutter_env.learning.demonstrations.scripted import SCRIPTS
 from clutter_env.learning.errors import UnknownExpert
 from clutter_env.learning.task import family
-from clutter_env.reporting.json_file import json_values
+from clutter_env.reporting.files import json_values
 
 if TYPE_CHECKING:
     from planners import StepLabel

@@ -25,7 +25,7 @@ class StepLabels:
     """The labels of T steps, one row each. Without a contact numbers are NaN and indices -1.
 
     Attributes:
-        phases: names (T) of the phase of the motion, "" while the robot waits; see `planners.execution.contact`.
+        phases: names (T) of the phase of the motion, "" while the robot waits; see `planners.StepLabel`.
         skill: (T,) index into `CONTACT_SKILLS`: of the contact that the phase leads to or comes from.
         object: (T,) index of the object of the contact, as in the observation.
         contact_base: (T, 3) x [m], y [m], yaw [rad] of the base at the contact, in the world.

@@ -10,7 +10,7 @@ import h5py
 
 from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.errors import DatasetError
-from clutter_env.reporting.json_file import written_atomically
+from clutter_env.reporting.files import written_atomically
 
 __all__ = ["copy_episodes", "export_hdf5", "new_file"]
 

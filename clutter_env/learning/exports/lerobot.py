@@ -28,7 +28,7 @@ from clutter_env.learning.exports.lerobot_tables import Tables
 from clutter_env.learning.exports.statistics import image_statistics, vector_statistics
 from clutter_env.learning.exports.video import CODEC, PIXELS, Video
 from clutter_env.learning.task import Task
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 
 __all__ = ["FORMAT", "export_lerobot"]
 

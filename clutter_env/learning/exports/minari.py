@@ -20,7 +20,7 @@ from clutter_env.learning.demonstrations.dataset import Dataset
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.exports.hdf5 import copy_episodes
 from clutter_env.learning.task import Task
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 
 __all__ = ["MINARI_VERSION", "export_minari"]
 

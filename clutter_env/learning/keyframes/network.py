@@ -17,7 +17,7 @@ from clutter_env.learning.keyframes.features import NUM_FEATURES
 from clutter_env.learning.keyframes.ground import Ground
 from clutter_env.learning.keyframes.phases import NUM_PHASES, phase_index
 from clutter_env.learning.regression.perceptron import perceptron
-from clutter_env.reporting.json_file import write_atomically
+from clutter_env.reporting.files import write_atomically
 
 __all__ = ["KeyframeNetwork", "Prediction", "load_arrays", "save_arrays"]
 

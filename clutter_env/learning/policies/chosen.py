@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from clutter_env.reporting.json_file import write_atomically
+from clutter_env.reporting.files import write_atomically
 
 __all__ = ["consider", "forget_chosen", "put_chosen"]
 

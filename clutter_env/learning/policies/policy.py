@@ -14,7 +14,7 @@ from torch import nn
 
 from clutter_env.learning.errors import DatasetError
 from clutter_env.learning.policies.features import feature_vector
-from clutter_env.reporting.json_file import write_atomically
+from clutter_env.reporting.files import write_atomically
 
 __all__ = ["Policy"]
 

@@ -39,7 +39,7 @@ from clutter_env.learning.policies.priced_critics import PricedSACPolicy, Priced
 from clutter_env.learning.policies.runs import GOAL_ALGORITHMS
 from clutter_env.learning.policies.skill_policy import MaskableSkillPolicy, SkillPolicy
 from clutter_env.learning.policies.symmetric import SymmetricReplayBuffer
-from clutter_env.reporting.json_file import write_atomically, write_json, written_atomically
+from clutter_env.reporting.files import write_atomically, write_json, written_atomically
 
 __all__ = [
     "ALGORITHMS",

@@ -19,9 +19,9 @@ from clutter_env.learning.keyframes.motions import motions_of
 from clutter_env.learning.policies.movers import fit_mover
 from clutter_env.learning.policies.runs import MOVER_LEARNERS
 from clutter_env.learning.training.movers import clean_successes, decider_of, task_of
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
-from clutter_env.reporting.json_file import write_json
-from clutter_env.reporting.statistics import Interval, success_interval
+from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.reporting.files import write_json
+from clutter_env.reporting.intervals import Interval, success_interval
 
 __all__ = ["Curve", "Point", "draw", "markdown", "measure", "points"]
 

@@ -21,7 +21,7 @@ from clutter_env.learning.decisions.network import ContactNetwork
 from clutter_env.learning.policies.rl import HISTORY_FILE
 from clutter_env.learning.policies.runs import DECISIONS_FILE
 from clutter_env.learning.training.run import Run
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 
 __all__ = ["SCENES", "train_decisions"]
 

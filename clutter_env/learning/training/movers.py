@@ -26,7 +26,7 @@ from clutter_env.learning.policies.rl import HISTORY_FILE
 from clutter_env.learning.policies.runs import MOVER_FILE
 from clutter_env.learning.task import Task
 from clutter_env.learning.training.run import Run
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 
 __all__ = ["clean_successes", "decider_of", "task_of", "train_mover"]
 

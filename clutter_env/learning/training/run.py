@@ -21,7 +21,7 @@ from clutter_env.learning.policies.runs import (
     load_run,
 )
 from clutter_env.learning.task import Task
-from clutter_env.reporting.json_file import json_values, write_json
+from clutter_env.reporting.files import json_values, write_json
 from planners import find_grasp_set
 
 __all__ = ["LEARNERS", "Run"]

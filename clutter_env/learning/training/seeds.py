@@ -9,7 +9,7 @@ from functools import partial
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.training.run import Run
 from clutter_env.learning.training.training import Trained, train
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, run_jobs
 
 __all__ = ["seeds_of", "train_all"]
 

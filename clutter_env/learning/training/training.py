@@ -47,7 +47,7 @@ from clutter_env.learning.training.decisions import train_decisions
 from clutter_env.learning.training.movers import train_mover
 from clutter_env.learning.training.run import Run
 from clutter_env.learning.training.skills import clone_skills
-from clutter_env.reporting.json_file import write_json
+from clutter_env.reporting.files import write_json
 
 __all__ = ["Trained", "train"]
 

@@ -9,7 +9,7 @@ from typing import Any
 from planners.drawing.page.arrays import ArrayBlock, changes
 from planners.drawing.page.geometry import body_poses, model_values, moving_bodies, pose_numbers
 from planners.drawing.page.layers import plan_values
-from planners.tamp.recording import Frame, Note, Recording, Solve
+from planners.expert.report import Frame, Note, Recording, Solve
 
 __all__ = ["frame_values", "note_values", "page_text", "scene_values", "solve_values"]
 

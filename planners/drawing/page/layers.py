@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.drawing.choices import Choice, choices_of
-from planners.drawing.drawn_plan import DrawnPlan
 from planners.drawing.page.arrays import ArrayBlock
 from planners.drawing.region import DrawnSurface
 from planners.grasping.base_placement import MapPlacer, inverse_map
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Phase
 from planners.scene import RobotState
-from planners.tamp.solution import BoundAction
+from planners.tamp.solution import BoundAction, Solution
 
 __all__ = ["plan_values"]
 
@@ -32,7 +31,7 @@ _NGR1, _NGR2, _OUTSIDE = 1, 2, 4
 """Bits of a cell."""
 
 
-def plan_values(plan: DrawnPlan, arrays: ArrayBlock) -> dict[str, Any]:
+def plan_values(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
     """The actions of a plan and the choices of its clearance locations.
 
     Args:

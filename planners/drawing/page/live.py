@@ -12,7 +12,7 @@ from planners.drawing.page.arrays import ArrayBlock
 from planners.drawing.page.content import frame_values, note_values, page_text, solve_values
 from planners.drawing.page.geometry import moving_bodies
 from planners.drawing.page.page import episode_title, page_html
-from planners.tamp.recording import Recording
+from planners.expert.report import Recording
 
 __all__ = ["LivePage"]
 

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from planners.drawing.page.content import page_text
-from planners.tamp.recording import Recording
+from planners.expert.report import Recording
 
 __all__ = ["episode_title", "page_html", "write_page"]
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.drawing.drawn_plan import DrawnPlan
 from planners.drawing.page.page import write_page
+from planners.expert.report import Frame, Recording, Solve
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import OBJECT, scene_model
 from planners.motion.trajectory import CONTROL_STEP
 from planners.scene import HeldObject, RobotState, Scene
-from planners.tamp.recording import Frame, Recording, Solve
+from planners.tamp.solution import Solution
 
 __all__ = ["plan_recording", "write_plan_page"]
 
@@ -24,7 +24,7 @@ _SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
 """Colours of supports and of other static obstacles."""
 
 
-def write_plan_page(plan: DrawnPlan, path: Path) -> None:
+def write_plan_page(plan: Solution, path: Path) -> None:
     """Write the page of a plan; what `Solution.to_html` calls.
 
     Raises:
@@ -37,7 +37,7 @@ def write_plan_page(plan: DrawnPlan, path: Path) -> None:
     write_page(path, plan_recording(plan), rows, "plan", title)
 
 
-def plan_recording(plan: DrawnPlan) -> Recording:
+def plan_recording(plan: Solution) -> Recording:
     """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest.
 
     Raises:
@@ -52,7 +52,7 @@ def plan_recording(plan: DrawnPlan) -> Recording:
     return Recording(model, plan.target, names, tuple(_frames(plan, model)), (Solve(0.0, plan),))
 
 
-def _frames(plan: DrawnPlan, model: mujoco.MjModel) -> Iterator[Frame]:
+def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
     """One frame for each control step; the scene of an action says where its objects stand."""
     start = 0.0
     for index, action in enumerate(plan.actions):

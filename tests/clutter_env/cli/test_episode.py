@@ -26,7 +26,7 @@ from clutter_env.rendering.film import Film
 from planners.cause import Cause
 from planners.drawing.page.planned import plan_recording
 from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance
-from planners.execution.expert import EpisodeReport
+from planners.expert.report import EpisodeReport
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
 from planners.tamp.solution import Infeasible, ReplanRecord, Solution

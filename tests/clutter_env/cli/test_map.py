@@ -10,9 +10,9 @@ import pytest
 from assets.robots import FETCH
 from clutter_env.cli.main import main
 from clutter_env.experiments.maps.model_check import check_chain, checked_arm, compare_with_model, robot_by_name
-from irm.arm.chain import ArmChain
+from irm.chain import ArmChain
 from irm.errors import ChainError
-from irm.maps.reachability import ReachabilityMap
+from irm.reachability_map import ReachabilityMap
 
 PANDA = Path(__file__).resolve().parents[2] / "data" / "arms" / "panda.xml"
 COARSE = ["--voxel", "0.25", "--orientations", "6"]

@@ -14,7 +14,8 @@ import pytest
 import planners.strategies
 from assets.robots import FETCH
 from clutter_env import time_limit
-from clutter_env.cli.table import STRATEGIES, main
+from clutter_env.cli.main import main
+from clutter_env.cli.table import STRATEGIES
 from clutter_env.experiments.clearance_table import trials
 from clutter_env.experiments.clearance_table.layouts import make_layout_row, summary
 from clutter_env.experiments.clearance_table.picture import draw_table
@@ -130,7 +131,7 @@ def test_layouts_are_counted_against_the_targets_that_are_taken_alone() -> None:
 @pytest.mark.slow
 def test_layouts_are_compared_in_one_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--layouts", "shelf", "cabinet", "--objects", "3", "--scenes", "2", "--strategies", "lookahead"]
-    main([*words, "--no-obstructed", "--grasps", "all", "--workers", "1", "--out", str(tmp_path)])
+    main(["table", *words, "--no-obstructed", "--grasps", "all", "--workers", "1", "--out", str(tmp_path)])
     assert "| cabinet | 3 | 2 / 2 | 2 |" in capsys.readouterr().out
     rows = json.loads((tmp_path / "layouts.json").read_text())["rows"]
     assert [(row["layout"], row["solved"]) for row in rows] == [("shelf", 2), ("cabinet", 2)]
@@ -195,9 +196,21 @@ def test_objects_are_put_where_the_table_says(words: tuple[str, ...], supports: 
 
 def test_supports_that_a_layout_lacks_are_named(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"shelf_board.*'paper'.*all.*table.*counter_left"):
-        main(["--supports", "table", "shelf_board", "--out", str(tmp_path)])
+        main(["table", "--supports", "table", "shelf_board", "--out", str(tmp_path)])
     with pytest.raises(SystemExit, match=r"counter_left.*'island'"):
-        main(["--supports", "counter_left", "--layouts", "paper", "island", "--out", str(tmp_path), "--report-only"])
+        main(
+            [
+                "table",
+                "--supports",
+                "counter_left",
+                "--layouts",
+                "paper",
+                "island",
+                "--out",
+                str(tmp_path),
+                "--report-only",
+            ]
+        )
 
 
 def test_trials_with_other_supports_are_not_mixed(tmp_path: Path) -> None:
@@ -230,19 +243,19 @@ def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) ->
 )
 def test_wrong_arguments_are_named(wrong: list[str], tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=f"{wrong[0].removeprefix('--')}.*{wrong[1]}|{wrong[1]}.*strateg"):
-        main([*wrong, "--out", str(tmp_path)])
+        main(["table", *wrong, "--out", str(tmp_path)])
 
 
 def test_a_wrong_layout_is_named(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"attic.*valid names: 'paper'"):
-        main(["--layouts", "shelf", "attic", "--out", str(tmp_path)])
+        main(["table", "--layouts", "shelf", "attic", "--out", str(tmp_path)])
 
 
 @pytest.mark.parametrize("option", ["--layouts", "--layout"])
 def test_more_objects_than_a_layout_holds_are_refused_before_any_trial(option: str, tmp_path: Path) -> None:
     layouts = ["paper", "dense"] if option == "--layouts" else ["dense"]
     with pytest.raises(SystemExit, match=r"num_objects=60 does not fit layout 'dense'.*at most 51 fit"):
-        main([option, *layouts, "--objects", "3", "60", "--scenes", "1", "--out", str(tmp_path)])
+        main(["table", option, *layouts, "--objects", "3", "60", "--scenes", "1", "--out", str(tmp_path)])
     assert not list(tmp_path.rglob("trials.jsonl"))
 
 

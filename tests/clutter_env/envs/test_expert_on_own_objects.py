@@ -10,7 +10,7 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from assets.robots import FETCH
 from clutter_env.scene.layout import Box, Layout
-from planners.execution.expert import TampExpert
+from planners.expert.expert import TampExpert
 
 BENCH = Layout("bench", depth=0.5, width=0.9, is_front_only=False)
 CRATE = Box("crate", (0.0, 1.1, 0.3), (0.2, 0.2, 0.3))

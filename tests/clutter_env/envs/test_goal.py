@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401 - registers the environments
-from clutter_env.envs.goal import GOAL_TOLERANCE
-from clutter_env.envs.goal_interface import GoalInterface
+from clutter_env.envs.goal import GOAL_TOLERANCE, GoalInterface
 
 IDS = ["clutter_env/Reach-v0", "clutter_env/Pick-v0"]
 

@@ -8,9 +8,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from clutter_env.envs.judge import HOLD_STEPS
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.reward import DENSE_SCALES, POTENTIAL_TERMS, dense_reward, potential
+from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.learning.demonstrations.scripted import bulldoze
 from tests.clutter_env.envs import side_grasp
 from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
@@ -147,7 +147,7 @@ def test_the_rewards_of_a_bulldozer_add_up_to_its_last_potential_and_its_penalti
             _, reward, is_over, _, info = env.step(bulldoze(env)[1])
             total += reward
             steps += 1
-        judge = env._judge
+        judge = env._monitor
         events = 10.0 * info["is_success"] - 10.0 * judge.is_target_lost + DENSE_SCALES["disturbed"] * judge._num_spoilt
         assert total == pytest.approx(env._measure_potential() - before + events, abs=1e-9)
         disturbed += judge._num_spoilt

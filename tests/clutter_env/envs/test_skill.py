@@ -11,8 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import clutter_env
-from clutter_env.envs.judge import is_as_placed
 from clutter_env.envs.skill import BODY_FIELDS, FEASIBILITIES, SIMULATIONS, SKILL_COST, SkillEnv
+from clutter_env.envs.success import is_as_placed
 from clutter_env.errors import ActionError, ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from planners.scene import Body

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutter_env.cli.compare import main
+from clutter_env.cli.main import main
 from clutter_env.errors import SuiteError
 from clutter_env.learning.comparison.compare import CONTROLS, Comparison, evaluate_all, make_jobs, make_rows
 from clutter_env.learning.comparison.evaluation import Score, held_out_seeds, play, play_scene
@@ -24,9 +24,9 @@ from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.baselines import Bulldozer
 from clutter_env.learning.task import HELD_OUT, Task
 from clutter_env.learning.training.run import Run
-from clutter_env.parallel.jobs import Crash
-from clutter_env.reporting.json_file import json_text
-from clutter_env.reporting.statistics import wilson
+from clutter_env.parallel import Crash
+from clutter_env.reporting.files import json_text
+from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor, suite
 
 O15 = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=2)
@@ -239,9 +239,9 @@ def test_what_was_never_solved_is_null_in_json(tmp_path: Path) -> None:
     row = summarise("reach", "random", [[score(0, None)]], {}, 0)
     assert json.loads(json_text(row), parse_constant=pytest.fail)["moved_per_floor"]["mean"] is None
     words = ["--envs", "clutter_env/Reach-v0", "--policies", "random", "--scenes", "1", "--workers", "1"]
-    main([*words, "--out", str(tmp_path), "--json", str(tmp_path / "new" / "rows.json")])
+    main(["compare", *words, "--out", str(tmp_path), "--json", str(tmp_path / "new" / "rows.json")])
     (found,) = json.loads((tmp_path / "new" / "rows.json").read_text(), parse_constant=pytest.fail)
     assert (found["clean"]["mean"], found["policy"]) == (0.0, "random")
     assert "clutter-env compare --envs clutter_env/Reach-v0" in (tmp_path / "table.md").read_text()
     with pytest.raises(SystemExit, match="name scenes"):
-        main(["--out", str(tmp_path)])
+        main(["compare", "--out", str(tmp_path)])

@@ -14,7 +14,7 @@ from clutter_env.learning.demonstrations.decision_file import DECISION_COLUMNS, 
 from clutter_env.learning.demonstrations.decision_labels import object_rows
 from clutter_env.learning.errors import CollectionError, DatasetError, LearningError
 from clutter_env.learning.task import Task
-from clutter_env.parallel.jobs import Crash
+from clutter_env.parallel import Crash
 from planners.scene import Scene
 
 TASK = Task("clutter_env/Retrieve-o10-v0", {"obstructed": True})

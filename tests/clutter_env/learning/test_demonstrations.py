@@ -21,7 +21,7 @@ from clutter_env.learning.demonstrations.experts import expert_names, make_exper
 from clutter_env.learning.demonstrations.step_labels import StepLabels
 from clutter_env.learning.errors import CollectionError, DatasetError, UnknownExpert
 from clutter_env.learning.task import Task
-from clutter_env.parallel.jobs import Crash, Killed, run_jobs
+from clutter_env.parallel import Crash, Killed, run_jobs
 
 pytest.importorskip("h5py")
 from clutter_env.learning.demonstrations.episode_file import read_episode, write_episode

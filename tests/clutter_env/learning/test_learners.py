@@ -31,7 +31,7 @@ from clutter_env.learning.task import Task  # noqa: E402
 from clutter_env.learning.training.bc import CloneConfig, Examples, clone, examples_of  # noqa: E402
 from clutter_env.learning.training.run import Run  # noqa: E402
 from clutter_env.learning.training.training import train  # noqa: E402
-from clutter_env.parallel.jobs import run_jobs  # noqa: E402
+from clutter_env.parallel import run_jobs  # noqa: E402
 from planners.skills.geometry import DIRECTIONS  # noqa: E402
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")

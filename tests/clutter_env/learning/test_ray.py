@@ -9,7 +9,7 @@ import pytest
 from clutter_env.learning.demonstrations.collect import demonstrate
 from clutter_env.learning.demonstrations.dataset import Job
 from clutter_env.learning.task import Task
-from clutter_env.parallel.jobs import run_jobs
+from clutter_env.parallel import run_jobs
 
 ray = pytest.importorskip("ray")
 pytest.importorskip("h5py")

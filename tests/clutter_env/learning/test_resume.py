@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
-from clutter_env.cli.train import main
+from clutter_env.cli.main import main
 from clutter_env.learning.errors import LearningError
 from clutter_env.learning.policies.runs import differences, load_run
 from clutter_env.learning.task import Task
@@ -67,13 +67,13 @@ def test_a_record_of_an_earlier_version_is_compared_as_far_as_it_goes() -> None:
 def test_several_seeds_are_trained_in_parallel_and_resumed(tmp_path: Path) -> None:
     words = ["--env", "clutter_env/Reach-v0", "--steps", "30", "--evaluation-episodes", "1", "--seeds", "2"]
     words += ["--evaluation-steps", "5", "--checkpoint-every", "30", "--out", str(tmp_path / "runs")]
-    main([*words, "--json", str(tmp_path / "h.json")])
+    main(["train", *words, "--json", str(tmp_path / "h.json")])
     histories = json.loads((tmp_path / "h.json").read_text())
     assert [(entry["seed"], entry["history"][0]["steps"]) for entry in histories] == [(0, 30), (1, 30)]
     assert load_run(tmp_path / "runs" / "seed-1")["seed"] == 1
     with pytest.raises(SystemExit, match="--resume"):
         main(words)
-    main([*words, "--resume", "--steps", "40"])
+    main(["train", *words, "--resume", "--steps", "40"])
     assert load_run(tmp_path / "runs" / "seed-0")["steps"] == 40
 
 

@@ -11,8 +11,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from clutter_env.reporting.json_file import json_text, write_json
-from clutter_env.reporting.statistics import Interval
+from clutter_env.reporting.files import json_text, write_json
+from clutter_env.reporting.intervals import Interval
 from clutter_env.reporting.tables import markdown_table, number_text
 
 

@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from clutter_env.reporting.compilation import shown_compilation
-from clutter_env.reporting.progress import progress_bar
+from clutter_env.reporting.progress import progress_bar, shown_compilation
 
 
 def test_a_log_file_gets_few_whole_lines(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from clutter_env.reporting.statistics import bootstrap, success_interval, times, wilson
+from clutter_env.reporting.intervals import bootstrap, success_interval, times, wilson
 
 
 def test_bootstrap_intervals_enclose_their_mean_and_shrink_with_data() -> None:

@@ -189,7 +189,7 @@ def test_the_second_row_stands_on_the_board_and_is_lifted_from_there() -> None:
     assert np.allclose(bottoms[1::2], top)
     for target in ("object_00", "object_01"):
         env.reset(seed=0, options={"target": target})
-        assert env._judge.lift == pytest.approx(0.0, abs=1e-6)
+        assert env._monitor.lift == pytest.approx(0.0, abs=1e-6)
 
 
 def test_described_objects_stand_in_the_row_that_is_asked_for() -> None:

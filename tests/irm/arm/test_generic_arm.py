@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain, forward, inverse, jacobian, manipulability
-from irm.arm.numerical import random_seeds, solve
+from irm.chain import ArmChain
+from irm.kinematics import forward, jacobian, manipulability
+from irm.ik.closed_form import inverse
+from irm.ik.numerical import random_seeds, solve
 from irm.errors import ChainError
-from irm.floor.free_space import FreeSpace
-from irm.maps.orientation_index import rotation
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
+from irm.free_space import FreeSpace
+from irm.rotations import rotation
+from irm.reachability_map import ReachabilityMap
+from irm.inverse_map import InverseReachabilityMap
 
 
 @pytest.fixture(scope="module")

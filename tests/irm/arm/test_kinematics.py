@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.closed_form import ik_pan
-from irm.arm.kinematics import ArmChain, forward, inverse, jacobian
-from irm.arm.manipulability import manipulability
+from irm.ik.closed_form import ik_pan
+from irm.chain import ArmChain
+from irm.kinematics import forward, jacobian
+from irm.ik.closed_form import inverse
+from irm.kinematics import manipulability
 from irm.errors import ChainError
 
 CHAIN = ArmChain.from_robot(FETCH)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.chain import ArmChain, has_free_roll
-from irm.arm.kinematics import forward, jacobian
+from irm.chain import ArmChain, has_free_roll
+from irm.kinematics import forward, jacobian
 from irm.errors import ChainError
 from tests.irm.arm.arms import APPROACH, FOLDER, arm_chain, arm_model
 

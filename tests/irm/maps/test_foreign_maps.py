@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
-from irm.maps.orientation_index import rotation, rotations
-from irm.maps.pose_tables import read_pose_table, read_reuleaux
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.classical import ClassicalInverseReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.status import Status
+from irm.rotations import rotation, rotations
+from irm.old_pose_tables import read_pose_table, read_reuleaux
+from irm.reachability_map import ReachabilityMap
+from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.inverse_map import InverseReachabilityMap
+from irm.status import Status
 
 INVERSE_MAPS = (InverseReachabilityMap, ClassicalInverseReachabilityMap)
 

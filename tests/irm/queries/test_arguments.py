@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.queries.arguments import QueryKeywords, QueryOptions, approach_yaws
-from irm.queries.classical import ClassicalInverseReachabilityMap
+from irm.queries.arguments import QueryKeywords
+from irm.query_options import QueryOptions, approach_yaws
+from irm.inverse_map import ClassicalInverseReachabilityMap
 
 POSITION = (0.0, 0.0, 0.9)
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
-from irm.arm.kinematics import ArmChain, fk_frames
+from irm.chain import ArmChain
+from irm.kinematics import fk_frames
 from planners.collision.geometry import CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.robot_model import BASE
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld

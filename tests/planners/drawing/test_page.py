@@ -23,8 +23,8 @@ from planners.drawing.page.geometry import model_values, moving_bodies
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import write_page
 from planners.drawing.page.planned import plan_recording
+from planners.expert.report import Note, Recording, Solve
 from planners.motion.mujoco_check import OBJECT
-from planners.tamp.recording import Note, Recording, Solve
 from tests.planners.plans import refused, solved
 
 PATIENCE_S = 20.0

@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 
 from planners import Infeasible, Solution, solve
 from planners.cause import Cause
-from planners.execution.executor import Executor, Outcome
-from planners.execution.monitor import MonitorConfig, Snapshot
+from planners.expert.config import MonitorConfig
+from planners.expert.executor import ExecutionStatus, Executor
+from planners.expert.monitor import Snapshot
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
 from planners.tamp.plan_file import VERSION, PlanFileError, is_same, write_plan
@@ -138,7 +139,7 @@ def commands(plan: Solution) -> list[bytes]:
     for action in plan.actions[:2]:
         for time in action.trajectory.times[:-1]:
             step = executor.advance(snapshot(action, float(time)))
-            assert step.outcome is not Outcome.ABORTED, step.deviation
+            assert step.status is not ExecutionStatus.ABORTED, step.deviation
             found.append(np.append(step.command.drive, step.command.opening).tobytes())
     return found
 

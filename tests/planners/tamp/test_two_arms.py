@@ -12,7 +12,7 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH, PR2, InvalidRobot
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld

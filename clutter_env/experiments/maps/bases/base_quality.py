@@ -14,14 +14,14 @@ from assets.robots import RobotSpec
 from clutter_env.experiments.maps.posed_robot import PosedRobot
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
-from irm.arm.kinematics import ArmChain
-from irm.checks.verification import Verified, tcp_poses, verify
-from irm.floor.free_space import FreeSpace
-from irm.floor.solid_boxes import SolidBoxes
-from irm.maps.cache import cached_map
-from irm.queries.arguments import SEPARATION
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.placement import BasePlacement
+from irm.chain import ArmChain
+from irm.verification import Verified, tcp_poses, verify
+from irm.free_space import FreeSpace
+from irm.solid_boxes import SolidBoxes
+from irm.cache import cached_map
+from irm.query_options import SEPARATION
+from irm.inverse_map import InverseReachabilityMap
+from irm.placement import BasePlacement
 
 __all__ = ["KINDS", "PATH", "CollisionModel", "QueryKind", "Targets", "floor_of", "measure_targets", "solids_of"]
 

@@ -1,0 +1,264 @@
+"""Success of the retrieval task: has the target been lifted, and was everything else left alone?
+
+What counts, for each object and since reset:
+
+- fallen: it has toppled or left its support without being held. A lying cylinder has toppled when it stands up.
+- disturbed: the path that it has moved while not in hand is longer than `DISTURBED_PATH`. The path is measured in
+  chords of `CHORD`: a motion counts when it ends `CHORD` away from where the last chord ended. Jitter of an object at
+  rest stays within one chord and never adds up; slow nudging does.
+- cleared: it has been moved in hand by more than `DISTURBED_PATH` and put down, and has not fallen since.
+
+An object is in hand while both fingers touch it, and until they have not for `RELEASE_STEPS` control steps in a row.
+Once it is released, its path goes on from where it was last touched by both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from clutter_env.config import CONTROL_HZ
+from clutter_env.errors import StateError
+from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.simulation.state_fields import Fields
+from clutter_env.simulation.world import Measurements, World
+
+LIFT_HEIGHT = 0.10
+"""[m] above what it stood on at which the target's lowest point counts as lifted."""
+HOLD_TIME = 0.5
+"""[s] for which it must stay there, held."""
+HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
+
+DISTURBED_PATH = 0.05
+"""[m] An object that has moved farther while not in hand is disturbed."""
+CHORD = 0.005
+"""[m] Length of the chords in which a path is measured; far above the jitter and creep of objects at rest."""
+RELEASE_STEPS = 2
+"""Control steps without contact of both fingers after which an object is released; a single one is contact noise."""
+
+UPRIGHT = 0.9
+"""Cosine of the largest tilt of an object that still is as it was placed."""
+_MOST_STEPS = 2**31
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class _Hand:
+    """A gripper over time."""
+
+    in_hand: int = -1
+    """Slot of the object in hand, -1 without one."""
+    steps_without_contact: int = 0
+    """Control steps since both fingers touched it."""
+    grasped_at: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) [m] where the object was when it was grasped."""
+
+
+class SuccessMonitor:
+    """Follows the objects of one episode, from its first state on; call `update` after every control step.
+
+    Attributes:
+        lift: [m] height of the target's lowest point above what it stood on at reset; 0 without a target.
+        is_target_held: whether both fingers touch the target.
+        is_target_lost: whether the target is below the table top.
+        steps_held: control steps in a row with the target held and lifted.
+        num_fallen: number of objects that have fallen since reset.
+        num_disturbed: number of objects that have been disturbed since reset.
+        num_cleared: number of objects that have been cleared since reset, the target not counted.
+        newly_disturbed: number of objects that were disturbed or fell in the last control step and never before.
+    """
+
+    def __init__(self, world: World, measurements: Measurements, target: int) -> None:
+        """Begin with the first state of an episode; `target` is the target's slot, -1 without one."""
+        count = len(measurements.poses)
+        self._world, self._target = world, target
+        self._chord_starts: Array = measurements.poses[:, :3].copy()
+        self._paths: Array = np.zeros(count)
+        self._is_fallen = np.zeros(count, dtype=np.bool_)
+        self._is_cleared = np.zeros(count, dtype=np.bool_)
+        self._hands = [_Hand() for _ in measurements.all_held]
+        self.steps_held = 0
+        self._last: Measurements | None = None
+        self._derive()
+        self._follow_target(measurements)
+
+    @property
+    def lifted(self) -> bool:
+        """The target has been held high enough for long enough."""
+        return self.steps_held >= HOLD_STEPS
+
+    @property
+    def is_clean(self) -> bool:
+        """No object has fallen or been disturbed since reset."""
+        return not self._num_spoilt
+
+    def update(self, measurements: Measurements) -> None:
+        """Take into account what was measured after one more control step.
+
+        The same measurements once more, with nothing in hand, change nothing.
+        """
+        if measurements is self._last and not self._in_hand:
+            self.newly_disturbed = 0
+            return
+        self._last = measurements
+        before = self._num_spoilt
+        positions = measurements.poses[:, :3]
+        for hand, held in zip(self._hands, measurements.all_held, strict=True):
+            self._follow_gripper(hand, held, positions)
+        offsets = positions - self._chord_starts
+        offsets *= offsets
+        squared = offsets[:, 0] + offsets[:, 1] + offsets[:, 2]
+        is_chord = squared > self._chord_squared
+        for slot in self._in_hand:
+            is_chord[slot] = False
+        if np.count_nonzero(is_chord):
+            self._paths[is_chord] += np.sqrt(squared[is_chord])
+            self._chord_starts[is_chord] = positions[is_chord]
+            self._derive()
+        if np.count_nonzero(measurements.is_fallen):
+            self._note_falls(measurements.is_fallen)
+        self.newly_disturbed = self._num_spoilt - before
+        self._follow_target(measurements)
+        self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
+
+    def memory(self) -> dict[str, Any]:
+        """What has to be kept of the past in a saved state, as JSON values."""
+        first, *others = self._hands
+        memory = {
+            "chord_starts": self._chord_starts.tolist(),
+            "paths": self._paths.tolist(),
+            "is_fallen": self._is_fallen.tolist(),
+            "is_cleared": self._is_cleared.tolist(),
+            "in_hand": first.in_hand,
+            "steps_without_contact": first.steps_without_contact,
+            "grasped_at": first.grasped_at.tolist(),
+            "steps_held": self.steps_held,
+        }
+        if others:
+            memory["other_hands"] = [
+                [float(hand.in_hand), float(hand.steps_without_contact), *hand.grasped_at.tolist()] for hand in others
+            ]
+        return memory
+
+    @classmethod
+    def recall(cls, memory: dict[str, Any], world: World, measurements: Measurements, target: int) -> SuccessMonitor:
+        """The monitor that had this checked `memory` in the state of `world`, bit for bit."""
+        monitor = cls(world, measurements, target)
+        monitor._chord_starts, monitor._paths = memory["chord_starts"], memory["paths"]
+        monitor._is_fallen, monitor._is_cleared = memory["is_fallen"], memory["is_cleared"]
+        monitor._hands = memory["hands"]
+        monitor.steps_held = memory["steps_held"]
+        monitor._derive()
+        return monitor
+
+    @property
+    def _in_hand(self) -> list[int]:
+        """Slots of the objects in hand."""
+        return [hand.in_hand for hand in self._hands if hand.in_hand >= 0]
+
+    def _follow_gripper(self, hand: _Hand, held: int, positions: Array) -> None:
+        """Begin or end the time in which an object is in hand; its motion until the last contact is not counted."""
+        if held >= 0:
+            if held != hand.in_hand:
+                self._release(hand)
+                hand.in_hand, hand.grasped_at = held, positions[held].copy()
+            hand.steps_without_contact = 0
+            self._chord_starts[held] = positions[held]
+        elif hand.in_hand >= 0:
+            hand.steps_without_contact += 1
+            if hand.steps_without_contact >= RELEASE_STEPS:
+                self._release(hand)
+
+    def _release(self, hand: _Hand) -> None:
+        """The object in a hand, if there is one, is put down; its path continues from where contact was lost."""
+        if hand.in_hand < 0:
+            return
+        x, y, z = (float(value) for value in self._chord_starts[hand.in_hand] - hand.grasped_at)
+        if math.sqrt(x * x + y * y + z * z) > DISTURBED_PATH:
+            self._is_cleared[hand.in_hand] = True
+        hand.in_hand, hand.steps_without_contact = -1, 0
+        self._derive()
+
+    def _note_falls(self, is_fallen: NDArray[np.bool_]) -> None:
+        """Keep in mind which objects lie or have left their support; not the one in hand."""
+        fallen = is_fallen & ~self._is_fallen
+        for slot in self._in_hand:
+            fallen[slot] = False
+        if np.count_nonzero(fallen):
+            self._is_fallen |= fallen
+            self._derive()
+
+    def _follow_target(self, measurements: Measurements) -> None:
+        """Measure the target."""
+        target = self._target
+        self.is_target_held = target >= 0 and target in measurements.all_held
+        self.is_target_lost = target >= 0 and bool(measurements.is_off[target])
+        self.lift = self._world.lowest_point(measurements, target) - self._support_height() if target >= 0 else 0.0
+
+    def _support_height(self) -> float:
+        """[m] of the surface on which the target stood at reset."""
+        assert self._world.scene is not None
+        return float(TABLE_HEIGHT + self._world.scene.levels[self._target])
+
+    def _derive(self) -> None:
+        """What follows from paths and falls: the counts, and the square (n,) [m²] of the motion that ends a chord.
+
+        The last chord of a path ends at `DISTURBED_PATH`; the paths of disturbed objects are not followed.
+        """
+        is_disturbed = self._paths > DISTURBED_PATH
+        chords = np.minimum(CHORD, np.maximum(DISTURBED_PATH - self._paths, 0.0))
+        self._chord_squared: Array = np.where(is_disturbed, np.inf, chords * chords)
+        self.num_disturbed = int(np.count_nonzero(is_disturbed))
+        self.num_fallen = int(np.count_nonzero(self._is_fallen))
+        is_cleared = self._is_cleared & ~self._is_fallen
+        is_cleared[self._target : self._target + 1] = False  # an empty slice without a target
+        self.num_cleared = int(np.count_nonzero(is_cleared))
+        self._num_spoilt = int(np.count_nonzero(is_disturbed | self._is_fallen))
+        self.newly_disturbed = 0
+
+
+def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[str, Any]:
+    """What `SuccessMonitor.memory` returned, as arrays, for `SuccessMonitor.recall`.
+
+    Raises:
+        StateError: it is not the memory of so many objects and grippers.
+    """
+    names = ("chord_starts", "paths", "is_fallen", "is_cleared", "in_hand", "steps_without_contact", "grasped_at")
+    others = num_grippers - 1
+    # "judge" is the name in the format of saved states since version 0.1; what stands in the message is the entry.
+    read = Fields(value, "judge", (*names, "steps_held", *["other_hands"] * (others > 0)))
+    rows = read.numbers("other_hands", (others, 5)).tolist() if others else []
+    if not all(-1 <= row[0] < num_objects for row in rows):
+        raise StateError(f"judge: other_hands of the state must hold slots of {num_objects} objects, or -1")
+    first = _Hand(
+        read.integer("in_hand", -1, num_objects - 1),
+        read.integer("steps_without_contact", 0, _MOST_STEPS),
+        read.numbers("grasped_at", (3,)),
+    )
+    return {
+        "chord_starts": read.numbers("chord_starts", (num_objects, 3)),
+        "paths": read.numbers("paths", (num_objects,)),
+        "is_fallen": read.flags("is_fallen", num_objects),
+        "is_cleared": read.flags("is_cleared", num_objects),
+        "hands": [first, *(_Hand(int(row[0]), int(row[1]), np.array(row[2:])) for row in rows)],
+        "steps_held": read.integer("steps_held", 0, _MOST_STEPS),
+    }
+
+
+def is_as_placed(quaternion: ArrayLike, bottom: float, is_lying: bool) -> bool:
+    """Whether an object stands, or lies if it was placed so, on the table or is held above it.
+
+    Args:
+        quaternion: (4,) w, x, y, z of its pose.
+        bottom: [m] height of its lowest point.
+        is_lying: whether it was placed lying.
+    """
+    _, x, y, _ = np.asarray(quaternion)
+    up = 1 - 2 * (x * x + y * y)
+    is_tilted = abs(up) > math.sqrt(1 - UPRIGHT**2) if is_lying else up <= UPRIGHT
+    return bool(not is_tilted and bottom > TABLE_HEIGHT - 0.02)

@@ -1,0 +1,231 @@
+"""Jobs in parallel, in processes of this machine (loky) or on many machines (Ray).
+
+loky: a process that dies gives an exception where `multiprocessing.Pool` waits for ever, and its processes can be
+ended at any time. Each of our workers is an executor of its own with one process, so that a job that dies or is ended
+takes no other job with it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from clutter_env.errors import ClutterEnvError
+
+J = TypeVar("J")
+R = TypeVar("R")
+
+POLL_INTERVAL = 1.0
+"""[s] between checks of the time limit, and between a worker's checks that its parent still runs."""
+
+
+class WorkerError(ClutterEnvError):
+    """Jobs cannot be started: too few workers, or Ray is not installed."""
+
+
+@dataclass(frozen=True)
+class Crash:
+    """A job that ended without a result.
+
+    Attributes:
+        detail: the traceback, or how the process ended.
+        is_final: the job itself raised an exception, so that another try would end in the same way; False if its
+            process died (out of memory, killed).
+    """
+
+    detail: str
+    is_final: bool = False
+
+    @property
+    def summary(self) -> str:
+        """The last line of `detail`: the exception with its message, or how the process ended."""
+        return self.detail.strip().rpartition("\n")[2]
+
+
+@dataclass(frozen=True)
+class Killed:
+    """A job that ran longer than `seconds` [s] of wall time and was ended."""
+
+    seconds: float
+
+
+def run_jobs(
+    function: Callable[[J], R],
+    jobs: Iterable[J | None],
+    workers: int,
+    limit_s: float | None = None,
+    ray: str = "",
+) -> Iterator[tuple[J, R | Crash | Killed]]:
+    """Apply a function to jobs, `workers` at a time; pairs of job and result in the order in which jobs end.
+
+    The next job is taken from the iterable only when a worker is free and all results so far have been yielded, so
+    that jobs may depend on results. A job that is None says that there is none at present: the iterable is asked again
+    after the next result, and the iteration ends if nothing is running.
+
+    A job that raises, or whose process dies, gives a `Crash`; one that runs too long gives `Killed`. The other jobs go
+    on, and a process that died is replaced. All workers end with the iterator, and with the process that started them.
+
+    Args:
+        function: picklable, as are jobs and results.
+        jobs: what the function is applied to.
+        workers: how many jobs run at a time, at least 1.
+        limit_s: [s] of wall time after which a job is ended; None for no limit.
+        ray: address of Ray ("auto", "local", …); empty for processes of this machine.
+
+    Raises:
+        WorkerError: fewer than one worker; or Ray is not installed.
+    """
+    if workers < 1:
+        raise WorkerError(f"workers={workers} is not valid; it must be at least 1")
+    return _results(function, iter(jobs), workers, math.inf if limit_s is None else limit_s, ray)
+
+
+def _results(
+    function: Callable[[J], R], waiting: Iterator[J | None], workers: int, limit_s: float, ray: str
+) -> Iterator[tuple[J, R | Crash | Killed]]:
+    backend: _Backend = _RayTasks(workers, ray) if ray else _LocalProcesses()
+    running: dict[Future[Any], tuple[J, float]] = {}
+    try:
+        while True:
+            while len(running) < workers and (job := next(waiting, None)) is not None:
+                running[backend.submit(function, job)] = job, time.monotonic() + limit_s
+            if not running:
+                return
+            wait(running, POLL_INTERVAL if limit_s < math.inf else None, FIRST_COMPLETED)
+            for future, (job, deadline) in list(running.items()):
+                result: R | Crash | Killed
+                if future.done():
+                    result = backend.result(future)
+                elif time.monotonic() > deadline:
+                    backend.end(future)
+                    result = Killed(limit_s)
+                else:
+                    continue
+                del running[future]
+                yield job, result
+    finally:
+        backend.close()
+
+
+def _call(function: Callable[[Any], Any], job: Any) -> Any:
+    """Apply the function in a worker; whatever it raises becomes text, since not every exception can be pickled."""
+    try:
+        return function(job)
+    except Exception:
+        return Crash(traceback.format_exc(), is_final=True)
+
+
+class _Backend(Protocol):
+    """Where jobs run."""
+
+    def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]: ...
+
+    def result(self, future: Future[Any]) -> Any:
+        """The result of a future that is done, or a `Crash` if its process died."""
+        ...
+
+    def end(self, future: Future[Any]) -> None:
+        """End a running job, and its process."""
+        ...
+
+    def close(self) -> None:
+        """End all workers, also those that are still running a job."""
+        ...
+
+
+class _LocalProcesses:
+    """Executors of one process each, started when they are first needed and kept for later jobs."""
+
+    def __init__(self) -> None:
+        self._idle: list[Any] = []
+        self._busy: dict[Future[Any], Any] = {}
+
+    def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
+        from loky import ProcessPoolExecutor
+
+        executor = (
+            self._idle.pop()
+            if self._idle
+            else ProcessPoolExecutor(max_workers=1, initializer=_end_with_parent, initargs=(os.getpid(),))
+        )
+        future: Future[Any] = executor.submit(_call, function, job)
+        self._busy[future] = executor
+        return future
+
+    def result(self, future: Future[Any]) -> Any:
+        executor = self._busy.pop(future)
+        try:
+            result = future.result()
+        except Exception as problem:  # loky's, about the process or about pickling
+            executor.shutdown(wait=False, kill_workers=True)
+            ended = re.search(r"exit codes of the workers are \{(.*?)\}", str(problem))
+            return Crash(f"the process ended: {ended[1]}" if ended else repr(problem))
+        self._idle.append(executor)
+        return result
+
+    def end(self, future: Future[Any]) -> None:
+        self._busy.pop(future).shutdown(wait=False, kill_workers=True)
+
+    def close(self) -> None:
+        for executor in (*self._idle, *self._busy.values()):
+            executor.shutdown(wait=False, kill_workers=True)
+
+
+def _end_with_parent(parent: int) -> None:
+    """Prepare a worker: leave Ctrl-C to the parent, and end with it, so that a killed command leaves no workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(POLL_INTERVAL)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class _RayTasks:
+    """One Ray task, which takes one CPU, for each job; "local" starts Ray with as many CPUs as there are workers."""
+
+    def __init__(self, workers: int, address: str) -> None:
+        try:
+            import ray  # an optional dependency
+        except ImportError:
+            raise WorkerError("Ray is not installed; pip install 'clutter-env[distributed]'") from None
+        self._ray = ray
+        self._is_ours = not ray.is_initialized()
+        if self._is_ours:
+            here = {"num_cpus": workers} if address == "local" else {}
+            ray.init(address=address, include_dashboard=False, log_to_driver=False, **here)
+        self._task = ray.remote(num_cpus=1, max_retries=0)(_call)
+        self._references: dict[Future[Any], Any] = {}
+
+    def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
+        reference = self._task.remote(function, job)
+        future: Future[Any] = reference.future()
+        self._references[future] = reference
+        return future
+
+    def result(self, future: Future[Any]) -> Any:
+        del self._references[future]
+        try:
+            return future.result()
+        except self._ray.exceptions.RayError as problem:
+            return Crash(str(problem))
+
+    def end(self, future: Future[Any]) -> None:
+        self._ray.cancel(self._references.pop(future), force=True)
+
+    def close(self) -> None:
+        for reference in self._references.values():
+            self._ray.cancel(reference, force=True)
+        if self._is_ours:
+            self._ray.shutdown()

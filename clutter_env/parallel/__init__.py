@@ -1,1 +1,0 @@
-"""Jobs in parallel: one pool of workers, in processes of this machine or on Ray."""

@@ -1,0 +1,124 @@
+"""Files that are complete or absent, JSON of our types, and JSON lines that survive a killed run."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def json_values(value: Any) -> Any:
+    """A value in terms of dict, list, str, int, float, bool and None.
+
+    Dataclasses and named tuples become objects, arrays become lists, paths become text. NaN and infinity become null,
+    because JSON has no such numbers.
+
+    Raises:
+        TypeError: JSON has nothing for a value of that type.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: json_values(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return json_values(value._asdict())
+    if isinstance(value, Mapping):
+        return {str(name): json_values(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [json_values(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return json_values(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    raise TypeError(f"JSON has nothing for {value!r} of type {type(value).__name__}")
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """JSON text of a value; see `json_values`."""
+    return json.dumps(json_values(value), indent=indent, allow_nan=False)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file, see `json_values` and `write_atomically`; missing directories are made.
+
+    Raises:
+        OSError: the disk is full or cannot be written.
+        TypeError: JSON has nothing for a value.
+    """
+    text = json_text(value, indent=1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, text.encode())
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file that gets its name once all of it is on the disk; an old file of that name stays until then.
+
+    Raises:
+        OSError: the disk is full or cannot be written; the error names the file.
+    """
+    with written_atomically(path) as part, part.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def written_atomically(path: Path) -> Iterator[Path]:
+    """Another path beside `path`, whose file gets the name `path` at the end of the block, and is removed on errors.
+
+    Raises:
+        OSError: the disk is full or cannot be written; the error names the file `path`.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        os.replace(part, path)
+    except OSError as problem:
+        raise OSError(problem.errno, f"{problem.strerror or problem}, cannot write", str(path)) from problem
+    finally:
+        part.unlink(missing_ok=True)
+
+
+class JsonLines:
+    """A file of JSON values, one per line; a last line that a killed run left incomplete is removed.
+
+    Attributes:
+        values: what the file held when it was opened, and what has been added since.
+
+    Raises:
+        OSError: the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.values: list[Any] = [json.loads(line) for line in _whole_lines(path)]
+
+    def append(self, value: Any) -> None:
+        """Add a value at the end of the file, and write it to the disk; see `json_file.json_values`."""
+        text = json_text(value)
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self.values.append(json.loads(text))
+
+
+def _whole_lines(path: Path) -> list[str]:
+    """The complete lines of the file; an incomplete last one is removed from it."""
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    if len(whole) < len(text):
+        path.write_text(whole, encoding="utf-8")
+    return whole.splitlines()

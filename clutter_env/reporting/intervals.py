@@ -1,0 +1,108 @@
+"""Means and success rates with 95% intervals, over scenes and over training seeds; quantiles of times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+RESAMPLES = 4000
+LEVEL = 0.95
+Z = 1.959963984540054
+"""Quantile (1 + LEVEL) / 2 of the standard normal distribution."""
+
+
+class Interval(NamedTuple):
+    """A mean and the ends of its 95% interval; NaN where there is nothing to average."""
+
+    mean: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return "–" if math.isnan(self.mean) else f"{self.mean:.2f} [{self.low:.2f}, {self.high:.2f}]"
+
+
+class Times(NamedTuple):
+    """Median and 95th percentile of times [s]; NaN where there are none."""
+
+    median: float
+    p95: float
+
+
+NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
+"""Of nothing to average."""
+
+
+def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> Interval:
+    """The mean over groups of their means, with a percentile bootstrap interval.
+
+    Groups and scenes are resampled, the same scenes for all groups, since a hard scene is hard for all of them (the
+    bootstrap of crossed effects, Owen 2007, Annals of Applied Statistics 1, pp. 386-411).
+
+    Args:
+        groups: one per training seed (or only one), each with one value per scene, value k that of scene k in every
+            group. NaN, or nothing at the end, where a group has no value; groups without any do not count.
+        rng: for resampling.
+    """
+    filled = [np.asarray(group, float) for group in groups if len(group)]
+    values = np.full((len(filled), max(map(len, filled), default=0)), np.nan)
+    for row, group in zip(values, filled, strict=True):
+        row[: len(group)] = group
+    is_known = ~np.isnan(values)
+    values = values[is_known.any(axis=1)][:, is_known.any(axis=0)]
+    if not values.size:
+        return NO_INTERVAL
+    drawn = rng.integers(len(values), size=(RESAMPLES, len(values)))
+    scenes = rng.integers(values.shape[1], size=(RESAMPLES, values.shape[1]))
+    means = np.stack([_means(row[scenes]) for row in values], axis=1)
+    low, high = np.nanquantile(_means(np.take_along_axis(means, drawn, axis=1)), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    return Interval(float(_means(values).mean()), float(low), float(high))
+
+
+def _means(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of the numbers of each row; NaN where a row has none."""
+    is_known = ~np.isnan(rows)
+    counts = is_known.sum(axis=1)
+    sums = np.where(is_known, rows, 0.0).sum(axis=1)
+    return np.divide(sums, counts, out=np.full(len(rows), np.nan), where=counts > 0)
+
+
+def wilson(successes: int, trials: int) -> Interval:
+    """A success rate with Wilson's score interval (Wilson 1927, JASA 22, pp. 209-212).
+
+    Unlike the bootstrap it does not shrink to a point when all trials succeed, or none.
+    """
+    if not trials:
+        return NO_INTERVAL
+    rate, share = successes / trials, Z * Z / trials
+    centre = (rate + share / 2) / (1 + share)
+    half = math.sqrt(share * (rate * (1 - rate) + share / 4)) / (1 + share)
+    return Interval(rate, min(max(centre - half, 0.0), rate), max(min(centre + half, 1.0), rate))
+
+
+def success_interval(runs: Sequence[Sequence[bool]], rng: np.random.Generator) -> Interval:
+    """The success rate of a policy.
+
+    One run: Wilson's interval over its scenes. Several runs, one per training seed, on the same scenes in the same
+    order: the bootstrap over seeds and scenes; where it is a point because all episodes succeed, or none, Wilson's
+    interval with as many trials as there are scenes (episodes of different seeds on one scene are not independent).
+    """
+    played = [run for run in runs if len(run)]
+    if len(played) == 1:
+        return wilson(sum(played[0]), len(played[0]))
+    found = bootstrap(played, rng)
+    if found.low < found.high or not played:
+        return found
+    scenes = max(map(len, played))
+    if found.mean in (0.0, 1.0):
+        return wilson(round(found.mean * scenes), scenes)
+    return found
+
+
+def times(values: Sequence[float]) -> Times:
+    """Median and 95th percentile of times [s]."""
+    return Times(*map(float, np.quantile(values, (0.5, 0.95)))) if len(values) else Times(math.nan, math.nan)

@@ -1,0 +1,20 @@
+"""The version of this package, which stands in `pyproject.toml` alone."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+
+@cache
+def version() -> str:
+    """The version of the checkout that the package runs from, or of the installed distribution."""
+    try:
+        project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+        if project["name"] == "clutter-env":
+            return str(project["version"])
+    except (OSError, ValueError, KeyError):
+        pass  # installed: no pyproject.toml of ours beside the package
+    return metadata.version("clutter-env")

@@ -1,0 +1,160 @@
+"""The pool of workers: jobs that crash, hang or wait for results; workers that die, and parents that do."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from clutter_env.parallel import Crash, Killed, WorkerError, run_jobs
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(params=["", pytest.param("local", marks=pytest.mark.slow)], ids=["processes", "ray"])
+def ray(request: pytest.FixtureRequest) -> str:
+    """Address of Ray: "" for processes."""
+    if request.param:
+        pytest.importorskip("ray")
+    return str(request.param)
+
+
+def behave(how: str) -> str:
+    """A job that does what it is told."""
+    if how == "raise":
+        raise RuntimeError("as told")
+    if how == "full":
+        raise OSError(28, "No space left on device")
+    if how == "die":
+        os._exit(3)
+    if how == "hang":
+        time.sleep(60)
+    return how
+
+
+def add(first: int, second: int) -> int:
+    return first + second
+
+
+def process_id(_: int) -> int:
+    return os.getpid()
+
+
+def test_jobs_that_crash_or_hang_do_not_stop_the_others(ray: str) -> None:
+    jobs = ["one", "raise", "full", "die", "hang", "two"]
+    results = dict(run_jobs(behave, jobs, workers=2, limit_s=10.0, ray=ray))
+    assert (results["one"], results["two"]) == ("one", "two")
+    assert isinstance(results["raise"], Crash)
+    assert "RuntimeError: as told" in results["raise"].detail
+    assert results["raise"].is_final
+    assert isinstance(results["full"], Crash)
+    assert results["full"].is_final
+    assert "No space left on device" in results["full"].summary
+    assert isinstance(results["die"], Crash)
+    assert not results["die"].is_final
+    assert results["hang"] == Killed(10.0)
+
+
+def test_how_a_process_ended_is_said_and_one_worker_is_replaced() -> None:
+    assert list(run_jobs(behave, ["die", "one"], workers=1)) == [
+        ("die", Crash("the process ended: EXIT(3)")),
+        ("one", "one"),
+    ]
+
+
+def test_partial_functions_are_run(ray: str) -> None:
+    assert sorted(run_jobs(partial(add, 10), range(3), workers=2, ray=ray)) == [(0, 10), (1, 11), (2, 12)]
+
+
+def test_a_process_serves_many_jobs() -> None:
+    assert len({result for _, result in run_jobs(process_id, range(5), workers=1)}) == 1
+
+
+def test_jobs_may_depend_on_results() -> None:
+    """None makes the pool wait for a result; the jobs go on behind it."""
+    results: list[int] = []
+
+    def jobs() -> Iterator[int | None]:
+        for _ in range(3):
+            count = len(results)
+            yield count
+            while len(results) == count:
+                yield None
+
+    for _, result in run_jobs(partial(add, 1), jobs(), workers=2):
+        assert isinstance(result, int)
+        results.append(result)
+    assert results == [1, 2, 3]
+
+
+def test_none_with_nothing_running_ends_the_jobs() -> None:
+    assert list(run_jobs(partial(add, 1), [None, 1], workers=2)) == []
+
+
+def test_too_few_workers_are_refused() -> None:
+    with pytest.raises(WorkerError, match="workers=0"):
+        run_jobs(behave, [], workers=0)
+
+
+def test_ray_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(WorkerError, match=r"clutter-env\[distributed\]"):
+        list(run_jobs(behave, ["one"], workers=1, ray="local"))
+
+
+def test_workers_end_with_the_iterator() -> None:
+    results = run_jobs(behave, ["one", "hang"], workers=2)
+    assert next(results) == ("one", "one")
+    results.close()  # type: ignore[attr-defined]  # a generator
+    deadline = time.monotonic() + 10
+    while multiprocessing.active_children() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not multiprocessing.active_children()
+
+
+PARENT = """
+from clutter_env.parallel import run_jobs
+from tests.clutter_env.test_parallel import announce
+if __name__ == "__main__":
+    list(run_jobs(announce, [{path!r}], workers=1))
+"""
+
+
+def announce(path: str) -> None:
+    """Write down this process's id, then go on for a long time."""
+    Path(path).write_text(str(os.getpid()))
+    time.sleep(60)
+
+
+def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
+    script, written = tmp_path / "parent.py", tmp_path / "pid"
+    script.write_text(PARENT.format(path=str(written)))
+    parent = subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": str(ROOT)})
+    worker = int(_when(lambda: written.exists() and written.read_text()))
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    assert _when(lambda: not _runs(worker))
+
+
+def _when(condition) -> object:
+    """The value of a condition once it is true, or its last value after 30 s."""
+    deadline = time.monotonic() + 30
+    while not (value := condition()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return value
+
+
+def _runs(process: int) -> bool:
+    """Whether a process runs; one that has ended and waits to be collected does not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

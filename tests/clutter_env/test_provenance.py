@@ -1,0 +1,77 @@
+"""Records of what a file was made with: what changes them, and what they say."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+import clutter_env
+from clutter_env import provenance as module
+from clutter_env.provenance import differences, environment_digest, provenance
+
+ROOT = Path(__file__).resolve().parents[2]
+ENV_ID = "clutter_env/Retrieve-o5-v0"
+
+
+def test_the_version_stands_in_one_place() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert clutter_env.__version__ == provenance()["version"] == project["version"]
+
+
+def test_a_record_survives_json_and_does_not_differ_from_itself() -> None:
+    record = provenance(ENV_ID)
+    assert differences(json.loads(json.dumps(record)), record) == []
+    assert "0.1" in differences(None, record)[0]
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"layout": "shelf"}, "layout='paper'"),
+        ({"max_episode_steps": 7}, "time limit has changed: 1500, now 7"),
+        ({"success": "lifted"}, "success='clean'"),
+    ],
+)
+def test_other_settings_are_named(keywords: dict[str, object], said: str) -> None:
+    env = gym.make(ENV_ID, **keywords)
+    assert any(said in sentence for sentence in differences(provenance(ENV_ID), provenance(env)))
+    env.close()
+
+
+def test_pictures_do_not_matter() -> None:
+    env = gym.make(ENV_ID, camera="top", width=64)
+    assert environment_digest(env) == environment_digest(ENV_ID)
+    env.close()
+
+
+def test_other_versions_and_commits_are_named() -> None:
+    present = provenance()
+    old = {**present, "version": "0.1.9", "commit": "abc"}
+    assert ["0.1.9" in differences(old, present)[0], "abc" in differences(old, present)[1]] == [True, True]
+    assert differences({**present, "commit": "abc"}, present) == []
+
+
+def test_code_counts_but_comments_do_not(tmp_path: Path) -> None:
+    first, second, third = (tmp_path / name for name in ("a.py", "b.py", "c.py"))
+    first.write_text('def f(x):\n    """Twice."""\n    return 2 * x\n')
+    second.write_text('"""A file."""\n\n\ndef f(x):  # a comment\n    return (2 * x)\n')
+    third.write_text("def f(x):\n    return 3 * x\n")
+    digests = [module._code_digest(str(file)) for file in (first, second, third)]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_every_file_with_rules_exists() -> None:
+    assert all((ROOT / "clutter_env" / file).is_file() for files in module._RULES.values() for file in files)
+
+
+def test_no_planner_and_no_learning_library_is_imported() -> None:
+    code = f"import sys, clutter_env.provenance as p; p.provenance('{ENV_ID}')"
+    code += "; print({'planners', 'irm', 'numba', 'torch'} & set(sys.modules))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert result.stdout.strip() == "set()"
