@@ -17,12 +17,13 @@ from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.kinematics import forward, link_origins
 from irm.placement import BasePlacement, PlacementBatch
 from irm.reachability_map import ReachabilityMap
 from irm.robot_outline import robot_radius
 from irm.solid_boxes import SolidBoxes
 from irm.status import Status
-from irm.verification import NotVerified, Verified, tcp_poses, verify
+from irm.verification import NotVerified, SelfCollision, Verified, compare_with_model, tcp_poses, verify
 
 __all__ = [
     "PRISMATIC",
@@ -36,15 +37,19 @@ __all__ = [
     "PlacementBatch",
     "ReachabilityError",
     "ReachabilityMap",
+    "SelfCollision",
     "SolidBoxes",
     "Status",
     "Verified",
     "cache_folder",
     "cached_map",
     "classify",
+    "compare_with_model",
     "decide",
+    "forward",
     "frames_of",
     "is_map_at_hand",
+    "link_origins",
     "pose_of",
     "predict",
     "robot_radius",

@@ -19,8 +19,8 @@ from irm.errors import QueryError
 from irm.grid import MapGrid
 from irm.ik.exact import exact_solver
 from irm.reachability_map import ReachabilityMap
-from irm.status import NO, UNKNOWN, YES
 from irm.rotations import as_poses, yaw_pitch_roll
+from irm.status import NO, UNKNOWN, YES
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

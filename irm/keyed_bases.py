@@ -21,6 +21,7 @@ from irm.query_kernels import any_base_near, disc_meets_floor, turns_of
 from irm.query_options import QueryOptions
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation
+from irm.status import NO, YES
 
 
 class WristDisc(NamedTuple):

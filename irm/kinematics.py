@@ -115,6 +115,11 @@ def forward(chain: ArmChain, q: ArrayLike) -> Floats:
     return T
 
 
+def link_origins(chain: ArmChain, q: ArrayLike) -> Floats:
+    """(2 + n, 3) origins of the torso's and all arm joints' frames, and of the TCP, in the base frame [m]."""
+    return _frames(chain, q)[1]
+
+
 def jacobian(chain: ArmChain, q: ArrayLike) -> Floats:
     """Geometric Jacobian (6, n) of the TCP with respect to the arm joints, in the base frame.
 

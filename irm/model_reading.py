@@ -7,6 +7,7 @@ tip. From these follow the frames of the chain: each has its origin on its joint
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -272,6 +273,19 @@ def _origins(hinges: list[_Joint]) -> list[Floats]:
 def _nearest_on(joint: _Joint, point: Floats) -> Floats:
     """The point of a joint's axis that is nearest to a point."""
     return np.asarray(joint.point + joint.axis * float(joint.axis @ (point - joint.point)))
+
+
+def tcp_pose_of_model(model: mujoco.MjModel, q: Mapping[str, float], base: str, tip: str, approach: str) -> Floats:
+    """T_base_tcp (4, 4) by MuJoCo with joints at the positions `q`, by their names; "" names no joint."""
+    data = mujoco.MjData(model)
+    for name, value in q.items():
+        if name:
+            data.joint(name).qpos = value
+    mujoco.mj_kinematics(model, data)
+    frame = data.body(base)
+    T = np.linalg.inv(_pose(frame.xmat, frame.xpos)) @ _tip_pose(model, data, tip)
+    T[:3, :3] = T[:3, :3] @ _tool_rotation(approach)
+    return np.asarray(T)
 
 
 def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, str], ...]:

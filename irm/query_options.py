@@ -50,8 +50,19 @@ class QueryOptions(NamedTuple):
     exact: bool | None
 
 
-@lru_cache(maxsize=16, typed=True)  # a tenth of a query's time, and most repeat the last one's; typed: True is not 1
-def checked_options(
+def checked_options(*values: Any) -> QueryOptions:
+    """The options of one call, from the values of its keyword arguments in the order of `QueryOptions`.
+
+    Raises:
+        QueryError: a value is not of its kind, not finite or out of its range.
+    """
+    try:
+        return _recent(*values)
+    except TypeError:  # a value that has no hash, such as an array of one number
+        return _validated(*values)
+
+
+def _validated(
     pitch: float,
     roll: float,
     free_space: FreeSpace | None,
@@ -60,11 +71,6 @@ def checked_options(
     yaw_step: float,
     exact: bool | None,
 ) -> QueryOptions:
-    """The options of one call.
-
-    Raises:
-        QueryError: a value is not of its kind, not finite or out of its range.
-    """
     pitch, roll = _as_number("pitch", "[rad]", pitch), _as_number("roll", "[rad]", roll)
     separation, yaw_step = _as_number("separation", "[m]", separation), _as_number("yaw_step", "[rad]", yaw_step)
     if separation < 0.0:
@@ -82,6 +88,11 @@ def checked_options(
     if not 1 <= count <= MOST_BASES:
         raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {k!r}")
     return QueryOptions(pitch, roll, free_space or EVERYWHERE, count, separation, yaw_step, exact)
+
+
+_recent = lru_cache(maxsize=16, typed=True)(_validated)
+"""Validation takes a tenth of the time of a query, and most queries repeat the options of the last one. Typed, since
+True and 1 are equal, and one of them is a wrong number of bases."""
 
 
 def _as_number(name: str, unit: str, value: Any) -> float:

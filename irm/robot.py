@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -29,7 +29,7 @@ class Joint(Protocol):
     def prismatic(self) -> bool: ...
 
 
-class Robot(Protocol):
+class Robot(Hashable, Protocol):
     """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
 
     @property

@@ -9,22 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.chain import PRISMATIC, ArmChain
 from irm.compilation import njit
-from irm.errors import QueryError
+from irm.errors import ChainError, QueryError
 from irm.ik.closed_form import inverse
 from irm.ik.numerical import random_seeds, solve
-from irm.model_reading import body_name
+from irm.kinematics import forward
 from irm.placement import BasePlacement
 from irm.query_options import as_positions
 from irm.rotations import rotation
 
+if TYPE_CHECKING:
+    import mujoco
+
 Floats = NDArray[np.float64]
+_COMPARED = 200
+"""Random configurations of `compare_with_model`."""
+
+_SAME = 1e-6
+"""[m], and the same number for entries of rotation matrices: two correct chains differ by rounding only."""
+
 IsFree = Callable[[Floats, Floats], bool]
 """Whether a base pose (3,) with a configuration (1 + n,) is free of collisions."""
 
@@ -220,7 +229,7 @@ def _backwards(chain: ArmChain, layers: list[Floats], parents: list[NDArray[np.i
 
 
 class SelfCollision:
-    """Whether a configuration is free of self-collision: `is_free` of `irm.verify`.
+    """Whether a configuration is free of self-collision: an `is_free` for `verify`. It needs the simulator.
 
     Only the pairs in `chain.self_collisions` count; everything else in the model is ignored. Joints that are not the
     arm's stay at their initial positions.
@@ -231,17 +240,42 @@ class SelfCollision:
     """
 
     def __init__(self, model: mujoco.MjModel, chain: ArmChain) -> None:
-        self._model, self._data = model, mujoco.MjData(model)
+        import mujoco  # the package does not need the simulator
+
+        self._mujoco, self._model, self._data = mujoco, model, mujoco.MjData(model)
         self._moving = [k for k, name in enumerate(chain.joints) if name]
         self._columns = [model.joint(chain.joints[k]).qposadr[0] for k in self._moving]
         self._pairs = {frozenset(pair) for pair in chain.self_collisions}
 
     def __call__(self, _base: Floats, q: Floats) -> bool:
         """Whether no pair of bodies penetrates in the configuration `q` (1 + n,); the base pose does not matter."""
-        self._data.qpos[self._columns] = q[self._moving]
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_collision(self._model, self._data)
-        contacts = self._data.contact
-        bodies = self._model.geom_bodyid[contacts.geom[contacts.dist < 0.0]]
-        return not any(frozenset(body_name(self._model, body) for body in pair) in self._pairs for pair in bodies)
+        model, data = self._model, self._data
+        data.qpos[self._columns] = q[self._moving]
+        self._mujoco.mj_kinematics(model, data)
+        self._mujoco.mj_comPos(model, data)
+        self._mujoco.mj_collision(model, data)
+        bodies = model.geom_bodyid[data.contact.geom[data.contact.dist < 0.0]]
+        return not any(
+            frozenset(str(model.body(body).name) or f"body {body}" for body in pair) in self._pairs for pair in bodies
+        )
+
+
+def compare_with_model(chain: ArmChain, model: mujoco.MjModel, base: str, tip: str, approach: str = "x") -> None:
+    """Compare the TCP poses of a chain with those of MuJoCo in random configurations; arguments as of `from_mjcf`.
+
+    Raises:
+        ChainError: they differ by more than rounding.
+    """
+    from irm.model_reading import tcp_pose_of_model  # needs the simulator
+
+    rng = np.random.default_rng(0)
+    low, high = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
+    worst = 0.0
+    for q in rng.uniform(low, high, (_COMPARED, chain.size)):
+        T = tcp_pose_of_model(model, dict(zip(chain.joints, q.tolist(), strict=True)), base, tip, approach)
+        worst = max(worst, float(np.abs(T - forward(chain, q)).max()))
+    if worst > _SAME:
+        raise ChainError(
+            f"the chain of {chain.robot} does not agree with its model: TCP poses differ by {worst:.3g} (m, or entries "
+            "of rotation matrices)"
+        )

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
 from assets.robots import FETCH, RobotSpec
 from irm.chain import ArmChain
-from irm.visibility.map import VisibilityMap, cached_visibility
 from planners.arms import check_arms, one_or_all
 from planners.cause import Cause
 from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
@@ -141,8 +140,6 @@ class Planner:
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.canonical` and `planners.placing.canonical`.
-        prefer_visible: among base poses of about the same manipulability, take those first from which the head camera
-            sees more of what is grasped, past the robot itself. The minimum number of clearances does not use it.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
         saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving; None: if
             the robot acts with several arms.
@@ -160,7 +157,6 @@ class Planner:
     grasps: str = "all"
     supports: Supports = None
     canonical: bool = False
-    prefer_visible: bool = False
     hold_aside: bool = False
     saves_time: bool | None = None
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
@@ -261,8 +257,7 @@ class Planner:
 
     def _placer(self, scene: Scene) -> MapPlacer:
         """Base poses for the active arm of a scene."""
-        placer = MapPlacer.of_scene(inverse_map(scene.robot), scene)
-        return replace(placer, prefer=_visibility_map(scene.robot)) if self.prefer_visible else placer
+        return MapPlacer.of_scene(inverse_map(scene.robot), scene)
 
     def supports_in(self, scene: Scene) -> tuple[str, ...]:
         """The names of the supports where objects may be put in a scene; raises `UnknownSupport`."""
@@ -291,8 +286,3 @@ class _Blockers:
     def blockers(self, name: str) -> Sequence[int]:
         """As `BlockerMasks.blockers`."""
         return [option.blockers for option in self.candidates.for_object(self.scene, name)]
-
-
-@cache
-def _visibility_map(robot: RobotSpec) -> VisibilityMap:
-    return cached_visibility(inverse_map(robot).reachability_map, robot)

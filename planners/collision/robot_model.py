@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.ik.solutions import SolverArrays, solver_arrays
 from irm.chain import ArmChain
+from irm.ik.solutions import SolverArrays, solver_arrays
 from irm.kinematics import fk_frames
-from irm.visibility.robot_view import BASE, link_of_body
 from planners.collision.geometry import BOX, CYLINDER
 
 __all__ = ["BASE", "GeometryError", "RobotArrays", "collision_geoms", "link_of_body", "robot_arrays"]
@@ -24,6 +23,10 @@ _CORES = {
     int(mujoco.mjtGeom.mjGEOM_SPHERE): BOX,
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): CYLINDER,
 }
+
+
+BASE = -1
+"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
 
 
 class GeometryError(ValueError):
@@ -82,6 +85,18 @@ def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
         and (model.geom_contype[geom] or model.geom_conaffinity[geom])
     ]
     return sorted(found, key=lambda geom: int(model.geom_bodyid[geom]) in idle)
+
+
+def link_of_body(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
+    """The link that each body of a model belongs to: that of the nearest joint of the chain that moves it.
+
+    The head belongs to the torso, the fingers to the last link; BASE for the base and for what is not of the robot.
+    """
+    movers = {int(model.joint(link.joint).bodyid[0]): index for index, link in enumerate(robot.chain)}
+    links: list[int] = []
+    for body in range(model.nbody):  # parents have lower numbers than their children
+        links.append(movers.get(body, links[int(model.body_parentid[body])] if body else BASE))
+    return links
 
 
 def _idle_bodies(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:

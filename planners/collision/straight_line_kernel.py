@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.kinematics import arm_jacobian, fk_frames
 from irm.compilation import njit
+from irm.kinematics import arm_jacobian, fk_frames
 from planners.collision.compilation import leaf_kernel
 from planners.collision.references import by_reference
 from planners.collision.robot_model import RobotArrays

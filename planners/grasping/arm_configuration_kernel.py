@@ -7,10 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.ik.solutions import CLOSED_FORM, arm_solutions
-from irm.kinematics import arm_jacobian, fk_frames
-from irm.kinematics import condition
 from irm.compilation import njit
+from irm.ik.solutions import CLOSED_FORM, arm_solutions
+from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.compilation import leaf_kernel
 from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
 from planners.collision.references import by_reference

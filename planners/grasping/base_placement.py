@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
+from irm.cache import cached_map
 from irm.chain import ArmChain
 from irm.free_space import FreeSpace
-from irm.cache import cached_map
 from irm.inverse_map import InverseReachabilityMap
-from irm.visibility.map import VisibilityMap
 from planners.collision.robot_model import BASE, robot_arrays
 from planners.grasping.footprint import fits, inner_radius
 from planners.scene import Scene, StaticObstacle
@@ -128,7 +127,6 @@ class MapPlacer:
         open_floor: where it may stand for a tilted gripper: not behind walls.
         per_gripper_pose: base poses returned for each gripper pose at most.
         yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
-        prefer: a visibility map by which base poses of about the same μ are ordered; None for μ alone.
         robot: whose outline must fit too, None for a round one.
         outlines: corners (v, 2) of the obstacles that it must fit between.
     """
@@ -138,7 +136,6 @@ class MapPlacer:
     open_floor: FreeSpace
     per_gripper_pose: int = 3
     yaw_tolerance: float = 1e-6
-    prefer: VisibilityMap | None = None
     robot: RobotSpec | None = None
     outlines: tuple[Array, ...] = ()
 
@@ -174,7 +171,6 @@ class MapPlacer:
             pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
             free_space=self.open_floor if pitch else self.floor,
             k=wanted if self.robot is None else _SPARE * wanted,
-            prefer=self.prefer,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)

@@ -7,8 +7,8 @@ import pytest
 
 from assets.robots import FETCH, ChainLink
 from irm.free_space import FreeSpace
-from irm.reachability_map import ReachabilityMap
 from irm.inverse_map import InverseReachabilityMap
+from irm.reachability_map import ReachabilityMap
 
 LIFT_ARM = dataclasses.replace(
     FETCH,

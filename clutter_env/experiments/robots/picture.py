@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.experiments.robots.reach import LevelReach
-from irm.chain import pose_of
-from irm.chain import ArmChain
+from irm.chain import ArmChain, pose_of
 from irm.kinematics import fk_frames
 from planners.collision.geometry import CYLINDER
 from planners.collision.robot_model import BASE, RobotArrays, robot_arrays

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
-from irm.chain import pose_of
-from irm.chain import ArmChain
+from irm.chain import ArmChain, pose_of
 from planners.collision.robot_model import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations

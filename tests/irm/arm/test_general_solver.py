@@ -8,10 +8,10 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import PRISMATIC, ArmChain
 from irm.ik.exact import GeneralSolver
-from irm.ik.structure import ParallelArm, SphericalArm, find_structure
-from irm.kinematics import forward
 from irm.ik.numerical import random_seeds, solve
+from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.keyed_bases import wrist_disc
+from irm.kinematics import forward
 from irm.rotations import rotation
 from tests.irm.arm.arms import APPROACH, arm_chain
 

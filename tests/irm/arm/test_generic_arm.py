@@ -8,14 +8,14 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.kinematics import forward, jacobian, manipulability
-from irm.ik.closed_form import inverse
-from irm.ik.numerical import random_seeds, solve
 from irm.errors import ChainError
 from irm.free_space import FreeSpace
-from irm.rotations import rotation
-from irm.reachability_map import ReachabilityMap
+from irm.ik.closed_form import inverse
+from irm.ik.numerical import random_seeds, solve
 from irm.inverse_map import InverseReachabilityMap
+from irm.kinematics import forward, jacobian, manipulability
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation
 
 
 @pytest.fixture(scope="module")

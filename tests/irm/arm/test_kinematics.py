@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.ik.closed_form import ik_pan
 from irm.chain import ArmChain
-from irm.kinematics import forward, jacobian
-from irm.ik.closed_form import inverse
-from irm.kinematics import manipulability
 from irm.errors import ChainError
+from irm.ik.closed_form import ik_pan, inverse
+from irm.kinematics import forward, jacobian, manipulability
 
 CHAIN = ArmChain.from_robot(FETCH)
 ROLLS = np.linspace(-np.pi, np.pi, 72, endpoint=False)

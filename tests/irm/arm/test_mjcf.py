@@ -6,8 +6,8 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain, has_free_roll
-from irm.kinematics import forward, jacobian
 from irm.errors import ChainError
+from irm.kinematics import forward, jacobian
 from tests.irm.arm.arms import APPROACH, FOLDER, arm_chain, arm_model
 
 ODD_ARM = """

@@ -5,15 +5,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.chain import ArmChain
+from irm.classification import classify, decide
+from irm.errors import QueryError
 from irm.ik.closed_form import ik_pan
 from irm.ik.exact import exact_solver
-from irm.chain import ArmChain
 from irm.ik.numerical import random_seeds, solve
-from irm.classification import classify
-from irm.classification import decide
-from irm.errors import QueryError
-from irm.rotations import rotation
 from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation
 from irm.status import Status
 
 CHAIN = ArmChain.from_robot(FETCH)

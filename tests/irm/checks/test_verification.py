@@ -5,11 +5,11 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.kinematics import forward
-from irm.verification import ConfigurationSearch, NotVerified, Verified, configurations, tcp_poses, verify
 from irm.errors import QueryError
+from irm.kinematics import forward
 from irm.placement import BasePlacement
 from irm.status import Status
+from irm.verification import ConfigurationSearch, NotVerified, Verified, configurations, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)
 PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.cache import cache_file, cached_map
 from irm.chain import ArmChain
 from irm.errors import ChainError, MapFileError, ReachabilityError
-from irm.cache import cache_file, cached_map
 from irm.grid import MapParameters
 from irm.reachability_map import ReachabilityMap
 

@@ -5,12 +5,11 @@ import sys
 import numpy as np
 import pytest
 
+from examples.import_pose_tables import read_pose_table, read_reuleaux
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
-from irm.rotations import rotation, rotations
-from irm.old_pose_tables import read_pose_table, read_reuleaux
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.reachability_map import ReachabilityMap
-from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.inverse_map import InverseReachabilityMap
+from irm.rotations import rotation, rotations
 from irm.status import Status
 
 INVERSE_MAPS = (InverseReachabilityMap, ClassicalInverseReachabilityMap)

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.ik.closed_form import ik_pan
 from irm.chain import ArmChain
-from irm.kinematics import forward, jacobian, manipulability
-from irm.ik.closed_form import inverse
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
+from irm.grid import MapParameters, Orientations, nearest_orientation
+from irm.ik.closed_form import ik_pan, inverse
+from irm.kinematics import forward, jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES
-from irm.grid import MapParameters, Orientations
-from irm.grid import nearest_orientation
-from irm.rotations import rotation, yaw_pitch_roll
 from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation, yaw_pitch_roll
 
 CHAIN = ArmChain.from_robot(FETCH)
 

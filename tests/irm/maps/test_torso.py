@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.ik.exact import exact_solver
 from irm.chain import ArmChain
 from irm.errors import ReachabilityError
 from irm.grid import MapGrid, MapParameters
+from irm.ik.exact import exact_solver
 from irm.rotations import rotations
 
 CHAIN = ArmChain.from_robot(FETCH)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.ik.exact import exact_solver
 from irm.chain import ArmChain
-from irm.verification import NotVerified, tcp_poses, verify
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.rotations import rotation
+from irm.ik.exact import exact_solver
 from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.rotations import rotation
 from irm.status import Status
+from irm.verification import NotVerified, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)
 SOLVER = exact_solver(CHAIN)

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.ik.closed_form import ik_pan
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
+from irm.ik.closed_form import ik_pan
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.reachability_map import ReachabilityMap
-from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.old_full_scan import full_scan
-from irm.inverse_map import InverseReachabilityMap
 from irm.status import Status
+from scripts.map_speed import full_scan
 
 CHAIN = ArmChain.from_robot(FETCH)
 PANS = np.linspace(CHAIN.lower[1], CHAIN.upper[1], 721)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from irm import multi_target
 from irm.free_space import FreeSpace
 from irm.ik.closed_form import inverse
-from irm.queries import multi_target
 from irm.multi_target_kernel import best_common_bases
 from irm.query_kernels import best_bases_batch, best_bases_in_window
 from irm.status import Status

@@ -1,4 +1,4 @@
-"""Quality of the bases: random targets above a table, verified by exact kinematics and by MuJoCo's collision check."""
+"""x"""
 
 from __future__ import annotations
 
@@ -11,22 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.experiments.maps.posed_robot import PosedRobot
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, furniture
-from irm.chain import ArmChain
-from irm.verification import Verified, tcp_poses, verify
-from irm.free_space import FreeSpace
-from irm.solid_boxes import SolidBoxes
 from irm.cache import cached_map
-from irm.query_options import SEPARATION
+from irm.chain import ArmChain
+from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
 from irm.placement import BasePlacement
-
-__all__ = ["KINDS", "PATH", "CollisionModel", "QueryKind", "Targets", "floor_of", "measure_targets", "solids_of"]
+from irm.query_options import SEPARATION
+from irm.solid_boxes import SolidBoxes
+from irm.verification import Verified, tcp_poses, verify
+from scripts.map_figures import PosedRobot
 
 Floats = NDArray[np.float64]
-
 PATH = np.array([(-0.10, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.10)])
 """[m] Approach, grasp and lift, in the approach frame."""
 TOUCH = 0.001

@@ -1,4 +1,9 @@
-"""x"""
+"""Reachability maps of other projects: read their TCP poses, each with how good it is, and make a map of them.
+
+Example:
+    T_base_tcp, mu = read_pose_table("robocare_right_reachability_map.npy")  # of the paper's authors
+    rm = ReachabilityMap.from_poses(T_base_tcp, mu, orientations=266, pitches=(0.0,), robot="robocare")
+"""
 
 from __future__ import annotations
 
@@ -71,7 +76,7 @@ def read_reuleaux(path: str | Path) -> tuple[Floats, Floats]:
     try:
         h5py = importlib.import_module("h5py")
     except ImportError as problem:
-        raise MapFileError('maps of Reuleaux are HDF5 files: pip install "clutter-env[maps]" adds h5py') from problem
+        raise MapFileError("maps of Reuleaux are HDF5 files: pip install h5py") from problem
     if not Path(path).exists():
         raise FileNotFoundError(path)
     try:

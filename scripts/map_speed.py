@@ -1,9 +1,10 @@
-"""The paper's experiment: time of placement queries for cups on a table, by the classical and the proposed map."""
+"""x"""
 
 from __future__ import annotations
 
+import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,15 +16,52 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
-from irm.free_space import FreeSpace
 from irm.cache import cached_map
-from irm.reachability_map import ReachabilityMap
-from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.old_full_scan import full_scan
-from irm.inverse_map import InverseReachabilityMap
+from irm.free_space import EVERYWHERE, FreeSpace
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.inverse_table import base_turns, find_key, flat_key
 from irm.placement import BasePlacement
+from irm.query_options import FULL_TURN, YAW_STEP, as_position, as_yaw_range
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import wrap_to_pi
+from irm.status import Status
 
-__all__ = ["PAPER", "Timing", "map_of_size", "measure_speed", "plot_speed", "speed_table"]
+
+def full_scan(
+    inverse_map: InverseReachabilityMap,
+    position: Iterable[float],
+    *,
+    pitch: float = 0.0,
+    roll: float = 0.0,
+    yaw_range: tuple[float, float] = FULL_TURN,
+    free_space: FreeSpace | None = None,
+    yaw_step: float = YAW_STEP,
+) -> BasePlacement:
+    """The base of highest μ, found by a test of every base of the key at every yaw (section 3.2.2 of the paper).
+
+    Arguments as in `InverseReachabilityMap.query`. The status is never better than UNKNOWN, and NO only where the map
+    has no key.
+    """
+    grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
+    space = free_space or EVERYWHERE
+    point, bounds = as_position(position), as_yaw_range(yaw_range)
+    key = find_key(grid, point[2], pitch, roll)
+    if key is None:
+        return BasePlacement.nothing(Status.NO)
+    turns, flat = base_turns(grid, key, bounds, yaw_step), flat_key(grid, key.layer, key.group)
+    mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
+    c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
+    x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
+    y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
+    score = np.where(space.are_free(x, y), tiles.mu[mine], np.float32(0.0))
+    if score.size == 0 or not score.max() > 0:
+        return BasePlacement.nothing(Status.UNKNOWN)
+    turn, base = np.unravel_index(int(score.argmax()), score.shape)
+    yaw = wrap_to_pi(float(turns[turn] + tiles.yaw[mine][base]))
+    approach_yaw = turns[turn] + key.yaw_shift
+    row = [x[turn, base], y[turn, base], yaw, approach_yaw, score[turn, base], tiles.torso[mine][base], 0.0]
+    return BasePlacement.of_rows(np.array([row]))
+
 
 TABLE = (0.8, 1.6)
 """[m] Depth and width of the table."""
@@ -38,7 +76,6 @@ PAPER = {"R180": (1180.6, 313.3), "P180": (249.7, 25.4), "R90": (695.0, 156.6), 
 """Mean and deviation [ms] in the paper, Fig. 3, with 7,899 poses (Python 2.7)."""
 ON_RINGS = (7_899, 26_000)
 """Sizes of the paper: of its restricted map, and of its whole one."""
-
 Query = Callable[..., BasePlacement]
 
 
@@ -202,3 +239,42 @@ def plot_speed(rows: Sequence[Timing], file: Path) -> None:
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=130)
+
+
+BUILDS: dict[str, dict[str, Any]] = {
+    "62 orientations": {},
+    "62 orientations, torso fixed": {"lift": False},
+    "level gripper, 15 degrees, 0.7 to 1.2 m": {"orientations": 266, "pitches": (0.0,), "heights": (0.7, 1.2)},
+    "266 orientations": {"orientations": 266},
+}
+
+
+@dataclass(frozen=True)
+class BuildCost:
+    """CPU times of one thread [s], after compilation."""
+
+    name: str
+    poses: int
+    build_s: float
+    invert_s: float
+    save_s: float
+    load_s: float
+    megabytes: float
+
+
+def measure_build(robot: RobotSpec, name: str) -> BuildCost:
+    """Build, invert, save and load one of the `BUILDS`."""
+    ReachabilityMap.build(robot, voxel=0.25, orientations=6)
+    start = time.process_time()
+    rm = ReachabilityMap.build(robot, progress=progress_bar, **BUILDS[name])
+    built = time.process_time()
+    InverseReachabilityMap(rm)
+    inverted = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "map.npz"
+        rm.save(file)
+        saved = time.process_time()
+        ReachabilityMap.load(file, robot)
+        loaded = time.process_time()
+        size = file.stat().st_size / 1e6
+    return BuildCost(name, len(rm), built - start, inverted - built, saved - inverted, loaded - saved, size)
