@@ -66,6 +66,9 @@ def _place(before: Floats, offset: ArrayLike, R: Floats) -> Floats:
 
 
 Integers = NDArray[np.int64]
+BASE = -1
+"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
+
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 _FULL_TURN_ROUNDING = 1e-4
 """[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
@@ -202,6 +205,18 @@ class ArmChain:
 
         chain = ArmChain(*read_arm(load_urdf(Path(path)), base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
+
+
+def link_of_body(model: mujoco.MjModel, robot: Robot) -> list[int]:
+    """The link that each body of a model belongs to: that of the nearest joint of the chain that moves it.
+
+    The head belongs to the torso, the fingers to the last link; BASE for the base and for what is not of the robot.
+    """
+    moved = {int(model.joint(link.joint).bodyid[0]): number for number, link in enumerate(robot.chain)}
+    links: list[int] = []
+    for body in range(model.nbody):  # a parent has a lower number than its children
+        links.append(moved.get(body, links[int(model.body_parentid[body])] if body else BASE))
+    return links
 
 
 def has_free_roll(chain: ArmChain) -> bool:

@@ -78,7 +78,7 @@ def run(arguments: Arguments) -> None:
         results = evaluate_all(jobs, records, workers, lambda done: bar.update(done - bar.n))
     rows = make_rows(comparison, results)
     tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"
-    command = command_line("compare", arguments, leave_out=("workers", "ray", "out", "json"))
+    command = command_line("clutter-env compare", arguments, leave_out=("workers", "ray", "out", "json"))
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
     plot(rows, arguments.out / "plot.png")
     print(tables)

@@ -55,7 +55,7 @@ def run(arguments: Arguments) -> None:
     with progress_bar(total=len(todo), unit="training") as bar:
         results = measure(todo, arguments.out / "results.json", arguments.workers, bar.update)
     table = markdown(results)
-    command = command_line("curve", arguments, leave_out=("workers", "out"))
+    command = command_line("clutter-env curve", arguments, leave_out=("workers", "out"))
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{table}\n")
     draw(results, arguments.out / "plot.png")
     print(table)

@@ -100,11 +100,11 @@ def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[
     """The command that was given, to be shown beside its results: the arguments that are not the default.
 
     Args:
-        name: of the command.
+        name: "clutter-env" and the name of the command.
         arguments: its arguments.
         leave_out: names of arguments that the results do not depend on.
     """
-    argv = ["clutter-env", name]
+    argv = name.split()
     for entry in fields(arguments):
         value: Any = getattr(arguments, entry.name)
         flag = entry.name.replace("_", "-")

@@ -298,6 +298,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             "num_fallen": 0,
             "num_disturbed": self._num_hit,
             "num_cleared": len(set(self._moved)),
+            "ik_failures": 0,
         }
 
 

@@ -9,8 +9,6 @@ import mujoco
 
 from assets import RobotSpec
 
-__all__ = ["add_meshes", "has_visuals", "mesh_folder"]
-
 VISUAL_GROUP, HIDDEN_GROUP = 1, 3
 """Geom groups of the meshes shown and of the primitives that they replace."""
 

@@ -15,8 +15,6 @@ from clutter_env.scene.table_scene import object_name
 from clutter_env.simulation.meshes import add_meshes, has_visuals
 from clutter_env.simulation.physics_options import set_physics
 
-__all__ = ["ModelIndex", "build_spec", "compile_model"]
-
 PARKED_X = -3.0
 """[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
 asleep."""

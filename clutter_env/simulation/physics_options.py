@@ -6,8 +6,6 @@ import mujoco
 
 from clutter_env.config import TIMESTEP
 
-__all__ = ["set_physics"]
-
 _SLEEP_TOLERANCE = 5e-3
 """[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
 _WRONG_SPARSE_FACTOR = "4.0.0"

@@ -19,8 +19,6 @@ from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import LARGEST, Fields, check_quaternions
 from clutter_env.simulation.world import World
 
-__all__ = ["PhysicsState", "capture_physics", "read_physics", "restore_physics"]
-
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION
 _PARTS = tuple(
     part

@@ -21,16 +21,17 @@ from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.state_fields import Fields
 
-__all__ = ["MEMORY", "SEVERAL_ARMS", "SavedState", "check_generator", "pack", "unpack"]
-
 _MAGIC = b"clutter-env state 1\n"
 _MOST_BYTES = 2**24
 """A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
 _PARTS = ("kind", "scene", "physics", "memory")
 MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
-"""What the task, the judge, the controller and the environment remember besides the physics."""
+"""Entries of the memory: what task, success monitor ("judge", its name in version 0.1), controller and environment
+remember besides the physics."""
 SEVERAL_ARMS = ("other_held", "other_fingers")
-"""And of a robot that acts with several arms."""
+"""Further entries of a robot that acts with several arms."""
+IK_FAILURES = "ik_failures"
+"""A further entry with "ee" control; states of version 0.1 lack it."""
 
 _LARGEST_HALF_EXTENT = 1.0
 """[m]"""
@@ -75,10 +76,11 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
     for name, value in kind.items():
         if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
             raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
-    several = [name for name in SEVERAL_ARMS if isinstance(content["memory"], dict) and name in content["memory"]]
-    Fields(content["memory"], "memory", (*MEMORY, *several))
+    memory = content["memory"]
+    further = [name for name in (*SEVERAL_ARMS, IK_FAILURES) if isinstance(memory, dict) and name in memory]
+    Fields(memory, "memory", (*MEMORY, *further))
     scene = _read_scene(content["scene"], kind["num_objects"])
-    return SavedState(kind, scene, content["physics"], content["memory"])
+    return SavedState(kind, scene, content["physics"], memory)
 
 
 def check_generator(generator: np.random.Generator, state: Any) -> None:

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import fields
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 
-__all__ = ["LARGEST", "Fields", "check_quaternions", "read_dataclass"]
-
 LARGEST = 1e10
 """Largest magnitude of a number in a state: MuJoCo resets a simulation with a larger one (mjMAXVAL)."""
 _UNIT_TOLERANCE = 1e-6
 """Of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
-
-D = TypeVar("D")
 
 
 class Fields:
@@ -114,37 +109,10 @@ class Fields:
         return StateError(f"{self._place}: {name} of the state must be {wanted}, not {shown[:80]}")
 
 
-def read_dataclass(kind: type[D], value: object, place: str) -> D:
-    """A dataclass of integers, numbers, flags and tuples of these, from the dictionary of its fields.
-
-    Raises:
-        StateError: not a dictionary with exactly these fields, or one of another type.
-        TypeError: the dataclass has a field of a type that this function does not know.
-    """
-    names = [entry.name for entry in fields(kind)]  # type: ignore[arg-type]  # TypeVar has no bound for dataclasses
-    hints = get_type_hints(kind)
-    read = Fields(value, place, names)
-    return kind(**{name: _read_as(hints[name], read, name) for name in names})
-
-
 def check_quaternions(place: str, quaternions: NDArray[np.float64]) -> None:
     """Raise StateError unless quaternions (..., 4) have the length 1; `place` says where they are in the state."""
     if (np.abs(np.linalg.norm(quaternions, axis=-1) - 1) > _UNIT_TOLERANCE).any():
         raise StateError(f"{place}: a quaternion of the state has not the length 1")
-
-
-def _read_as(hint: Any, read: Fields, name: str) -> Any:
-    if hint is bool:
-        return read.flag(name)
-    if hint is int:
-        return read.integer(name, -(2**31), 2**31)
-    if hint is float:
-        return read.number(name)
-    if get_origin(hint) is tuple and get_args(hint)[1:] == (Ellipsis,):
-        entries = read.items(name)
-        inner = Fields(entries, name, entries)
-        return tuple(_read_as(get_args(hint)[0], inner, index) for index in entries)
-    raise TypeError(f"{name}: a saved state cannot hold {hint}")
 
 
 def _is_number(value: object) -> bool:

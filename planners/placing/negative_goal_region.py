@@ -16,20 +16,6 @@ from numpy.typing import NDArray
 from planners.placing.rasterise import cells_of_marks, free_discs, mark_boxes, mark_discs, mark_spheres
 from planners.scene import Body, StaticObstacle
 
-__all__ = [
-    "CELL_SIZE",
-    "NegativeGoalRegion",
-    "SupportGrid",
-    "SweptVolume",
-    "clearance_order",
-    "dilated",
-    "footprint_mask",
-    "is_free",
-    "join_volumes",
-    "negative_goal_region",
-    "swept_mask",
-]
-
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.robot_model import BASE
+from irm.chain import BASE
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
@@ -14,8 +14,6 @@ from planners.motion.pick_and_place import planned_approach
 from planners.placing.negative_goal_region import SweptVolume, join_volumes
 from planners.scene import HeldObject
 from planners.scene.bodies import UPRIGHT_TILT
-
-__all__ = ["GraspVolumes", "grasp_volume", "path_volume", "standing_volume"]
 
 Array = NDArray[np.float64]
 

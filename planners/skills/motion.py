@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from planners.contact import Contact
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
-from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.grasping.candidates import GraspCandidate
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.arm import BlockedBy, NoPath
+from planners.placing.locations import put_down
 from planners.placing.placements import Placement
-from planners.placing.release import put_down
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 from planners.skills.geometry import Skill, SkillFailure, SkillGeometry
@@ -68,8 +68,7 @@ class SkillPlanner:
             UnknownObject: no object of that name.
         """
         geometry = self.geometry
-        candidates = GraspCandidates(geometry.placer, geometry.chain, compiled=geometry.compiled)
-        motion_layer = MotionLayer(candidates, geometry.search, self.rng)
+        motion_layer = MotionLayer(geometry.context, self.rng, geometry.compiled)
         done: tuple[BoundAction, ...] = ()
         if scene.held is not None:
             emptied = self._put_aside(motion_layer, scene, target)
@@ -172,7 +171,7 @@ def _configurations(
         body: the object where it is picked, or where it will stand.
         opening: [m] of the open gripper around the object.
     """
-    world, chain = motion_layer.candidates.compiled.world(scene), motion_layer.candidates.chain
+    world, chain = motion_layer.compiled.world(scene), motion_layer.context.arms[scene.robot.arm_name].chain
     poses, ignore = GripperPoses(np.array(contact.base)[None], gripper[None]), scene.mask({contact.object})
     for grid in (
         ConfigurationGrid.about_home(chain, scene.robot.home),

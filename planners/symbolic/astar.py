@@ -12,8 +12,6 @@ from itertools import count
 from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskProblem
 from planners.symbolic.transitions import apply_action, arm_actions
 
-__all__ = ["LowerBound", "SearchTimeoutError", "shortest_plan"]
-
 
 class SearchTimeoutError(TimeoutError):
     """The time limit was reached before a plan or a proof was found."""

@@ -6,8 +6,6 @@ from collections.abc import Collection
 
 from planners.symbolic.problem import Reason, SymbolicState, TaskProblem
 
-__all__ = ["why_unsolvable"]
-
 
 def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | None:
     """Why no plan can exist, with the names of the objects concerned; None if none of the usual causes holds.

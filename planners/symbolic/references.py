@@ -11,17 +11,6 @@ from typing import NamedTuple
 
 from planners.symbolic.problem import GRIPPER, ROBOT_INIT_LOC, Atom, SymbolError, SymbolicState
 
-__all__ = [
-    "References",
-    "grasp_references",
-    "initial_location",
-    "initial_state",
-    "motion_facts",
-    "next_location",
-    "placement_references",
-    "reached_by",
-]
-
 
 class References(NamedTuple):
     """The symbols of one arm motion: where the base stands, where the arm ends, and the two paths there."""

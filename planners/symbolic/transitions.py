@@ -18,18 +18,6 @@ from planners.symbolic.references import (
     placement_references,
 )
 
-__all__ = [
-    "GraspObstructed",
-    "InapplicableActionError",
-    "applicable_actions",
-    "apply_action",
-    "arm_actions",
-    "obstruction_problem",
-    "unmet_preconditions",
-    "update_from_action",
-    "update_from_error",
-]
-
 
 class InapplicableActionError(ValueError):
     """An action whose preconditions do not hold, or whose name or number of arguments is wrong."""

@@ -9,14 +9,14 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Planner, Scene, Solution, clearance_floor, solve
-from planners.clearing.lookahead import grasped
+from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.families import GRASP_SETS, GraspFamily, UnknownGraspSet
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, plan_pick
-from planners.planner import map_placer
 from planners.scene import Body, RobotState
 from planners.tamp.solution import BoundAction
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene

@@ -8,11 +8,9 @@ import pytest
 from assets.robots import FETCH
 from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solve
 from planners.cause import Cause
-from planners.clearing.lookahead import grasped
-from planners.grasping.candidates import GraspCandidates
+from planners.clearing.commitments import grasped
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.planner import map_placer
 from planners.scene import RobotState, SceneError, UnknownObject
 from planners.strategies import STRATEGIES, UnknownStrategy
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
@@ -103,7 +101,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
     first = PLANNER.solve(scene, "object_00")
     assert isinstance(first, Solution)
-    candidates = GraspCandidates(map_placer(scene), PLANNER.chain)
+    candidates = PLANNER.context(scene).grasps()
     in_hand = grasped(scene, candidates.for_object(scene, "object_00")[0])
     found = PLANNER.solve(in_hand, "object_01")
     assert isinstance(found, Solution), found
@@ -116,7 +114,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
 def test_a_target_that_is_held_low_is_brought_up() -> None:
     """An arm that stopped on its way home held the target lower than counts as lifted, and the plan was empty."""
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
-    grasp = GraspCandidates(map_placer(scene), PLANNER.chain).for_object(scene, "object_00")[0]
+    grasp = PLANNER.context(scene).grasps().for_object(scene, "object_00")[0]
     low = np.array([grasp.q[0] + 0.02, *grasp.q[1:]])
     in_hand = grasped(scene, grasp).with_state(RobotState(grasp.base, low, 0.0))
     found = PLANNER.solve(in_hand, "object_00")

@@ -29,7 +29,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from assets.robots import FETCH
 from planners import Planner, warmup
-from clutter_env.simulation.ee_control import TcpFollower
+from clutter_env.simulation.end_effector import TcpFollower
 from tests.planners.scenes import random_scene
 
 def loaded():

@@ -23,6 +23,7 @@ from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from irm.chain import ArmChain
 from planners.collision.world import STEP, CollisionWorld
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import find_grasp_set
 from planners.motion.arm import ArmPath, plan_arm
@@ -30,7 +31,7 @@ from planners.motion.arm_query import ArmQuery
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.timing import pick_trajectory
-from planners.planner import clearance_floor, map_placer
+from planners.planner import clearance_floor
 from planners.scene import Scene
 from planners.tamp.solution import Infeasible
 

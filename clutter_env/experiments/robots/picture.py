@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.experiments.robots.reach import LevelReach
-from irm.chain import ArmChain, pose_of
+from irm.chain import BASE, ArmChain, pose_of
 from irm.kinematics import fk_frames
-from planners.collision.geometry import CYLINDER
-from planners.collision.robot_model import BASE, RobotArrays, robot_arrays
+from planners.collision.gjk import CYLINDER
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
 
 __all__ = ["draw_robot"]
 

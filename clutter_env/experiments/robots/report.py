@@ -16,7 +16,7 @@ from clutter_env.simulation.robot_check import check_robot
 from irm.chain import ArmChain
 from irm.ik.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
 from irm.kinematics import forward
-from planners.collision.robot_model import GeometryError, robot_arrays
+from planners.collision.scene_arrays import GeometryError, robot_arrays
 from planners.grasping.gripper import gripper_clearances
 
 __all__ = ["RobotReport", "report_of"]

@@ -14,15 +14,15 @@ import clutter_env  # noqa: F401  registers the environments
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, find_layout
 from irm.chain import ArmChain, pose_of
-from planners.collision.robot_model import robot_arrays
+from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import even_yaws, gripper_opening
 from planners.grasping.gripper import gripper_clearances
-from planners.planner import map_placer
 from planners.scene import Scene
 
 __all__ = ["CELL", "approach_table", "reachable_yaws"]

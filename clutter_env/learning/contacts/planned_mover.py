@@ -12,22 +12,18 @@ from numpy.typing import NDArray
 from clutter_env.learning.contacts.protocols import Observation
 from planners import (
     Command,
-    CompiledScenes,
     Contact,
     ExecutionStatus,
     Executor,
-    GraspCandidates,
     MonitorConfig,
     MotionLayer,
     NoPath,
-    PlacementSearch,
-    Planner,
+    PlanningContext,
     Scene,
     SceneError,
     Sensor,
     controlled_env,
     held_object,
-    map_placer,
     plan_contact,
 )
 
@@ -51,7 +47,6 @@ class PlannedMover:
     def reset(self, env: gym.Env[Any, Any], info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
         self._env = controlled_env(env)
-        self._chain = Planner(self._env.robot).chain
         self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, self._env.object_names)
         self._executor, self.refused = None, 0
         state = self._scene().state
@@ -97,10 +92,7 @@ class PlannedMover:
 
     def _motion_layer(self, scene: Scene) -> MotionLayer:
         """Plans motions in this scene, one after the other."""
-        placer = map_placer(scene)
-        candidates = GraspCandidates(placer, self._chain, compiled=CompiledScenes())
-        search = PlacementSearch(placer, self._chain)
-        return MotionLayer(candidates, search, np.random.default_rng(0), joins_motions=False)
+        return MotionLayer(PlanningContext.of(scene, grasps="side"), np.random.default_rng(0))
 
     def _scene(self, held: str = "") -> Scene:
         """The scene as it is now, with this object in the gripper."""

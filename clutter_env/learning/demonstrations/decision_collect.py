@@ -18,7 +18,7 @@ from clutter_env.learning.errors import CollectionError, DatasetError, LearningE
 from clutter_env.learning.task import HELD_OUT, Task, versions
 from clutter_env.parallel import Crash, Killed
 from clutter_env.reporting.files import json_text, write_atomically, write_json
-from planners import Alternatives, Planner, Scene, SceneError, Solution, find_grasp_set, map_placer
+from planners import Alternatives, Planner, Scene, SceneError, Solution, find_grasp_set
 
 __all__ = [
     "SEEDS_PER_CHUNK",
@@ -97,7 +97,7 @@ def decide_chunk(job: DecisionJob, first_seed: int) -> Chunk:
         planner = Planner(env.get_wrapper_attr("robot"), grasps=job.grasps, canonical=True)
         for seed in range(first_seed, min(first_seed + SEEDS_PER_CHUNK, HELD_OUT)):
             scene, target = drawn_scene(env, seed)
-            alternatives = alternatives or Alternatives.of(planner, scene, map_placer(scene))
+            alternatives = alternatives or Alternatives.of(planner, scene)
             solution = canonical_plan(planner, scene, target)
             if solution is None:
                 without_plan += 1

@@ -196,5 +196,5 @@ def test_action_helpers_check_their_input() -> None:
     with pytest.raises(ClutterEnvError, match="joint_action"):
         joint.ee_action(np.zeros(3), np.eye(4), 0.1)
     for base, pose in ((np.zeros(3), np.eye(3)), ("home", np.eye(4)), (["0"] * 3, np.eye(4)), (np.zeros(3), [[1], 2])):
-        with pytest.raises(ClutterEnvError, match=r"\(4, 4\)"):
+        with pytest.raises(ClutterEnvError, match="ee_action"):
             ee.ee_action(base, pose, 0.1)

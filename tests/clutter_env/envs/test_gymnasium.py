@@ -27,6 +27,7 @@ INFO_TYPES = {
     "num_fallen": int,
     "num_disturbed": int,
     "num_cleared": int,
+    "ik_failures": int,
 }
 
 

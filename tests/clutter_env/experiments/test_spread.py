@@ -20,7 +20,7 @@ from clutter_env.experiments.plans.spread import (
 )
 from clutter_env.experiments.plans.spread_figure import plot_spread
 from planners.contact import Contact
-from planners.placing.release import rotated
+from planners.placing.locations import rotated
 from planners.planner import Planner
 
 

@@ -72,7 +72,7 @@ def test_several_seeds_are_trained_in_parallel_and_resumed(tmp_path: Path) -> No
     assert [(entry["seed"], entry["history"][0]["steps"]) for entry in histories] == [(0, 30), (1, 30)]
     assert load_run(tmp_path / "runs" / "seed-1")["seed"] == 1
     with pytest.raises(SystemExit, match="--resume"):
-        main(words)
+        main(["train", *words])
     main(["train", *words, "--resume", "--steps", "40"])
     assert load_run(tmp_path / "runs" / "seed-0")["steps"] == 40
 

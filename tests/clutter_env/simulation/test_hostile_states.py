@@ -120,7 +120,11 @@ def test_missing_and_additional_entries_are_refused(name: str) -> None:
 
 
 def removed_and_added(content: Any, path: Path, holder: Any) -> Iterator[Any]:
-    if path not in (("scene", "is_lying"), ("scene", "levels")):  # older states do not have them
+    if path not in (
+        ("scene", "is_lying"),
+        ("scene", "levels"),
+        ("memory", "ik_failures"),
+    ):  # older states do not have them
         without = copy.deepcopy(content)
         del at(without, path[:-1])[path[-1]]
         yield without

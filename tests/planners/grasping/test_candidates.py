@@ -8,15 +8,14 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from planners.cause import Cause
-from planners.clearing.commitments import Commitments, NoCommitment, greedy_commitments, smallest_commitments
-from planners.clearing.lookahead import grasped, keep_clear
-from planners.clearing.minimum_clearances import minimum_clearances
+from planners.clearing.commitments import Commitments, NoCommitment, grasped, greedy_commitments, smallest_commitments
+from planners.clearing.lookahead import keep_clear
+from planners.clearing.lower_bound import minimum_clearances
 from planners.collision.world import CollisionWorld
+from planners.context import PlanningContext, map_placer
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import GRASP_SETS
 from planners.motion.arm import tcp_pose
-from planners.placing.placements import PlacementSearch
-from planners.planner import map_placer
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
 from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
@@ -26,7 +25,7 @@ CHAIN = ArmChain.from_robot(FETCH)
 
 
 def candidates(scene: Scene) -> GraspCandidates:
-    return GraspCandidates(map_placer(scene), CHAIN)
+    return PlanningContext.of(scene, grasps="side").grasps()
 
 
 @pytest.fixture(scope="module", params=[0, 1, 2])
@@ -87,7 +86,7 @@ def assert_can_be_carried_out(scene: Scene, commitments: Commitments) -> None:
 
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
-    source, search = candidates(scene), PlacementSearch(map_placer(scene), CHAIN)
+    source, search = candidates(scene), PlanningContext.of(scene, grasps="side").placements()
     target = next(
         name
         for name in scene.names
@@ -114,7 +113,7 @@ def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
     every = {name: all_of(scene, name) for name in scene.names[:6]}
     for name, masks in every.items():
-        source = GraspCandidates(map_placer(scene), CHAIN, families=GRASP_SETS["all"])
+        source = PlanningContext.of(scene).grasps()
         least = min((mask.bit_count() for mask in masks), default=None)
         assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
         ban_all_free(source, scene, name)
@@ -168,7 +167,7 @@ def all_of(scene: Scene, name: str) -> list[int]:
 
 
 def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene) -> None:
-    lazy = GraspCandidates(map_placer(scene), CHAIN, families=GRASP_SETS["all"])
+    lazy = PlanningContext.of(scene).grasps()
     every = {index: all_of(scene, name) for index, name in enumerate(scene.names)}
     for index, name in enumerate(scene.names[:8]):
         found = minimum_clearances(

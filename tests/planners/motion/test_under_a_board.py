@@ -8,6 +8,7 @@ import pytest
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.approaches import stand_off
 from planners.motion.arm import tcp_pose
@@ -15,7 +16,6 @@ from planners.motion.free_paths import LIFTED
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, PlaceMotion, fewest_blockers, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
-from planners.planner import map_placer
 from planners.scene import RobotState, Scene
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene
 

@@ -16,12 +16,12 @@ from irm.chain import ArmChain
 from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.drawing.page.planned import plan_recording
 from planners.grasping.arms import ArmCandidates
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.planner import map_placer
 from planners.scene import HeldObject, RobotState, Scene
 
 BOTH = PR2.with_all_arms()
