@@ -153,7 +153,15 @@ class MapPlacer:
         return replace(placer, robot=scene.robot, outlines=tuple(one.outline for one in _beside_base(scene)))
 
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
-        """As `BasePlacer.bases`."""
+        """Base poses from which gripper poses can be reached.
+
+        Args:
+            gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
+            most: base poses for each gripper pose, if that is more than `per_gripper_pose`.
+
+        Returns:
+            base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
+        """
         bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
         for pitch in np.unique(gripper_poses[:, 4]):
             rows = np.flatnonzero(gripper_poses[:, 4] == pitch)

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from clutter_env.cli.checks import check_plans
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.experiments.plans.replay import PlanReplay
 from planners import Scene, Solution, solve
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import Body, RobotState
 from planners.tamp.solution import BoundAction
+from scripts.check_plans import TOLERANCE, Arguments, PlanReplay, main
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -40,7 +39,7 @@ def with_pin(scene: Scene, position: np.ndarray) -> Scene:
 
 def test_a_plan_penetrates_nothing(planned: tuple[Scene, Solution]) -> None:
     scene, plan = planned
-    assert PlanReplay(scene).deepest_contact(plan.actions).depth < check_plans.TOLERANCE
+    assert PlanReplay(scene).deepest_contact(plan.actions).depth < TOLERANCE
 
 
 def test_a_finger_does_not_graze_between_the_steps_of_the_planner() -> None:
@@ -51,7 +50,7 @@ def test_a_finger_does_not_graze_between_the_steps_of_the_planner() -> None:
     plan = solve(scene, info["target"], grasps="all")
     env.close()
     assert isinstance(plan, Solution)
-    assert PlanReplay(scene).deepest_contact(plan.actions).depth < check_plans.TOLERANCE
+    assert PlanReplay(scene).deepest_contact(plan.actions).depth < TOLERANCE
 
 
 def test_an_object_in_the_way_of_the_gripper_is_found(planned: tuple[Scene, Solution]) -> None:
@@ -111,5 +110,5 @@ def test_the_robot_may_not_penetrate_itself(planned: tuple[Scene, Solution]) -> 
 
 
 def test_the_command_counts_plans(capsys: pytest.CaptureFixture[str]) -> None:
-    check_plans.main(["--objects", "2", "--plans", "1"])
+    main(Arguments(objects=2, plans=1))
     assert "paper, 2 objects, side: 1 plans" in capsys.readouterr().out
