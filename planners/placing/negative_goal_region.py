@@ -136,7 +136,7 @@ def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
 
 
 def _is_near(grid: SupportGrid, centres: Array, radii: Array, z_high: float) -> Mask:
-    """Whether balls, given by centres (k, 3) and radii (k,) [m], can reach the grid from above, below `z_high`: (k,)."""
+    """Whether balls with centres (k, 3) and radii (k,) [m] can reach the grid from above, below `z_high`: (k,)."""
     x_low, x_high, y_low, y_high = grid.extent
     x, y, z = centres.T
     near: Mask = (x + radii > x_low) & (x - radii < x_high) & (y + radii > y_low) & (y - radii < y_high)
