@@ -150,16 +150,18 @@ class _LocalProcesses:
         self._busy: dict[Future[Any], Any] = {}
 
     def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
-        from loky import ProcessPoolExecutor
-
-        executor = (
-            self._idle.pop()
-            if self._idle
-            else ProcessPoolExecutor(max_workers=1, initializer=_end_with_parent, initargs=(os.getpid(),))
-        )
+        executor = self._idle.pop() if self._idle else self._start()
         future: Future[Any] = executor.submit(_call, function, job)
         self._busy[future] = executor
         return future
+
+    def _start(self) -> Any:
+        from loky import ProcessPoolExecutor
+        from loky.backend import get_context
+
+        # As with the standard library's "spawn", the worker imports the main module, whose functions may be jobs.
+        context = get_context("loky_init_main")
+        return ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(os.getpid(),))
 
     def result(self, future: Future[Any]) -> Any:
         executor = self._busy.pop(future)

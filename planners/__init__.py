@@ -9,9 +9,8 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.robot_model import RobotArrays, robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
+from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.contact import Contact, StepLabel
 from planners.context import ArmsError, PlanningContext, map_placer
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
@@ -33,8 +32,8 @@ from planners.placing.locations import rotated, stand_at
 from planners.placing.placements import PlacementSearch
 from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
-from planners.scene.resting import release_pitch
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry

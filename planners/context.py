@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.grasping.arms import ArmCandidates
 from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig

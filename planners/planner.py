@@ -12,8 +12,7 @@ from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
 from planners.clearing.lower_bound import clearance_floor as lower_bound_of_masks
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.validation import validate
+from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
 from planners.grasping.families import find_grasp_set
 from planners.motion.tcp_following import TcpFollower

@@ -1,4 +1,4 @@
-"""Check of a robot behind `clutter-env robot check`: its data against its MJCF file, its reach, and a picture of both."""
+"""Check of a robot behind `clutter-env robot check`: its data against its MJCF file, its reach, a picture of both."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from irm.arm.general.solutions import (
 )
 from irm.arm.kinematics import fk_frames, forward
 from planners import CollisionWorld, RobotArrays, Scene, robot_arrays
-from planners.collision.geometry import CYLINDER
-from planners.collision.robot_model import BASE, GeometryError
+from planners.collision.gjk import CYLINDER
+from planners.collision.scene_arrays import GeometryError
 from planners.grasping.gripper import gripper_clearances
 from planners.scene import RobotState
 
@@ -330,10 +330,10 @@ def _frames(robot: RobotSpec) -> list[Array]:
 def _draw_shapes(axes: Any, arrays: RobotArrays, frames: list[Array]) -> None:
     for solid in range(arrays.core.size):
         link = int(arrays.link[solid])
-        T = (np.eye(4) if link == BASE else frames[link]) @ pose_of(
+        T = (np.eye(4) if link < 0 else frames[link]) @ pose_of(
             np.concatenate([arrays.position[solid], arrays.rotation[solid].ravel()])
         )
-        colour = "0.35" if link == BASE else ("tab:orange" if link == len(frames) - 2 else "steelblue")
+        colour = "0.35" if link < 0 else ("tab:orange" if link == len(frames) - 2 else "steelblue")
         for line in _outline(arrays, solid):
             axes.plot(*(line @ T[:3, :3].T + T[:3, 3]).T, color=colour, linewidth=0.6)
 

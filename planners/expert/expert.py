@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.robot_model import robot_arrays
+from planners.collision.scene_arrays import robot_arrays
 from planners.contact import StepLabel
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, ExecutionStatus, Executor

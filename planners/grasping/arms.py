@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from planners.grasping.candidates import GraspCandidate, GraspCandidates, best_first
 from planners.scene import Scene
 
-__all__ = ["ArmCandidates"]
-
 Array = NDArray[np.float64]
 
 

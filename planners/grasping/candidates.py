@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.arm.kinematics import ArmChain
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.stacking import objects_on
+from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, GraspFamily
@@ -19,22 +18,11 @@ from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 
-__all__ = [
-    "BasePlacer",
-    "GraspCandidate",
-    "GraspCandidates",
-    "SamplingConfig",
-    "Stage",
-    "as_candidates",
-    "best_first",
-    "gripper_poses",
-]
-
 Array = NDArray[np.float64]
 Pair: TypeAlias = tuple[bytes, float, float]
 
 _BASES = (0, 8)
-"""Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a board, no
+"""Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
 _REFILLS = 8
 """Times that grasps are looked for again once all of one kind are refuted, before an object counts as without more."""
@@ -90,7 +78,7 @@ class GraspCandidate:
         opening: of the gripper [m] before the fingers close.
         blockers: mask of the objects hit at the grasp, standing on the object, or known to be in the way to or from it.
         quality: larger is better.
-        drives: whether the base drives straight in and out with the arm rigid, as under a board; what is in the way of
+        drives: whether the base drives straight in and out with the arm rigid, as under a shelf; what is in the way of
             that is among the blockers.
         arm: name of the arm, "" for the only one of a robot.
     """
@@ -267,7 +255,7 @@ class GraspCandidates:
     def _scan(
         self, scene: Scene, body: Body, poses: GripperPoses, grid: ConfigurationGrid, opening: float
     ) -> list[GraspCandidate]:
-        """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
+        """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         covered, world, arm = is_covered(scene, body.foot), self.compiled.world(scene), scene.robot.arm_name
         ignore = scene.mask({body.name, *scene.held_names})
         if covered:

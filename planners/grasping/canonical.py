@@ -24,8 +24,6 @@ from planners.grasping.families import GraspFamily
 from planners.grasping.grasp_poses import generate_grasps
 from planners.scene import Body, Scene
 
-__all__ = ["CanonicalGrasps", "canonical_quality"]
-
 Array = NDArray[np.float64]
 
 _STRAIGHT, _TURNED, _MAP = range(3)

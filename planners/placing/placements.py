@@ -22,8 +22,8 @@ from planners.placing.locations import PlacementConfig, placement_levels, put_do
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import is_covered
-from planners.scene.resting import release_pitch
 from planners.strategies import Strategy
 
 Array = NDArray[np.float64]

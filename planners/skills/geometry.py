@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planners.clearing.commitments import grasped
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.collision.world import CompiledScenes
 from planners.context import PlanningContext
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import (

@@ -17,8 +17,8 @@ import pytest
 import assets
 import clutter_env
 from clutter_env.errors import SuiteError
-from clutter_env.experiments.suites.making import PLANS, make_suite, with_new_floors
 from clutter_env.suites import SPLITS, Floor, content_digest, scene_digests
+from scripts.make_suites import PLANS, make_suite, with_new_floors
 
 NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v2", "shelf-16-v2", "side-15-v1", "side-25-v1", "side-40-v1")
 

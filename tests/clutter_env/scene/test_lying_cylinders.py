@@ -14,12 +14,12 @@ import pytest
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH
 from clutter_env.errors import OptionError, StateError
-from clutter_env.experiments.environments.toppled import wake
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.scene.obstruction import count_blockers, side_approaches
 from clutter_env.scene.random_scene import sample_scene
 from tests.clutter_env.simulation.sealed import opened, seal
+from tests.clutter_env.toppling import wake
 
 LYING = {"shape": "cylinder", "lying": True, "radius": 0.025, "height": 0.14}
 BOX = {"shape": "box", "depth": 0.14, "width": 0.05, "height": 0.05}

@@ -21,7 +21,7 @@ from clutter_env.scene.layout import find_layout
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
-from planners.grasping.base_placement import free_floor
+from planners.grasping.base_placement import free_ground
 from planners.motion.pick_and_place import can_leave
 
 RULE = ContactRule(FETCH, find_layout("paper"))
@@ -51,7 +51,7 @@ def test_bases_face_the_gripper_and_stand_on_the_free_floor(env) -> None:
     bearing = np.arctan2(away[:, 1], away[:, 0])
     assert np.allclose(bearing, choices.base[:, 2])
     assert np.linalg.norm(away, axis=1).min() >= LEAST_STANDOFF - 1e-9
-    assert free_floor(scene).are_free(choices.base[:, 0], choices.base[:, 1]).all()
+    assert free_ground(scene).are_free(choices.base[:, 0], choices.base[:, 1]).all()
     assert len(np.unique(choices.index)) == len(scene.objects)
 
 

@@ -1,15 +1,24 @@
-"""How much plans differ from scene to scene, with and without canonical choices, and what canonical ones cost."""
+"""Compare canonical plans with ordinary ones: how much they differ from scene to scene, and what they cost.
+
+    python scripts/canonical_plans.py --out docs/images/canonical_plans.png
+
+Draws the figure and prints the table of the documentation. Nothing is simulated.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import tyro
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from planners.clock import cpu_seconds
 from planners.contact import Contact
@@ -17,22 +26,11 @@ from planners.planner import Planner
 from planners.scene import Scene
 from planners.tamp.solution import Solution, contact_of
 
-__all__ = [
-    "BINS",
-    "PlannedContact",
-    "PlannedScene",
-    "clusters",
-    "entropy",
-    "plan_scene",
-    "relative_yaws",
-    "spread_table",
-]
-
 Array = NDArray[np.float64]
 
 BINS = 24
 """Classes of the base's yaw relative to the gripper's, 15° each."""
-_SAME_POSTURE = 0.5
+_SAME_CONFIGURATION = 0.5
 """[rad] by which joints of configurations of one cluster differ at most."""
 
 
@@ -63,6 +61,37 @@ class PlannedScene:
     duration: float
     planning_s: float
     contacts: tuple[PlannedContact, ...]
+
+
+def main(
+    objects: int = 15,
+    layout: str = "paper",
+    grasps: str = "side",
+    obstructed: bool = True,
+    scenes: int = 100,
+    seed: int = 900_000,
+    out: Path = Path("outputs/canonical_plans.png"),
+) -> None:
+    """Plan all scenes twice, draw, print.
+
+    Args:
+        objects: Objects on every table.
+        layout: Layout.
+        grasps: Grasp set.
+        obstructed: Only targets that no side grasp reaches without moving something.
+        scenes: Number of scenes.
+        seed: First seed.
+        out: File of the figure.
+    """
+    env = RetrieveEnv(num_objects=objects, layout=layout, obstructed=obstructed)
+    plans = {}
+    for name, canonical in (("ordinary", False), ("canonical", True)):
+        planner = Planner(env.robot, grasps=grasps, canonical=canonical)
+        planner.warmup()
+        seeds = progress_bar(range(seed, seed + scenes), desc=name, unit="scene")
+        plans[name] = [plan_scene(env, planner, one) for one in seeds]
+    plot_spread(plans, out)
+    print(f"{spread_table(plans)}figure: {out}")
 
 
 def plan_scene(env: RetrieveEnv, planner: Planner, seed: int) -> PlannedScene:
@@ -100,7 +129,8 @@ def entropy(classes: NDArray[np.int64]) -> float:
 def clusters(contacts: Sequence[PlannedContact]) -> list[int]:
     """Sizes of clusters of arm configurations, the largest first.
 
-    One after the other, a configuration that differs from the first one of every cluster by more than `_SAME_POSTURE`
+    One after the other, a configuration that differs from the first one of every cluster by more than
+    `_SAME_CONFIGURATION`
     in some joint of the arm begins a new cluster. Whole turns do not count.
     """
     first: list[Array] = []
@@ -108,7 +138,7 @@ def clusters(contacts: Sequence[PlannedContact]) -> list[int]:
     for entry in contacts:
         for number, other in enumerate(first):
             away = np.remainder(entry.q[1:] - other[1:] + np.pi, 2 * np.pi) - np.pi
-            if np.abs(away).max() <= _SAME_POSTURE:
+            if np.abs(away).max() <= _SAME_CONFIGURATION:
                 sizes[number] += 1
                 break
         else:
@@ -142,3 +172,31 @@ def _row(name: str, plans: Sequence[PlannedScene], common: set[int]) -> dict[str
         "entropy of base yaw - gripper yaw [bit]": f"{entropy(relative_yaws(contacts)):.2f}",
         "clusters of arm configurations": f"{len(sizes)} (largest {sizes[0] / max(len(contacts), 1):.0%})",
     }
+
+
+def plot_spread(plans: Mapping[str, Sequence[PlannedScene]], file: Path) -> None:
+    """Base yaws relative to the gripper, and the share of contacts in the largest clusters of arm configurations."""
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    width = 0.8 / len(plans)
+    for number, (name, some) in enumerate(plans.items()):
+        contacts = [contact for plan in some for contact in plan.contacts]
+        yaws, sizes = relative_yaws(contacts), np.array(clusters(contacts))
+        classes = np.arange(-BINS // 2, BINS // 2)
+        shares = np.array([(yaws == one).mean() for one in classes])
+        shift = (number - (len(plans) - 1) / 2) * width
+        left.bar((classes + shift) * 360 / BINS, shares, width * 360 / BINS, label=f"{name}: {entropy(yaws):.2f} bit")
+        right.plot(np.arange(1, len(sizes) + 1), np.cumsum(sizes) / sizes.sum(), "o-", ms=3, label=name)
+    left.set(title="base yaw - gripper yaw [°]", ylabel="share of contacts")
+    right.set(
+        title="contacts in the k largest clusters of arm configurations", xlabel="k", xscale="log", ylim=(0, 1.02)
+    )
+    for axis in (left, right):
+        axis.grid(alpha=0.3)
+        axis.legend()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=120)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

@@ -1,4 +1,4 @@
-"""Distance between convex solids, compiled.
+"""The distance between convex solids by GJK, compiled.
 
 A solid is a *core*, an oriented box, cylinder, ellipsoid or convex hull, grown by a radius: a capsule is a segment (a
 box without width) grown by its radius. Whether two of them come closer than a threshold is decided by GJK (Gilbert,
@@ -10,14 +10,14 @@ plane proves it.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.compilation import inlined_kernel, leaf_kernel
-
-__all__ = ["BOX", "CYLINDER", "ELLIPSOID", "HULL", "Solids", "are_any_within", "are_within", "core_distance", "height"]
+from irm.compilation import njit
+from planners.collision.leaf_kernels import inlined_kernel, leaf_kernel
 
 Array = NDArray[np.float64]
 
@@ -31,8 +31,6 @@ _RELATIVE_GAP = 1e-7
 """Upper and lower bound of the squared distance count as equal when this close."""
 _TOUCHING = 1e-7
 """[m] Nearer than this, cores intersect."""
-
-
 _NO_VERTEX = np.int64(0)
 _FIRST, _SECOND, _THIRD = np.int64(0), np.int64(1), np.int64(2)
 """Vertices of a simplex; typed, so that kernels are not compiled once more for constants."""
@@ -58,6 +56,10 @@ class Solids(NamedTuple):
     rotation: Array
     vertices: Array
     first: NDArray[np.int64]
+
+
+Support: TypeAlias = Callable[[Solids, int, float, float, float], tuple[float, float, float]]
+"""The farthest point of a core in a direction."""
 
 
 @inlined_kernel
@@ -227,61 +229,45 @@ def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tup
     return x, y, z, _keep(simplex, count + 1, used)
 
 
+@njit(inline="always")
+def _are_within(support: Support, a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
+    """The loop of GJK, inlined with the support function of the kernel that calls it."""
+    threshold = max(a.radius[i] + b.radius[j] + padding, _TOUCHING)
+    x = a.position[i, 0] - b.position[j, 0]
+    y = a.position[i, 1] - b.position[j, 1]
+    z = a.position[i, 2] - b.position[j, 2]
+    squared = x * x + y * y + z * z
+    count = _NO_VERTEX
+    for _ in range(_MAX_ITERATIONS):
+        # The point (x, y, z) of the simplex is an upper bound of the distance ...
+        if squared <= threshold * threshold:
+            return True
+        ax, ay, az = support(a, i, -x, -y, -z)
+        bx, by, bz = support(b, j, x, y, z)
+        wx, wy, wz = ax - bx, ay - by, az - bz
+        # ... and the plane through w perpendicular to it a lower bound.
+        bound = x * wx + y * wy + z * wz
+        if bound > 0.0 and bound * bound > threshold * threshold * squared:
+            return False
+        if count > 0 and squared - bound <= _RELATIVE_GAP * squared:
+            return True
+        x, y, z, count = _add_vertex(simplex, count, wx, wy, wz)
+        if count == 0:
+            return True
+        squared = x * x + y * y + z * z
+    return True
+
+
 @leaf_kernel
 def are_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
     """Whether solid i of `a` and j of `b`, boxes or cylinders, are at most `padding` [m] apart.
 
     False is proved by a plane. `simplex` (4, 3) is scratch space.
     """
-    threshold = max(a.radius[i] + b.radius[j] + padding, _TOUCHING)
-    x = a.position[i, 0] - b.position[j, 0]
-    y = a.position[i, 1] - b.position[j, 1]
-    z = a.position[i, 2] - b.position[j, 2]
-    squared = x * x + y * y + z * z
-    count = _NO_VERTEX
-    for _ in range(_MAX_ITERATIONS):
-        if squared <= threshold * threshold:
-            return True
-        ax, ay, az = _support(a, i, -x, -y, -z)
-        bx, by, bz = _support(b, j, x, y, z)
-        wx, wy, wz = ax - bx, ay - by, az - bz
-        bound = x * wx + y * wy + z * wz
-        if bound > 0.0 and bound * bound > threshold * threshold * squared:
-            return False
-        if count > 0 and squared - bound <= _RELATIVE_GAP * squared:
-            return True
-        x, y, z, count = _add_vertex(simplex, count, wx, wy, wz)
-        if count == 0:
-            return True
-        squared = x * x + y * y + z * z
-    return True
+    return bool(_are_within(_support, a, i, b, j, padding, simplex))
 
 
 @leaf_kernel
 def are_any_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
-    """As `are_within`, for solids of any kind.
-
-    The same algorithm compiled apart: with the other kinds in it, checks of boxes and cylinders take a third longer.
-    """
-    threshold = max(a.radius[i] + b.radius[j] + padding, _TOUCHING)
-    x = a.position[i, 0] - b.position[j, 0]
-    y = a.position[i, 1] - b.position[j, 1]
-    z = a.position[i, 2] - b.position[j, 2]
-    squared = x * x + y * y + z * z
-    count = _NO_VERTEX
-    for _ in range(_MAX_ITERATIONS):
-        if squared <= threshold * threshold:
-            return True
-        ax, ay, az = _farthest_point(a, i, -x, -y, -z)
-        bx, by, bz = _farthest_point(b, j, x, y, z)
-        wx, wy, wz = ax - bx, ay - by, az - bz
-        bound = x * wx + y * wy + z * wz
-        if bound > 0.0 and bound * bound > threshold * threshold * squared:
-            return False
-        if count > 0 and squared - bound <= _RELATIVE_GAP * squared:
-            return True
-        x, y, z, count = _add_vertex(simplex, count, wx, wy, wz)
-        if count == 0:
-            return True
-        squared = x * x + y * y + z * z
-    return True
+    """As `are_within`, for solids of any kind: with these in it, checks of boxes and cylinders take a third longer."""
+    return bool(_are_within(_farthest_point, a, i, b, j, padding, simplex))

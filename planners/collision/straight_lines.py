@@ -1,23 +1,20 @@
-"""Straight lines of the TCP, its orientation kept, followed continuously by torso and arm, compiled."""
+"""Straight lines of the TCP on a standing base, its orientation kept. Collisions are not checked here."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from irm.arm.kinematics import arm_jacobian, fk_frames
 from irm.compilation import njit
-from planners.collision.compilation import leaf_kernel
-from planners.collision.references import by_reference
-from planners.collision.robot_model import RobotArrays
-from planners.collision.rows import copy_row
-
-__all__ = ["follow_line", "solve_near", "track_line"]
+from planners.collision.leaf_kernels import copy_row, leaf_kernel
+from planners.collision.scene_arrays import RobotArrays
+from planners.collision.struct_pointers import pointer_to
+from planners.collision.world import CollisionWorld
 
 Array = NDArray[np.float64]
-
 POSITION_TOLERANCE = 1e-4
 """[m] of the TCP."""
 ROTATION_TOLERANCE = 1e-3
@@ -25,6 +22,12 @@ ROTATION_TOLERANCE = 1e-3
 _ITERATIONS = 12
 _DAMPING = 1e-4
 """Added to the diagonal of J W Jᵀ, of order 0.1-1 with these weights."""
+LINE_STEP = 0.01
+"""[m] between samples of a straight line."""
+LINE_JUMP = 0.15
+"""[rad] that a joint may turn between samples: more means a singularity."""
+_VERTICAL = 1e-9
+"""By how much the z component of a vertical direction may differ from 1."""
 
 
 @leaf_kernel
@@ -114,7 +117,7 @@ def track_line(
     Returns:
         the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
     """
-    return follow_line(by_reference(robot), q_start, direction, distance, step, jump, speed)
+    return follow_line(pointer_to(robot), q_start, direction, distance, step, jump, speed)
 
 
 @njit(cache=True)
@@ -139,3 +142,48 @@ def follow_line(
                 return path[:i]
         copy_row(q, path[i])
     return path
+
+
+def trace_straight(
+    world: CollisionWorld, base: Array, q_start: Array, direction: ArrayLike, distance: float
+) -> Array | None:
+    """Follow a straight line with torso and arm.
+
+    Args:
+        world: whose robot.
+        base: (3,) x [m], y [m], yaw [rad].
+        q_start: (8,) configuration in which the line starts.
+        direction: (3,) unit vector in the world.
+        distance: [m].
+
+    Returns:
+        waypoints (n, 8) from `q_start` on, without jumps; None where the arm cannot follow the line.
+    """
+    along = np.asarray(direction, dtype=float)
+    c, s = math.cos(base[2]), math.sin(base[2])
+    in_base = np.array([c * along[0] + s * along[1], c * along[1] - s * along[0], along[2]])
+    speed, start = np.array(world.scene.robot.max_velocity[3:]), np.array(q_start, dtype=float)
+    path = track_line(world.robot, start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
+    return np.asarray(path) if len(path) == _samples(distance) else None
+
+
+def trace_by_torso(
+    world: CollisionWorld, _base: Array, q_start: Array, direction: ArrayLike, distance: float
+) -> Array | None:
+    """Follow a vertical line with the torso alone.
+
+    This works in every configuration of the arm, but only within the limits of the torso. Arguments and result as for
+    `trace_straight`.
+    """
+    robot, along = world.robot, np.asarray(direction, dtype=float)
+    end = q_start[0] + distance * along[2]
+    if abs(along[2]) < 1.0 - _VERTICAL or not robot.lower[0] <= end <= robot.upper[0]:
+        return None
+    waypoints = np.tile(q_start, (_samples(distance), 1))
+    waypoints[:, 0] = np.linspace(q_start[0], end, len(waypoints))
+    return waypoints
+
+
+def _samples(distance: float) -> int:
+    """Samples of a line, both ends included."""
+    return max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1

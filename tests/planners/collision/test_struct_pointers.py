@@ -1,4 +1,4 @@
-"""Tuples passed to kernels by reference are read as the tuples themselves."""
+"""Tuples passed to kernels as pointers are read as the tuples themselves."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from planners.collision.compilation import leaf_kernel
-from planners.collision.references import by_reference
+from planners.collision.leaf_kernels import leaf_kernel
+from planners.collision.struct_pointers import pointer_to
 
 
 class Inner(NamedTuple):
@@ -44,7 +44,7 @@ def summary(outer: Outer) -> float:
 
 @njit
 def both_ways(outer: Outer) -> tuple[float, float]:
-    return summary(outer), summary(by_reference(outer))
+    return summary(outer), summary(pointer_to(outer))
 
 
 @leaf_kernel
@@ -53,13 +53,13 @@ def fill(inner: Inner, value: float) -> None:
 
 
 @njit
-def fill_by_reference(outer: Outer, value: float) -> None:
-    fill(by_reference(outer).inner, value)
+def fill_through_pointer(outer: Outer, value: float) -> None:
+    fill(pointer_to(outer).inner, value)
 
 
 @njit
 def read_another(outer: Outer) -> float:
-    return by_reference(outer).another
+    return pointer_to(outer).another
 
 
 OUTER = Outer(np.uint64(1 << 40), False, Inner(True, np.arange(6.0).reshape(2, 3), 7), 0.5, np.arange(3))
@@ -73,7 +73,7 @@ def test_all_fields_are_those_of_the_tuple(is_set: bool, first_only: bool) -> No
 
 
 def test_arrays_are_shared() -> None:
-    fill_by_reference(OUTER, 9.0)
+    fill_through_pointer(OUTER, 9.0)
     assert OUTER.inner.rows[0, 0] == 9.0
 
 

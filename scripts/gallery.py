@@ -1,10 +1,11 @@
-"""A short film of every environment, for docs/environments/gallery.md.
+"""A short film of every environment, for the documentation.
 
-python -m clutter_env.cli.data.gallery
+python scripts/gallery.py
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +13,11 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 from PIL import Image
 
 import clutter_env
-from clutter_env.reporting.command import run_command
 from clutter_env.reporting.progress import progress_bar
 
 assert clutter_env  # registers the environments
@@ -60,30 +61,28 @@ ENTRIES = (
     Entry("pick", "clutter_env/Pick-v0", {}, "pick", steps_per_frame=1),
     Entry("rgbd", "clutter_env/Retrieve-o15-v0", {"obs_mode": "rgbd", "image_size": 192}),
 )
+NAMES = tuple(entry.name for entry in ENTRIES)
 
 
-@dataclass(frozen=True)
-class Arguments:
-    """Command line."""
+def main(
+    names: tuple[str, ...] = NAMES,
+    size: int = 320,
+    out: Path = Path("docs/images/gallery"),
+) -> None:
+    """Play and write every film.
 
-    names: tuple[str, ...] = tuple(entry.name for entry in ENTRIES)
-    """Which films."""
-    size: int = 320
-    """Pixels along each side."""
-    out: Path = Path("docs/images/gallery")
-    """Directory of the films."""
-
-
-def run(arguments: Arguments) -> None:
-    """Play and write every film."""
+    Args:
+        names: Films to make.
+        size: Pixels along each side.
+        out: Directory of the films.
+    """
     known = {entry.name: entry for entry in ENTRIES}
-    unknown = sorted(set(arguments.names) - set(known))
-    if unknown:
-        raise ValueError(f"no film {', '.join(unknown)}; films: {', '.join(known)}")
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for name in progress_bar(arguments.names, desc="films", unit="film"):
-        path = arguments.out / f"{name}.gif"
-        save_gif(list(frames(known[name], arguments.size)), path)
+    if unknown := sorted(set(names) - set(known)):
+        sys.exit(f"no film {', '.join(unknown)}; films: {', '.join(known)}")
+    out.mkdir(parents=True, exist_ok=True)
+    for name in progress_bar(names, desc="films", unit="film"):
+        path = out / f"{name}.gif"
+        save_gif(list(frames(known[name], size)), path)
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
 
@@ -147,10 +146,5 @@ def save_gif(images: Sequence[Frame], path: Path) -> None:
     first.save(path, save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0, optimize=True)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("gallery", Arguments, run, __doc__, words)
-
-
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -1,54 +1,34 @@
-"""Which obstacles does a configuration hit? The compiled core, callable from other kernels.
+"""Which obstacles do a configuration, a straight motion and a whole path hit? Compiled, callable from other kernels.
 
-    checks = by_reference(query)                              # once, outside the loop
+    checks = pointer_to(query)                                # once, outside the loop
     hits = configuration_hits(checks, query.active, base, q)
 
 `query` is a `CollisionQuery`; `CollisionWorld.query` makes it. A result is a 64-bit mask: bit i for object i,
-`STATIC_BIT` for static obstacles and the floor, `SELF_BIT` for the robot itself.
+`STATIC_BIT` for static obstacles and the ground, `SELF_BIT` for the robot itself.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.compilation import leaf_kernel
-from planners.collision.geometry import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from planners.collision.robot_model import BASE, RobotArrays
+from irm.compilation import njit
+from irm.visibility.robot_view import BASE
+from planners.collision.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
+from planners.collision.leaf_kernels import leaf_kernel
 from planners.collision.robot_pose_kernel import Attached, Scratch, place_robot
+from planners.collision.scene_arrays import Obstacles, RobotArrays
+from planners.collision.struct_pointers import pointer_to
 from planners.scene import SELF_BIT, STATIC_BIT
 
-__all__ = ["CollisionQuery", "Obstacles", "configuration_hits"]
-
 Array = NDArray[np.float64]
-
 _ONE = np.uint64(1)
 _NONE = np.uint64(0)
 _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
-
-
-class Obstacles(NamedTuple):
-    """n objects and m static obstacles for kernels. Lengths in metres, in the world.
-
-    Attributes:
-        objects: n solids.
-        radius, bottom, top: (n,) the upright cylinder about its position that contains each object.
-        lower, upper: (3,) corners of a box that contains all objects.
-        static: m solids, the one with the highest top first.
-        extent: (m, 3) half extents of the box about the centre of each, along the world's axes, that contains it.
-    """
-
-    objects: Solids
-    radius: Array
-    bottom: Array
-    top: Array
-    lower: Array
-    upper: Array
-    static: Solids
-    extent: Array
 
 
 class CollisionQuery(NamedTuple):
@@ -122,7 +102,7 @@ def _hits_static(
 ) -> bool:
     """Whether the robot's `count` solids, or the held object, come nearer than `padding` [m] to an obstacle.
 
-    These are the static obstacles and the floor; what is fixed to the base may be near the floor.
+    These are the static obstacles and the ground; what is fixed to the base may be near the ground.
     """
     static, extent = obstacles.static, obstacles.extent
     position, bounds, centre, core = solids.position, solids.bound, static.position, static.core
@@ -176,7 +156,7 @@ def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 
     Args:
-        query: see its type; by reference.
+        query: a pointer to it.
         active: mask of the bits to look for; the query's, or some of them.
         base: (3,) x [m], y [m], yaw [rad].
         q: (n,) torso [m] and arm [rad].
@@ -200,4 +180,64 @@ def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q:
         solids, robot.self_pairs, held, robot.held_from, count, padding, simplex
     ):
         hits |= _SELF
+    return np.uint64(hits)
+
+
+@njit(cache=True)
+def many_hits(query: CollisionQuery, base: Array, Q: Array) -> NDArray[np.uint64]:
+    """`configuration_hits` of each row of `Q` (k, n) at one base pose (3,): (k,)."""
+    checks, hits = pointer_to(query), np.empty(Q.shape[0], np.uint64)
+    for row in range(Q.shape[0]):
+        hits[row] = configuration_hits(checks, query.active, base, Q[row])
+    return hits
+
+
+@leaf_kernel
+def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
+    """Into how many parts a straight motion must be cut so that no point moves more than `step` [m] in one.
+
+    `reach` (3 + n,) is that of `Attached`; `start` and `end` (3 + n,) are whole-body configurations.
+    """
+    length = math.hypot(end[0] - start[0], end[1] - start[1])
+    for joint in range(2, start.shape[0]):
+        length += abs(end[joint] - start[joint]) * reach[joint]
+    return max(1, math.ceil(length / step))
+
+
+@leaf_kernel
+def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
+    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
+
+    `query` is a pointer to it. No point of the robot moves more than `step` [m] between two checks, so nothing deeper
+    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
+    early.
+    """
+    parts = edge_samples(query.attached.reach, start, end, step)
+    x = query.scratch.x
+    for joint in range(x.shape[0]):
+        x[joint] = end[joint]
+    hits = configuration_hits(query, query.active, x[:3], x[3:])
+    stride = 1
+    while 2 * stride < parts:
+        stride *= 2
+    while stride >= 1 and not (query.first_only and hits != _NONE):
+        for i in range(stride, parts, 2 * stride):
+            for joint in range(x.shape[0]):
+                x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
+            hits |= configuration_hits(query, query.active, x[:3], x[3:])
+            if query.first_only and hits != _NONE:
+                return np.uint64(hits)
+        stride //= 2
+    return np.uint64(hits)
+
+
+@njit(cache=True)
+def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
+    """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included."""
+    checks = pointer_to(query)
+    hits = configuration_hits(checks, query.active, X[0, :3], X[0, 3:])
+    for row in range(1, X.shape[0]):
+        if query.first_only and hits != _NONE:
+            break
+        hits |= edge_hits(checks, X[row - 1], X[row], step)
     return np.uint64(hits)

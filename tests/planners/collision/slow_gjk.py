@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
 from irm.arm.kinematics import ArmChain, fk_frames
-from planners.collision.geometry import CYLINDER, ELLIPSOID, HULL, Solids
-from planners.collision.robot_model import BASE
+from irm.visibility.robot_view import BASE
+from planners.collision.gjk import CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject
 

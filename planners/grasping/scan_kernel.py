@@ -1,34 +1,33 @@
-"""The loops behind `planners.grasping.arm_configurations`, compiled."""
+"""The scan for arm configurations behind `planners.grasping.arm_configurations`, compiled."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.arm.closed_form import MAX_SOLUTIONS
 from irm.arm.general.solutions import CLOSED_FORM, arm_solutions
 from irm.arm.kinematics import arm_jacobian, fk_frames
 from irm.arm.manipulability import condition
 from irm.compilation import njit
-from planners.collision.compilation import leaf_kernel
-from planners.collision.configuration_kernel import CollisionQuery, configuration_hits
-from planners.collision.references import by_reference
-from planners.collision.robot_model import RobotArrays
-from planners.collision.rows import copy_row
-from planners.grasping.rising_kernel import can_rise
-from planners.grasping.scan_memory import CAPACITY, Kept, Memory
-from planners.scene.masks import SELF_BIT, STATIC_BIT
-
-__all__ = ["FIXED_HITS", "many_gripper_hits", "scan"]
+from planners.collision.hit_kernels import CollisionQuery, configuration_hits
+from planners.collision.leaf_kernels import copy_row, leaf_kernel
+from planners.collision.scene_arrays import RobotArrays
+from planners.collision.straight_lines import follow_line
+from planners.collision.struct_pointers import pointer_to
+from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT
 
 Array = NDArray[np.float64]
-
-_STATIC = np.uint64(1 << STATIC_BIT)
-_SELF = np.uint64(1 << SELF_BIT)
-FIXED_HITS = np.uint64((1 << STATIC_BIT) | (1 << SELF_BIT))
-"""Hits that no clearing can remove."""
-_NONE = np.uint64(0)
+CAPACITY = np.int64(96)
+"""Configurations kept in all. Typed, so that kernels are not compiled once more for the constant."""
+_NONE, _STATIC, _SELF = np.uint64(0), np.uint64(1 << STATIC_BIT), np.uint64(1 << SELF_BIT)
+_FIXED = np.uint64(FIXED_BITS)
+_RISE, _RISE_STEP, _RISE_JUMP = 0.19, 0.01, 0.15
+"""Where the torso stays, only configurations count from which the arm lifts the gripper so far straight up [m], in
+steps [m] in which no joint turns farther than this [rad]: it could not take the object away in others."""
 _PER_MASK = np.int64(6)
 """Configurations kept for one set of hit objects, each for another pair of gripper pose and base pose. Typed, so that
 kernels are not compiled once more for the constant."""
@@ -45,13 +44,74 @@ _LIFT = 0.2
 _LIFT_WORTH = 0.5
 """Manipulability that a metre of remaining torso travel is worth."""
 _LIFT_WEIGHT = 10.0
-"""[rad/m] What a metre of torso travel counts when the configuration nearest to home is looked for."""
+"""[rad/m] Weight of torso travel when the configuration nearest to home is looked for."""
+
+
+class Kept(NamedTuple):
+    """Up to `CAPACITY` configurations of n joints; the first `size[0]` rows are in use.
+
+    Attributes:
+        q: (c, n) torso [m] and arm [rad].
+        pair: (c,) index of gripper pose and base pose.
+        hits: (c,) objects hit, as masks.
+        quality: (c,) see `_quality`.
+        size: (1,) number of rows in use.
+    """
+
+    q: Array
+    pair: NDArray[np.int64]
+    hits: NDArray[np.uint64]
+    quality: Array
+    size: NDArray[np.int64]
+
+
+class Memory(NamedTuple):
+    """Memory that a scan of configurations of n joints writes to, allocated outside compiled code.
+
+    Attributes:
+        kept: the configurations found so far.
+        found: (MAX_SOLUTIONS, n) inverse kinematics; `nearest` (n,) the configuration nearest to home.
+        R, p: (n + 1, 3, 3) and (n + 1, 3) frames of the links; `J` (6, n - 1) the Jacobian, and memory of
+            `condition`: `A` (6, 6), `d` and `e` (6,).
+    """
+
+    kept: Kept
+    found: Array
+    nearest: Array
+    R: Array
+    p: Array
+    J: Array
+    A: Array
+    d: Array
+    e: Array
+
+
+def make_memory(joints: int) -> Memory:
+    """Memory for one scan of configurations of so many joints, with nothing found yet."""
+    n, rows = joints, int(CAPACITY)
+    size = np.zeros(1, np.int64)
+    kept = Kept(np.empty((rows, n)), np.empty(rows, np.int64), np.empty(rows, np.uint64), np.empty(rows), size)
+    R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
+    return Memory(kept, np.empty((MAX_SOLUTIONS, n)), np.empty(n), R, p, J, np.empty((6, 6)), np.empty(6), np.empty(6))
+
+
+@njit(cache=True)
+def can_rise(query: CollisionQuery, base: Array, q: Array) -> bool:
+    """Whether the arm lifts the gripper straight up by `_RISE` without touching the robot."""
+    robot, up = query.robot, np.array((0.0, 0.0, 1.0))
+    path = follow_line(robot, q, up, _RISE, _RISE_STEP, _RISE_JUMP, np.ones(q.shape[0]))
+    if path.shape[0] < math.ceil(_RISE / _RISE_STEP - 1e-9) + 1:
+        return False
+    for k in range(path.shape[0] - 1, 0, -3):
+        if configuration_hits(query, query.active & _SELF, base, path[k]) != _NONE:
+            return False
+    return True
 
 
 @njit(cache=True)
 def many_gripper_hits(query: CollisionQuery, gripper_poses: Array) -> NDArray[np.uint64]:
     """The loop of `gripper_hits`; the robot of `query` is the gripper alone, its two joints height and pitch."""
-    checks, hits = by_reference(query), np.empty(gripper_poses.shape[0], np.uint64)
+    checks, hits = pointer_to(query), np.empty(gripper_poses.shape[0], np.uint64)
     base, joints = np.empty(3), np.empty(2)
     for k in range(gripper_poses.shape[0]):
         base[0], base[1], base[2] = gripper_poses[k, 0], gripper_poses[k, 1], gripper_poses[k, 3]
@@ -156,7 +216,7 @@ def _consider(
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
     unknown = query.active & ~by_gripper & ~_SELF
     hits = configuration_hits(query, unknown, base, q) | by_gripper
-    if hits & FIXED_HITS != _NONE or (query.first_only and hits != _NONE):
+    if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
         return
     if _is_dominated(memory.kept, hits, CAPACITY):
         return
@@ -216,7 +276,7 @@ def _scan_pair(
                     _consider(query, memory, by_gripper, base, q, pair, home)
                     continue
                 travel = _travel(q, home)
-                fixed = query.active & FIXED_HITS
+                fixed = query.active & _FIXED
                 if travel < least and configuration_hits(query, fixed, base, q) == _NONE:
                     least = travel
                     copy_row(q, nearest)
@@ -245,11 +305,11 @@ def scan(
     `known` (k,) is what the gripper alone hits. With `query.first_only` the scan stops after the first pair for which
     some configuration hits nothing. What is found is in `memory.kept`.
     """
-    checks, writes, first_free = by_reference(query), by_reference(memory), query.first_only
+    checks, writes, first_free = pointer_to(query), pointer_to(memory), query.first_only
     R, p = np.empty((3, 3)), np.empty(3)
     for pair in order:
         by_gripper, base = known[pair], bases[pair]
-        if by_gripper & FIXED_HITS != _NONE or (first_free and by_gripper != _NONE):
+        if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
             continue
         if needs_home and configuration_hits(checks, query.active & _STATIC, base, home) != _NONE:
             continue

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from planners.collision.geometry import BOX, CYLINDER, HULL, Solids, are_any_within, are_within, core_distance, height
-from tests.planners.collision.slow_geometry import distance, project
+from planners.collision.gjk import BOX, CYLINDER, HULL, Solids, are_any_within, are_within, core_distance, height
+from tests.planners.collision.slow_gjk import distance, project
 
 NEAR = 1e-5
 """[m] Closer to the threshold than this, both answers are right."""

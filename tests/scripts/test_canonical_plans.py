@@ -9,19 +9,19 @@ import pytest
 
 from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.experiments.plans.spread import (
+from planners.contact import Contact
+from planners.placing.locations import rotated
+from planners.planner import Planner
+from scripts.canonical_plans import (
     PlannedContact,
     PlannedScene,
     clusters,
     entropy,
     plan_scene,
+    plot_spread,
     relative_yaws,
     spread_table,
 )
-from clutter_env.experiments.plans.spread_figure import plot_spread
-from planners.contact import Contact
-from planners.placing.locations import rotated
-from planners.planner import Planner
 
 
 def planned(base_yaw: float, yaw: float, q: np.ndarray) -> PlannedContact:
