@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.floor.free_space import FreeSpace
+from irm.free_space import FreeSpace
 from planners.grasping.base_placement import MapPlacer
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class FacingPlacer:
         return round(_STANDOFF * self.reach, 2)
 
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:  # noqa: ARG002  always all
-        """As `BasePlacer.bases`; those of all gripper poses in one order, the least cost first."""
+        """As `MapPlacer.bases`; those of all gripper poses in one order, the least cost first."""
         turns = np.array(self.turns)
         yaw = _wrapped(gripper_poses[:, 3:4] - turns)
         distance = np.full(yaw.shape, np.inf)

@@ -11,8 +11,8 @@ import pytest
 from assets.robots import RobotSpec, robot
 from clutter_env.cli.main import main
 from clutter_env.cli.robot_report import home_candidates, report_of
-from irm.arm.chain import ArmChain
-from irm.arm.kinematics import forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
 
 PANDA = robot("panda_mobile")
 
