@@ -25,8 +25,7 @@ from assets.robots import RobotSpec
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, find_layout
-from irm.arm.frames import pose_of
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain, pose_of
 from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import PADDING, CollisionWorld
 from planners.context import map_placer
