@@ -18,7 +18,7 @@ from clutter_env.cli.main import main  # noqa: E402
 from clutter_env.data.dataset import Dataset, Job  # noqa: E402
 from clutter_env.data.episode import record  # noqa: E402
 from clutter_env.data.episode_file import write_episode  # noqa: E402
-from clutter_env.envs.observation_layout import OBJECT_FIELDS  # noqa: E402
+from clutter_env.envs.observation import OBJECT_FIELDS  # noqa: E402
 from clutter_env.errors import DatasetError, LearningError, UnknownTask  # noqa: E402
 from clutter_env.evaluation.score import DrawnScene, held_out_seeds, play_scene  # noqa: E402
 from clutter_env.policies.cloning import ClonedPolicy  # noqa: E402
