@@ -6,12 +6,14 @@ A file is an .npz with an array for each parameter, and the entry "about": `Weig
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from zipfile import BadZipFile
 
 import gymnasium as gym
 import numpy as np
@@ -102,7 +104,7 @@ def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], Weight
         weights = {name: torch.from_numpy(value) for name, value in arrays.items()}
     except KeyError:
         raise PolicyError(f"{path} does not say what its weights are for: version 0.1 wrote it; train again") from None
-    except (OSError, ValueError, TypeError, EOFError) as problem:
+    except (OSError, ValueError, TypeError, EOFError, BadZipFile, zlib.error) as problem:
         raise PolicyError(f"{path} holds no weights of this package: {problem}") from problem
     if info.kind != kind:
         raise PolicyError(f"{path} holds {info.kind}, not {kind}")

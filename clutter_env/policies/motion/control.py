@@ -117,7 +117,7 @@ class GripperError:
 
 
 class IntegralOffset:
-    """Integral offset correction: the contact in the network input is shifted by the integral of the gripper's error."""
+    """Integral offset correction: the contact in the network input is shifted by the integral of the error."""
 
     def __init__(self) -> None:
         self._shift, self._turn = np.zeros(3), np.zeros(3)

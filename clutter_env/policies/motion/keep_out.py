@@ -78,7 +78,8 @@ class KeepOutRegion:
 def keep_out_of_drives(drives: Iterable[Array]) -> KeepOutRegion:
     """The largest rectangle about the middle of the table that none of these drives (n, 2) [m] enters.
 
-    It is empty without drives. Sides beyond which nothing drives are infinitely far away; areas are measured as far as the drives reach.
+    It is empty without drives. Sides beyond which nothing drives are infinitely far away; areas are measured as far as
+    the drives reach.
     """
     best, largest = KeepOutRegion(np.zeros(2), np.zeros(2)), 0.0
     paths = [_filled(drive) for drive in drives]

@@ -99,8 +99,8 @@ class ArmChoice(NamedTuple):
 class ArmPredictor:
     """Arm configurations predicted by a network, corrected by forward kinematics before the robot moves.
 
-    Where forward kinematics predicts the gripper beside its line, the contact in the network input is moved to the other
-    side, as feedback of the measured error does while the robot moves; and free joints to the other side of wrong ones.
+    Where forward kinematics predicts the gripper beside its line, the contact in the network input is moved to the
+    other side, as feedback of the measured error does while the robot moves; and free joints likewise.
     """
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec) -> None:
