@@ -25,18 +25,18 @@ from assets.robots import RobotSpec
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, find_layout
-from irm.arm.frames import pose_of
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain, pose_of
 from planners.collision.scene_arrays import robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import PADDING, CollisionWorld
 from planners.context import map_placer
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import even_yaws, gripper_opening
-from planners.grasping.gripper import gripper_clearances
+from planners.grasping.gripper import FINGER_GAP, gripper_clearances
 from planners.scene import Scene
+from planners.scene.cover import BACK, HELD_GAP
 
 CELL = 0.025
 """[m] Side of the cells of the table top."""
@@ -63,16 +63,24 @@ def approach_table(
         tick: called after every row of cells.
 
     Returns:
-        `palm_reach`, `pad_half_height`: lengths [m] as in `planners.grasping.gripper`; `solids`: gripper and wrist of a
-        level gripper, rows (x0, x1, half width, radius, half height, moves with the fingers) in metres, x along the
-        approach from the TCP; `grasp_height` [m] of the TCP above the table; `layouts`: for each name rows of cells
-        along x, each cell a bit mask of the reachable yaws as six hexadecimal
+        `planner`: the planner's margins, see `scene.obstruction.PlannerMargins`; `palm_reach`, `pad_half_height`:
+        lengths [m] as in `planners.grasping.gripper`; `solids`: gripper and wrist of a level gripper, rows (x0, x1,
+        half width, radius, half height, moves with the fingers) in metres, x along the approach from the TCP;
+        `grasp_height` [m] of the TCP above the table; `layouts`: for each name rows of cells along x, each cell a bit
+        mask of the reachable yaws as six hexadecimal
         digits; bit k is a yaw of 2πk/24.
     """
     gripper = gripper_clearances(robot)
     return {
         "robot": robot.full_name,
         "grasp_height": robot.grasp_height,
+        "planner": {
+            "yaws": SIDE.directions,
+            "padding": PADDING,
+            "finger_gap": FINGER_GAP,
+            "back": BACK,
+            "held_gap": HELD_GAP,
+        },
         "palm_reach": round(gripper.palm_reach + PALM_SLACK, 6),
         "pad_half_height": gripper.pad_half_height,
         "solids": _solids(robot),

@@ -67,9 +67,11 @@ def run(arguments: Arguments) -> None:
 
 def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     """The robot, and whether a home configuration was given: if not, it has the middle of the joints' ranges."""
+    import mujoco
+
     from assets import RobotSpec
-    from assets.arm_reading import load_model, read_arm
-    from clutter_env.experiments.maps.model_check import robot_by_name
+    from clutter_env.cli.named_robot import robot_by_name
+    from irm import ArmChain
 
     if not arguments.robot.endswith(".xml"):
         return robot_by_name(arguments.robot), True
@@ -78,9 +80,9 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     path, page = Path(arguments.robot).resolve(), json.loads(arguments.page.read_text())
     has_home = "home" in page
     if not has_home:
-        model = load_model(path)
+        model = mujoco.MjModel.from_xml_path(str(path))
         base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
-        arm = read_arm(model, base, page["tip"], "x")
+        arm = ArmChain.from_mjcf(model, base, page["tip"])
         page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
     return RobotSpec.from_mjcf(path, **page), has_home
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
 from planners.drawing.region import ClearancePicture, DrawnSurface
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations

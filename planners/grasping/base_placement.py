@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
-from irm.floor.free_space import FreeSpace
-from irm.maps.cache import cached_map
-from irm.queries.inverse import InverseReachabilityMap
-from irm.visibility.map import VisibilityMap
-from irm.visibility.robot_view import BASE
+from irm.cache import cached_map
+from irm.chain import BASE, ArmChain
+from irm.free_space import FreeSpace
+from irm.inverse_map import InverseReachabilityMap
 from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.footprint import fits, inner_radius
 from planners.scene import Scene, StaticObstacle
@@ -134,7 +132,6 @@ class MapPlacer:
         open_ground: where it may stand for a tilted gripper: not behind walls.
         per_gripper_pose: base poses returned for each gripper pose at most.
         yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
-        prefer: a visibility map by which base poses of about the same μ are ordered; None for μ alone.
         robot: whose outline must fit too, None for a round one.
         outlines: corners (v, 2) of the obstacles that it must fit between.
     """
@@ -144,7 +141,6 @@ class MapPlacer:
     open_ground: FreeSpace
     per_gripper_pose: int = 3
     yaw_tolerance: float = 1e-6
-    prefer: VisibilityMap | None = None
     robot: RobotSpec | None = None
     outlines: tuple[Array, ...] = ()
 
@@ -188,7 +184,6 @@ class MapPlacer:
             pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
             free_space=self.open_ground if pitch else self.ground,
             k=wanted if self.robot is None else _SPARE * wanted,
-            prefer=self.prefer,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)

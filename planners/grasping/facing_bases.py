@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.floor.free_space import FreeSpace
+from irm.free_space import FreeSpace
 from planners.grasping.base_placement import MapPlacer
 
 Array = NDArray[np.float64]

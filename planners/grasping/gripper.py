@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
+from irm.chain import pose_of
 from planners.collision.scene_arrays import robot_arrays
 
 FINGER_GAP = 0.012

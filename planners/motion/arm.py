@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain, forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm_query import DEFAULT_EFFORT, ArmQuery, RRTConfig

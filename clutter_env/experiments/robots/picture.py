@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.experiments.robots.reach import LevelReach
-from irm.arm.frames import pose_of
-from irm.arm.kinematics import ArmChain, fk_frames
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE, ArmChain, pose_of
+from irm.kinematics import fk_frames
 from planners.collision.gjk import CYLINDER
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 

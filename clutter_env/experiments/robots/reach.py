@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.scene.layout import TABLE_HEIGHT
-from irm.arm.general.solutions import arm_solutions, free_angles, solver_arrays
-from irm.arm.kinematics import ArmChain, fk_frames
+from irm.chain import ArmChain
+from irm.ik.solutions import arm_solutions, free_angles, solver_arrays
+from irm.kinematics import fk_frames
 from planners.collision.world import CollisionWorld
 from planners.scene import RobotState, Scene
 

@@ -13,8 +13,9 @@ from clutter_env.experiments.robots.reach import LevelReach, level_reach, touche
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
-from irm.arm.general.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
-from irm.arm.kinematics import ArmChain, forward
+from irm.chain import ArmChain
+from irm.ik.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
+from irm.kinematics import forward
 from planners.collision.scene_arrays import GeometryError, robot_arrays
 from planners.grasping.gripper import gripper_clearances
 

@@ -12,8 +12,8 @@ from assets.robots import RobotSpec, robot
 from clutter_env.cli.robot import main
 from clutter_env.experiments.robots.reach import home_candidates
 from clutter_env.experiments.robots.report import report_of
-from irm.arm.chain import ArmChain
-from irm.arm.kinematics import forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
 
 PANDA = robot("panda_mobile")
 

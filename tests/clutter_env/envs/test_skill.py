@@ -11,6 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import clutter_env
+from assets import PR2
 from clutter_env.envs.skill import BODY_FIELDS, FEASIBILITIES, SIMULATIONS, SKILL_COST, SkillEnv
 from clutter_env.envs.success import is_as_placed
 from clutter_env.errors import ActionError, ConfigError
@@ -57,6 +58,18 @@ def test_the_kinematic_model_agrees_with_physics(kinematic: SkillEnv, physics: S
         assert {**one[4], "num_fallen": 0} == {**other[4], "num_fallen": 0}
     assert other[4]["is_success"]
     assert other[4]["held"] == other[4]["target"]
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_a_robot_with_two_arms_does_skills_with_its_active_one(simulation: str) -> None:
+    env = SkillEnv(simulation=simulation, num_objects=5, robot="pr2")
+    env.reset(seed=0)
+    for action in (free_clearance(env), 5 * DIRECTIONS):
+        *_, info = env.step(action)
+        assert info["failure"] == ""
+    assert info["is_success"]
+    with pytest.raises(ConfigError, match="one arm"):
+        SkillEnv(num_objects=5, robot=PR2.with_all_arms())
 
 
 def test_the_same_seed_and_skills_give_the_same_episode(kinematic: SkillEnv) -> None:

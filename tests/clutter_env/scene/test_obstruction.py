@@ -16,16 +16,21 @@ from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.obstruction import (
     UNREACHABLE,
-    YAWS,
+    PlannerMargins,
     count_blockers,
     robots_with_approaches,
     side_approaches,
 )
 from clutter_env.scene.table_scene import TableScene
+from planners.collision.world import PADDING
+from planners.grasping.families import SIDE
+from planners.grasping.gripper import FINGER_GAP
+from planners.scene.cover import BACK, HELD_GAP
 from scripts.obstruction import SceneSet, agreement, share
 from scripts.side_approaches import reachable_yaws
 
 FETCH_APPROACHES = side_approaches("fetch")
+YAWS = FETCH_APPROACHES.margins.yaws
 
 
 def make(**keywords: Any) -> Any:
@@ -53,6 +58,11 @@ def ring(count: int, radius: float) -> list[tuple[float, float]]:
 
 def blockers(scene: TableScene, layout: Layout = LAYOUTS["paper"]) -> np.ndarray:
     return count_blockers(FETCH_APPROACHES, layout, scene, FETCH.max_opening)
+
+
+@pytest.mark.parametrize("name", robots_with_approaches())
+def test_the_tables_were_made_with_the_planners_present_margins(name: str) -> None:
+    assert side_approaches(name).margins == PlannerMargins(SIDE.directions, PADDING, FINGER_GAP, BACK, HELD_GAP)
 
 
 def test_an_object_alone_has_nothing_in_the_way() -> None:
@@ -126,7 +136,10 @@ def test_boxes_are_in_the_way_as_far_as_they_reach() -> None:
 
 def test_without_a_table_of_directions_the_front_is_open() -> None:
     own = Layout("own", depth=0.6, width=0.9)
-    points, yaws = np.zeros((YAWS, 2)), np.arange(YAWS) * 2 * math.pi / YAWS
+    points, yaws = (
+        np.zeros((YAWS, 2)),
+        np.arange(YAWS) * 2 * math.pi / YAWS,
+    )
     reached = FETCH_APPROACHES.is_reachable(own, points, yaws)
     assert reached[0]
     assert not reached[YAWS // 2]

@@ -124,7 +124,7 @@ def removed_and_added(content: Any, path: Path, holder: Any) -> Iterator[Any]:
         ("scene", "is_lying"),
         ("scene", "levels"),
         ("memory", "ik_failures"),
-    ):  # older states do not have them
+    ):  # not in older ones
         without = copy.deepcopy(content)
         del at(without, path[:-1])[path[-1]]
         yield without

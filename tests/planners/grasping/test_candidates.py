@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.cause import Cause
 from planners.clearing.commitments import NoCommitment, smallest_commitments
 from planners.clearing.lower_bound import minimum_clearances

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
