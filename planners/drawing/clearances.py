@@ -1,16 +1,20 @@
-"""Regions and candidates behind each clearance location of a plan, computed again from the plan: for drawing."""
+"""Pictures of a plan from above: one for each clearance, and the supports before the target is taken.
+
+Regions and candidates behind each clearance location are computed again from the plan.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
-from planners.drawing.region import ClearancePicture, DrawnSurface
+from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance, draw_legend
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import (
@@ -26,10 +30,14 @@ from planners.placing.swept_volume import path_volume
 from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
 from planners.tamp.solution import BoundAction, Solution
 
-__all__ = ["Choice", "choices_of", "last_picture"]
-
 Array = NDArray[np.float64]
 
+_COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
+"""Pictures side by side, and how many of them where one is so many times as wide as it is high."""
+_PAGE, _TITLE, _LEGEND = 13.8, 0.45, 0.7
+"""[inch] Width of all pictures, heights of a title and of the legend."""
+_MOST = 11
+"""Clearances drawn at most; of a longer plan the first ones are drawn."""
 _WORK_CELL = 0.025
 """[m] size of the cells that are tested for reachability."""
 _WORK_YAWS = 8
@@ -43,40 +51,44 @@ _SAME_BASE = 1e-3
 """[m], [rad] below which two base poses are the same."""
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """One clearance.
+def draw_plan(solution: Solution, path: Path) -> None:
+    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
 
-    Attributes:
-        name: the object put aside.
-        obstructed: name of the object that it obstructs, "" if it is put aside for no particular object.
-        picture: the table at that moment.
-        is_far: whether the base drives between taking the object and putting it down.
+    Raises:
+        ValueError: the plan has no actions.
     """
+    choices = choices_of(solution)
+    pictures = [(_title(number, choice), choice) for number, choice in enumerate(choices[:_MOST], start=1)]
+    pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
+    x_low, x_high, y_low, y_high = pictures[0][1].extent
+    aspect = (y_high - y_low) / (x_high - x_low)
+    most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE
+    columns, width = min(most, len(pictures)), _PAGE / most
+    rows = -(-len(pictures) // columns)
+    figure = Figure(figsize=(width * columns, (width / aspect + _TITLE) * rows + _LEGEND), layout="constrained")
+    all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for axes, (title, picture) in zip(all_axes, pictures, strict=False):
+        draw_clearance(axes, picture, title)
+    for axes in all_axes[len(pictures) :]:
+        axes.set_axis_off()
+    draw_legend(figure, 2 * columns)
+    figure.savefig(path, dpi=130)
 
-    name: str
-    obstructed: str
-    picture: ClearancePicture
-    is_far: bool
+
+def _title(number: int, choice: ClearancePicture) -> str:
+    because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
+    return f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}"
 
 
-@dataclass(frozen=True, eq=False)
-class _Hold:
-    """The moment at which the fingers close or open: the robot, and the object between them."""
-
-    state: RobotState
-    touched: HeldObject
-
-
-def choices_of(solution: Solution) -> list[Choice]:
+def choices_of(solution: Solution) -> list[ClearancePicture]:
     """The choices of clearance locations in a plan, in order."""
-    choices: list[Choice] = []
+    pictures: list[ClearancePicture] = []
     for index, action in enumerate(solution.actions):
         if action.is_clearance:
             picked = next((step for step in reversed(solution.actions[:index]) if step.name == "PickUp"), None)
-            later = [step for step in solution.actions[index:] if step.name == "PickUp"]
-            choices.append(_choice(solution, action, picked, later, [choice.name for choice in choices]))
-    return choices
+            later = [step.target for step in solution.actions[index:] if step.name == "PickUp"]
+            pictures.append(_choice(solution, action, picked, later, [picture.moved for picture in pictures]))
+    return pictures
 
 
 def last_picture(solution: Solution) -> ClearancePicture:
@@ -117,23 +129,23 @@ def _choice(
     solution: Solution,
     put: BoundAction,
     picked: BoundAction | None,
-    later: Sequence[BoundAction],
+    later: Sequence[str],
     cleared: Sequence[str],
-) -> Choice:
+) -> ClearancePicture:
     """The regions and candidates behind the location of a put-down; the regions are those that the planner kept clear.
 
     Args:
         solution: the plan.
         put: the put-down.
         picked: the action that takes the object, None if it is in the gripper from the start.
-        later: the actions after the put-down that take objects, the target's last.
+        later: names of the objects that are taken afterwards, the target last.
         cleared: names of the objects put aside before.
     """
     scene = put.scene if picked is None else picked.scene
-    body, left = scene.body(put.target), _hold(put, "open")
-    start = put.scene.state.base if picked is None else _hold(picked, "close").state.base
+    body, (put_state, held) = scene.body(put.target), _grip(put, "open")
+    start = put.scene.state.base if picked is None else _grip(picked, "close")[0].base
     world, radius = CollisionWorld.from_scene(scene), body.radius
-    in_work = [_work_mask(world, surface, start, left.touched, body) for surface in put.surfaces]
+    in_work = [_work_mask(world, surface, start, held, body) for surface in put.surfaces]
     candidates = [placement_grid(surface.support) for surface in put.surfaces]
     allowed = np.concatenate(
         [each.free(grid, radius)[:, :2] for each, grid in zip(put.surfaces, candidates, strict=True)]
@@ -142,23 +154,24 @@ def _choice(
         [_at(surface.grid, mask, allowed) for surface, mask in zip(put.surfaces, in_work, strict=True)], axis=0
     )
     released = put.released
-    picture = ClearancePicture(
+    return ClearancePicture(
         [
             DrawnSurface(surface.grid, surface.region, mask, dilated(surface.grid, surface.blocked, radius))
             for surface, mask in zip(put.surfaces, in_work, strict=True)
         ],
         scene.objects,
         solution.target,
-        [step.target for step in later if step.target != solution.target],
+        [name for name in later if name != solution.target],
         np.concatenate(candidates),
         allowed[clearance_order(allowed, reached, start[:2])],
         chosen=None if released is None else released.position[:2],
         moved=body.name,
+        obstructed=put.obstructed,
+        is_far=not np.allclose(start, put_state.base, atol=_SAME_BASE),
         cleared=cleared,
-        stands=np.array([start[:2], left.state.base[:2]]),
+        stands=np.array([start[:2], put_state.base[:2]]),
         outlines=_outlines_on_support(scene),
     )
-    return Choice(body.name, put.obstructed, picture, not np.allclose(start, left.state.base, atol=_SAME_BASE))
 
 
 def _swept(picked: BoundAction) -> SweptVolume:
@@ -175,13 +188,12 @@ def _swept(picked: BoundAction) -> SweptVolume:
     return join_volumes(volumes)
 
 
-def _hold(action: BoundAction, phase_name: str) -> _Hold:
-    """The robot when a phase of the action's motion begins."""
-    trajectory = action.trajectory
-    phase = next(phase for phase in trajectory.phases if phase.name == phase_name)
+def _grip(action: BoundAction, phase_name: str) -> tuple[RobotState, HeldObject]:
+    """The robot when the fingers begin to close or to open, and the object between them."""
+    phase = next(phase for phase in action.trajectory.phases if phase.name == phase_name)
     assert phase.touched is not None
-    sample = trajectory.sample(phase.start)
-    return _Hold(RobotState(sample.base, sample.q, sample.finger_position), phase.touched)
+    sample = action.trajectory.sample(phase.start)
+    return RobotState(sample.base, sample.q, sample.finger_position), phase.touched
 
 
 def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldObject, body: Body) -> NDArray[np.bool_]:
