@@ -62,7 +62,7 @@ check: $(VENV)/.dev
 # WITH names versions in place of those of constraints.txt.
 COMPAT := outputs/compat
 COMPAT_TESTS := tests/test_readme.py tests/assets tests/irm/maps tests/irm/queries tests/clutter_env/scene tests/clutter_env/simulation \
-  tests/clutter_env/envs tests/planners/test_planner.py tests/planners/execution
+  tests/clutter_env/envs tests/planners/test_planner.py tests/planners/expert
 compat:
 	$(PYTHON) -m venv --clear $(COMPAT)
 	$(COMPAT)/bin/python -m pip install --quiet --editable ".[dev,data]" $(if $(WITH),$(WITH),--constraint constraints.txt)

@@ -14,8 +14,6 @@ from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
 from clutter_env.scene.obstruction import robots_with_approaches
 
-__all__ = ["CONTROL_HZ", "PHYSICS_STEPS", "RENDER_MODES", "TIMESTEP", "EnvConfig"]
-
 CONTROL_HZ = 20
 TIMESTEP = 0.002
 """[s] of one physics step."""
@@ -29,7 +27,6 @@ OBSTRUCTED = (False, True, 2, 3)
 """Values of `obstructed`: the least number of objects in the way of every side grasp of the target."""
 SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd")
-IK_ROUTES = ("direct", "mink")
 SCENE_CAMERAS = ("scene", "top")
 """Views of every scene: all of it, and from above; the robot brings its own cameras."""
 IMAGE_SIZE_RANGE = (16, 2048)
@@ -77,8 +74,6 @@ class EnvConfig:
     """Pixels of a rendered image."""
     image_size: int = 96
     """Pixels along each side of an "rgbd" observation's images."""
-    ik: str = "direct"
-    """How "ee" control solves its inverse kinematics: "direct", or "mink" (the reference, slower; equal to 1e-6)."""
 
     def __post_init__(self) -> None:
         layout, robot = self.find_layout(), self.find_robot()
@@ -88,7 +83,6 @@ class EnvConfig:
         check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
         check_choice("render_mode", self.render_mode, (None, *RENDER_MODES))
-        check_choice("ik", self.ik, IK_ROUTES)
         check_choice("shapes", self.shapes, SHAPE_SETS)
         check_choice("object_set", self.object_set, OBJECT_SETS)
         check_choice("obstructed", self.obstructed, OBSTRUCTED)

@@ -7,43 +7,47 @@ Example:
 A strategy and a task planner of your own are passed as objects: a `Strategy`, anything with the `TaskPlanner` protocol.
 """
 
-from planners.arms import ArmsError
 from planners.cause import Cause
-from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel
-from planners.execution.contact_motion import plan_contact
-from planners.execution.controlled_env import ControlledEnv, controlled_env
-from planners.execution.direct import ExecutionResult, execute
-from planners.execution.executor import Command, Executor, Outcome
-from planners.execution.expert import EpisodeReport, ExpertConfig, ExpertError, TampExpert
-from planners.execution.following import follow
-from planners.execution.holding import held_object
-from planners.execution.monitor import MonitorConfig, Sensor
+from planners.context import ArmsError, PlanningContext
+from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
+from planners.expert.execute import ExecutionResult, execute
+from planners.expert.executor import Command, ExecutionStatus, Executor, follow
+from planners.expert.expert import TampExpert
+from planners.expert.interfaces import ControlledEnv, controlled_env
+from planners.expert.monitor import Sensor, held_object
+from planners.expert.report import EpisodeReport
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import map_parameters
-from planners.grasping.candidates import GraspCandidates, gripper_poses
+from planners.grasping.candidates import gripper_poses
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, find_grasp_set
 from planners.grasping.grasp_poses import generate_grasps, gripper_opening
 from planners.motion.arm import NoPath, tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
-from planners.placing.locations import stand_at
-from planners.placing.placements import PlacementSearch
-from planners.placing.release import rotated
-from planners.planner import Planner, clearance_floor, map_placer, solve, warmup
+from planners.placing.locations import rotated, stand_at
+from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
-from planners.scene.resting import release_pitch
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
-from planners.skills.motion import SkillPlanner
+from planners.skills.motion import SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import AStar
-from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.problem import (
+    GroundAction,
+    NoPlan,
+    SymbolicState,
+    TaskPlan,
+    TaskPlanner,
+    TaskProblem,
+    format_plan,
+)
 from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
@@ -66,17 +70,16 @@ __all__ = [
     "ClearanceFloor",
     "CollisionWorld",
     "Command",
-    "CompiledScenes",
     "ConfigurationGrid",
     "Contact",
     "ControlledEnv",
     "EpisodeReport",
     "ExecutionResult",
+    "ExecutionStatus",
     "Executor",
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
-    "GraspCandidates",
     "GripperPoses",
     "GroundAction",
     "HeldObject",
@@ -85,10 +88,9 @@ __all__ = [
     "MotionLayer",
     "NoPath",
     "NoPlan",
-    "Outcome",
-    "PlacementSearch",
     "PlanFileError",
     "Planner",
+    "PlanningContext",
     "RobotArrays",
     "Scene",
     "SceneError",
@@ -119,6 +121,7 @@ __all__ = [
     "find_grasp_set",
     "find_strategy",
     "follow",
+    "format_plan",
     "generate_grasps",
     "gripper_opening",
     "gripper_poses",
@@ -127,7 +130,6 @@ __all__ = [
     "is_covered",
     "label_of",
     "map_parameters",
-    "map_placer",
     "plan_contact",
     "release_pitch",
     "robot_arrays",

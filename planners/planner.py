@@ -2,49 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
 
 import numpy as np
 
 from assets.robots import FETCH, RobotSpec
-from irm.arm.kinematics import ArmChain
-from irm.visibility.map import VisibilityMap, cached_visibility
-from planners.arms import check_arms, one_or_all
 from planners.cause import Cause
-from planners.clearing.minimum_clearances import ClearanceFloor, FloorLimits
-from planners.clearing.minimum_clearances import clearance_floor as floor_of_options
+from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
+from planners.clearing.lower_bound import clearance_floor as lower_bound_of_masks
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.validation import validate
-from planners.grasping.arms import ArmCandidates
-from planners.grasping.base_placement import MapPlacer, inverse_map
-from planners.grasping.candidates import GraspCandidates, SamplingConfig
-from planners.grasping.canonical import CanonicalGrasps
+from planners.collision.world import CompiledScenes, validate
+from planners.context import PlanningContext, check_arms
 from planners.grasping.families import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
-from planners.placing.arms import ArmPlacements
-from planners.placing.canonical import CanonicalPlacements
-from planners.placing.placements import PlacementSearch
-from planners.placing.surfaces import Supports, find_supports
+from planners.placing.surfaces import Supports
 from planners.scene import Scene
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
 from planners.tamp.algorithm1 import task_and_motion_plan
-from planners.tamp.attempts import best_outcome, is_final
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
 from planners.warming import warm_once
-
-__all__ = ["Planner", "clearance_floor", "map_placer", "solve", "warmup"]
-
-_BASES, _BASES_NEAR_HOME = 3, 8
-"""Base poses tried for each gripper pose; more where only one configuration counts at each."""
-_GRASPS, _PLACEMENTS = (GraspCandidates, CanonicalGrasps), (PlacementSearch, CanonicalPlacements)
-"""Where contacts come from: in ordinary plans, in canonical ones."""
 
 
 def solve(
@@ -96,7 +77,7 @@ def clearance_floor(
     """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
 
     Exact for the grasps of that set, and for the base poses and arm configurations that all strategies choose from, and
-    for every path to them: only what the final grasp configuration hits is counted. Under a board the base drives
+    for every path to them: only what the final grasp configuration hits is counted. Under a shelf the base drives
     straight in and out, and what is in the way of that counts too.
 
     Args:
@@ -122,27 +103,20 @@ def warmup(robot: RobotSpec = FETCH) -> None:
     Planner(robot).warmup()
 
 
-def map_placer(scene: Scene, per_gripper_pose: int = _BASES) -> MapPlacer:
-    """Base poses for gripper poses in this scene, from the robot's cached reachability map."""
-    return MapPlacer.of_scene(inverse_map(scene.robot), scene, per_gripper_pose)
-
-
 @dataclass(frozen=True)
 class Planner:
-    """A robot's maps and a task planner, kept between solves.
+    """A robot, a task planner, and choices that hold for every solve.
 
     Attributes:
         robot: which one.
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
             protocol; None for the default.
-        follower: model of how the joints follow, for a robot that is told TCP poses; None for one told joint targets.
+        follower: model of how the joints follow, for an end-effector-controlled robot; None for joint control.
         grasps: name of the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the
             paper's), "tilted", "top" or "all" (default).
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.canonical` and `planners.placing.canonical`.
-        prefer_visible: among base poses of about the same manipulability, take those first from which the head camera
-            sees more of what is grasped, past the robot itself. The minimum number of clearances does not use it.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
         saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving; None: if
             the robot acts with several arms.
@@ -160,7 +134,6 @@ class Planner:
     grasps: str = "all"
     supports: Supports = None
     canonical: bool = False
-    prefer_visible: bool = False
     hold_aside: bool = False
     saves_time: bool | None = None
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
@@ -178,24 +151,48 @@ class Planner:
         rng: np.random.Generator | None = None,
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
-        """As the function `solve`."""
+        """Plan to take `target`; see the function `solve`."""
         scene.index(target)
         chosen = find_strategy(strategy)
-        deadline = warm_once(self, self._exercise, Deadline.after(time_limit))
+        deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
             return Infeasible(Cause.TIME_LIMIT, detail, target=target, strategy=chosen)
         return self._solve(scene, target, chosen, rng or np.random.default_rng(0), deadline)
 
     def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
-        """As the function `clearance_floor`."""
+        """The minimum number of clearances; see the function `clearance_floor`."""
         scene.index(target)
         self.warmup()
-        return self._clearance_floor(scene, target, limits)
+        grasps = PlanningContext.of(scene, grasps=self.grasps).grasps()
+
+        def blockers(name: str) -> list[int]:
+            """Masks of the objects in the way of each grasp of an object."""
+            return [grasp.blockers for grasp in grasps.for_object(scene, name)]
+
+        return lower_bound_of_masks(scene, target, blockers, limits)
 
     def warmup(self) -> None:
-        """As the function `warmup`, for this robot and task planner."""
-        warm_once(self, self._exercise)
+        """Load or compile everything that a solve uses; see the function `warmup`."""
+        warm_once(self.robot, self.follower, self._exercise)
+
+    def context(self, scene: Scene) -> PlanningContext:
+        """The context that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
+        return PlanningContext.of(
+            scene,
+            grasps=self.grasps,
+            supports=self.support_choice,
+            canonical=self.canonical,
+            follower=self.follower,
+            saves_time=self.saves_time,
+        )
+
+    @property
+    def support_choice(self) -> Supports:
+        """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
+        if self.supports is not None:
+            return self.supports
+        return None if self.grasps == "side" else "all"
 
     def _exercise(self, scene: Scene, target: str) -> None:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
@@ -206,93 +203,55 @@ class Planner:
     def _solve(
         self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
     ) -> Solution | Infeasible:
-        started = cpu_seconds()
-        compiled = CompiledScenes()
+        """Run Algorithm 1 several times, with other random choices, until another attempt could do no better."""
+        started, compiled = cpu_seconds(), CompiledScenes()
         validate(compiled.world(scene))
+        context = self.context(scene)
+        # An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
+        first = [context.only_near_home()] if self.follower is not None else []
         outcomes: list[Solution | Infeasible] = []
         is_proved = False
-        for motion_layer in self._motion_layers(scene, compiled, rng, deadline, strategy.attempts):
-            search = Search(target, strategy, self._task_planner, motion_layer, hold_aside=self.hold_aside)
+        for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
+            draws = np.random.default_rng(attempt) if self.canonical else rng
+            layer = MotionLayer(chosen, draws, compiled, deadline)
+            search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
             outcomes.append(task_and_motion_plan(search, scene))
-            is_proved = is_final(outcomes[-1], motion_layer)
+            is_proved = is_final(outcomes[-1], chosen.near_home)
             if deadline.is_over or is_proved:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
 
-    def _clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None) -> ClearanceFloor:
-        families = find_grasp_set(self.grasps)
-        by_arm = {
-            scene.robot.arm_name: GraspCandidates(
-                map_placer(scene), ArmChain.from_robot(scene.robot), families=families
-            )
-            for scene in map(scene.using, self.robot.acting_arms)
-        }
-        candidates = one_or_all(by_arm, ArmCandidates.of)
-        return floor_of_options(scene, target, _Blockers(candidates, scene), limits)
 
-    def _motion_layers(
-        self, scene: Scene, compiled: CompiledScenes, rng: np.random.Generator, deadline: Deadline, attempts: int
-    ) -> Iterator[MotionLayer]:
-        """A motion layer for each attempt.
+def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
+    """Whether another attempt could do no better.
 
-        For a robot that is told TCP poses there is one more, before the others, with configurations near home only.
-        """
-        supports = self.supports_in(scene)
-        any_placers = {arm: self._placer(scene.using(arm)) for arm in self.robot.acting_arms}
-        for attempt in range(attempts + (self.follower is not None)):
-            near_home = self.follower is not None and attempt == 0
-            config, families = SamplingConfig(near_home=near_home), find_grasp_set(self.grasps)
-            grasps, placements = {}, {}
-            for arm, any_placer in any_placers.items():
-                placer = replace(any_placer, per_gripper_pose=_BASES_NEAR_HOME if near_home else _BASES)
-                chain = self.chain if arm == self.robot.arm_name else ArmChain.from_robot(self.robot.using(arm))
-                grasps[arm] = _GRASPS[self.canonical](placer, chain, config, compiled, families)
-                placements[arm] = _PLACEMENTS[self.canonical](placer, chain, near_home=near_home, supports=supports)
-            yield MotionLayer(
-                one_or_all(grasps, ArmCandidates.of),
-                one_or_all(placements, ArmPlacements.of),
-                np.random.default_rng(attempt) if self.canonical else rng,
-                follower=self.follower,
-                deadline=deadline,
-                joins_motions=not self.canonical,
-                saves_time=self.robot.acts_with_all_arms if self.saves_time is None else self.saves_time,
-            )
-
-    def _placer(self, scene: Scene) -> MapPlacer:
-        """Base poses for the active arm of a scene."""
-        placer = MapPlacer.of_scene(inverse_map(scene.robot), scene)
-        return replace(placer, prefer=_visibility_map(scene.robot)) if self.prefer_visible else placer
-
-    def supports_in(self, scene: Scene) -> tuple[str, ...]:
-        """The names of the supports where objects may be put in a scene; raises `UnknownSupport`."""
-        return find_supports(scene, self.support_choice)
-
-    @property
-    def support_choice(self) -> Supports:
-        """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
-        if self.supports is not None:
-            return self.supports
-        return None if self.grasps == "side" else "all"
-
-    @cached_property
-    def chain(self) -> ArmChain:
-        """The robot's torso and arm."""
-        return ArmChain.from_robot(self.robot)
+    A plan that clears an object twice can be improved on. A refusal cannot if it follows from all grasps, as it does
+    with two of the causes; configurations near home only are not all. At a limit there is no time for another attempt.
+    """
+    if isinstance(outcome, Solution):
+        return not outcome.duplicated
+    return (outcome.cause.lies_in_grasps and not near_home) or outcome.cause is Cause.TIME_LIMIT
 
 
-@dataclass(frozen=True)
-class _Blockers:
-    """The blocker masks of the grasp candidates in one scene."""
+def best_outcome(
+    outcomes: Sequence[Solution | Infeasible], is_proved: bool, deadline: Deadline
+) -> Solution | Infeasible:
+    """The plan with the fewest objects cleared twice, of these one with the fewest clearances; or why there is none.
 
-    candidates: GraspCandidates
-    scene: Scene
-
-    def blockers(self, name: str) -> Sequence[int]:
-        """As `BlockerMasks.blockers`."""
-        return [option.blockers for option in self.candidates.for_object(self.scene, name)]
-
-
-@cache
-def _visibility_map(robot: RobotSpec) -> VisibilityMap:
-    return cached_visibility(inverse_map(robot).reachability_map, robot)
+    Args:
+        outcomes: of the attempts, at least one, in order.
+        is_proved: whether the last one is final.
+        deadline: once it is over, a refusal that is not proved has the cause "time limit".
+    """
+    plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
+    if plans:
+        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances)))
+    refusals = [outcome for outcome in outcomes if isinstance(outcome, Infeasible)]
+    last = refusals[-1]
+    is_cut_short = last.cause is Cause.TIME_LIMIT or (deadline.is_over and not is_proved)
+    if not is_cut_short:
+        return last
+    reasons = dict.fromkeys(f"{one.cause}: {one.detail}" for one in refusals if one.cause is not Cause.TIME_LIMIT)
+    end = last.detail if last.cause is Cause.TIME_LIMIT else f"the time was up in attempt {len(outcomes)}"
+    return replace(last, cause=Cause.TIME_LIMIT, detail="; before that, ".join([end, *reasons]))

@@ -24,10 +24,8 @@ if TYPE_CHECKING:
 COMMANDS = {
     "episode": "run the expert in physics: one episode in full, or statistics of many",
     "collect": "collect demonstrations of an expert that replay bit for bit",
-    "decisions": "collect decisions of canonical plans, without physics",
     "export": "write demonstrations for LeRobot, Minari, robomimic, or as one HDF5 file",
     "train": "train a policy, from rewards or from demonstrations",
-    "curve": "success of learned motions against the number of demonstrations",
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "play": "play one episode of a policy, in a window or as a film",
@@ -55,9 +53,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if command in ("-h", "--help"):
         print(_overview())
     elif command == "--version":
-        from importlib import metadata
+        from clutter_env.version import version
 
-        print(f"clutter-env {metadata.version('clutter-env')}")
+        print(f"clutter-env {version()}")
     elif command == "--completion":
         _print_completion(*rest)
     elif command in COMMANDS:
@@ -100,11 +98,11 @@ def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[
     """The command that was given, to be shown beside its results: the arguments that are not the default.
 
     Args:
-        name: of the command.
+        name: "clutter-env" and the name of the command.
         arguments: its arguments.
         leave_out: names of arguments that the results do not depend on.
     """
-    argv = ["clutter-env", name]
+    argv = name.split()
     for entry in fields(arguments):
         value: Any = getattr(arguments, entry.name)
         flag = entry.name.replace("_", "-")

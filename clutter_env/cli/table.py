@@ -1,7 +1,7 @@
 """Table 1 of Lee & Kim 2019 and more: strategies on scenes whose target is obstructed, planned or in physics.
 
     clutter-env table --objects 15 40 --strategies lookahead ngr --scenes 100
-    clutter-env table --layouts shelf two_boards cabinet --objects 10 16 25 --strategies lookahead --no-obstructed
+    clutter-env table --layout shelf --objects 10 --strategies lookahead --grasps all --no-obstructed
 
 The scenes are resets of the environment from --seed on. Every trial is written to a file as soon as it ends: run the
 same command again after an interruption. JSON, a Markdown table and plots are written to the output directory.
@@ -10,6 +10,7 @@ same command again after an interruption. JSON, a Markdown table and plots are w
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,7 +18,9 @@ from typing import TYPE_CHECKING, Literal
 from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
-    from clutter_env.experiments.clearance_table.table import TableSettings
+    from clutter_env.evaluation.clearance_table import Variant
+
+WHEN_INTERRUPTED = "run the same command again to go on"
 
 STRATEGIES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
@@ -31,8 +34,6 @@ class Arguments:
     """Numbers of objects on the table, the target among them."""
     strategies: tuple[str, ...] = STRATEGIES
     """Strategies; the others are compared with the first one."""
-    ablations: bool = False
-    """Add rows of "lookahead" without one of its parts: look-ahead, tilted and top grasps, counters, second moves."""
     scenes: int = 100
     """Scenes for each number of objects."""
     obstructed: bool = True
@@ -41,13 +42,8 @@ class Arguments:
     """First seed of the scenes."""
     robot: str = "fetch"
     """Name of the robot."""
-    arms: Literal["one", "both"] = "one"
-    """Arms that act; "both" adds rows of "lookahead" with two arms, without and with an obstacle held aside, and one
-    with one arm and the same choice of grasps: for a robot with two."""
     layout: str = "paper"
     """Layout of the table."""
-    layouts: tuple[str, ...] = ()
-    """Compare layouts instead: one table of the first strategy over these layouts and all numbers of objects."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
     supports: tuple[str, ...] = ()
@@ -75,69 +71,47 @@ class Arguments:
     """Write the page to this file too, and its picture to images/ beside it."""
 
 
-def run(arguments: Arguments) -> None:
-    """Find the scenes, try the strategies, report."""
-    from clutter_env.experiments.clearance_table.pages import markdown, write_page
-    from clutter_env.experiments.clearance_table.records import Records
-    from clutter_env.experiments.clearance_table.table import TableSettings, run_trials, summarise_table
-    from clutter_env.experiments.clearance_table.variants import ABLATIONS, ARMS
-    from clutter_env.reporting.files import write_json
+def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "clutter-env table") -> None:
+    """Find the scenes, try the strategies, report.
 
-    settings = TableSettings(
-        objects=arguments.objects,
-        strategies=(
-            *arguments.strategies,
-            *(ABLATIONS if arguments.ablations else ()),
-            *(ARMS if arguments.arms == "both" else ()),
-        ),
-        scenes=arguments.scenes,
+    Args:
+        arguments: of the command line.
+        more: rows besides the strategies.
+        name: what the command is called in the page.
+    """
+    from clutter_env.evaluation.clearance_page import markdown, summarise, write_page
+    from clutter_env.evaluation.clearance_table import Table, Trial, Variant
+    from clutter_env.reporting.files import write_json
+    from planners import find_strategy
+
+    common = Trial(
+        objects=0,  # each trial has its own number
         seed=arguments.seed,
-        robot=arguments.robot,
-        layout=(*arguments.layouts, arguments.layout)[0],
-        physics=arguments.physics,
+        strategy="",  # and its own strategy
+        layout=arguments.layout,
         control_mode=arguments.control_mode,
+        physics=arguments.physics,
         time_limit=arguments.time_limit,
-        cap=arguments.cap,
         grasps=arguments.grasps,
-        only_obstructed=arguments.obstructed,
         supports=arguments.supports,
+        robot=arguments.robot,
     )
-    if arguments.layouts:
-        compare_layouts(arguments, settings)
-        return
-    records = Records(arguments.out / "trials.jsonl", settings.of_trials)
+    variants = {name: Variant(find_strategy(name)) for name in arguments.strategies} | dict(more or {})
+    file = arguments.out / "trials.jsonl"
+    table = Table(common, arguments.objects, variants, arguments.scenes, arguments.obstructed, file)
     if not arguments.report_only:
         print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
-        run_trials(settings, records, arguments.workers, arguments.retry_crashes)
-    summary = summarise_table(settings, records)
-    if not summary.rows:
+        table.run(arguments.workers, arguments.retry_crashes)
+    summary = summarise(table, arguments.cap)
+    if not summary["rows"]:
         print(f"no trials of these strategies and numbers of objects in {arguments.out}")
         return
-    print(f"\n{markdown(settings, summary)}")
+    print(f"\n{markdown(summary, arguments.physics, arguments.cap)}")
     for path in filter(None, (arguments.out / "table.json", arguments.json)):
-        write_json(path, {"settings": settings.of_trials, **vars(summary)})
-    leave_out = ("workers", "retry_crashes", "report_only", "out", "json")
-    command = command_line("table", arguments, leave_out)
+        write_json(path, {"settings": table.settings, **summary})
+    command = command_line(name, arguments, ("workers", "retry_crashes", "report_only", "out", "json"))
     for page in filter(None, (arguments.out / "table.md", arguments.markdown)):
-        write_page(settings, command, summary, page)
+        write_page(table, command, summary, page, arguments.cap)
     print(f"tables, figures and plots: {arguments.out}")
-    if crashed := sum(row.crashed for row in summary.rows) + sum(scene.crashed for scene in summary.scenes):
-        print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")
-
-
-def compare_layouts(arguments: Arguments, settings: TableSettings) -> None:
-    """Run the first strategy over several layouts, and print one table."""
-    from clutter_env.experiments.clearance_table.layouts import run_layouts, summary
-    from clutter_env.reporting.files import write_json
-
-    rows = run_layouts(
-        settings,
-        arguments.layouts,
-        arguments.out,
-        arguments.workers,
-        arguments.retry_crashes,
-        arguments.report_only,
-    )
-    print(f"\n{summary(rows)}")
-    for path in filter(None, (arguments.out / "layouts.json", arguments.json)):
-        write_json(path, {"settings": settings.of_trials, "rows": rows})
+    if crashed := sum(entry["crashed"] for entry in (*summary["rows"], *summary["scenes"])):
+        print(f"{crashed} trials CRASHED; their tracebacks are in {file}")

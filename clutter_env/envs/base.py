@@ -27,7 +27,7 @@ from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.ee_control import TcpFollower
+from clutter_env.simulation.end_effector import TcpFollower
 from clutter_env.simulation.physics_state import capture_physics
 from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
@@ -57,7 +57,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             self.layout,
             slot_shapes(config.shapes, config.num_objects),
             config.control_mode,
-            ik=config.ik,
             image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
@@ -189,7 +188,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def action_size(self) -> int:
         """Numbers in an action."""
-        return self._simulator.action_mode.size
+        return self._simulator.action_size
 
     def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
@@ -221,7 +220,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
-        return TcpFollower(self.robot, self.config.ik)
+        return TcpFollower(self.robot)
 
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""
@@ -318,6 +317,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "num_fallen": monitor.num_fallen,
             "num_disturbed": monitor.num_disturbed,
             "num_cleared": monitor.num_cleared,
+            "ik_failures": self._simulator.ik_failures,
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:

@@ -18,8 +18,6 @@ from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.model import ModelIndex
 
-__all__ = ["apply_scene"]
-
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
 """Hues of the objects that are not the target: neither red nor the colours of wood."""

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import LARGEST, Fields, check_quaternions
+from clutter_env.simulation.saved_state import LARGEST, Fields, check_quaternions
 from clutter_env.simulation.world import World
-
-__all__ = ["PhysicsState", "capture_physics", "read_physics", "restore_physics"]
 
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION
 _PARTS = tuple(

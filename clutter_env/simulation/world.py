@@ -18,8 +18,6 @@ from clutter_env.simulation.apply_scene import apply_scene
 from clutter_env.simulation.control import JointController
 from clutter_env.simulation.model import ModelIndex, compile_model
 
-__all__ = ["Measurements", "World"]
-
 TOPPLED_ANGLE = math.radians(45.0)
 """[rad] An object has toppled if its axis leans farther from the vertical, a lying cylinder's from the horizontal."""
 _UPRIGHT = 0.0, (1 - math.cos(TOPPLED_ANGLE)) / 2

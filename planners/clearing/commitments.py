@@ -1,4 +1,4 @@
-"""Which grasp each object's references stand for: the choice that decides what is in whose way.
+"""Grasps that the references of objects stand for: the choice that decides what is in whose way.
 
 To commit to a target is to choose a grasp for it, for every object in the way of that grasp, for every object in the
 way of those, and so on, such that no object waits for itself. The task planner gets the choices as facts.
@@ -9,58 +9,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.cause import Cause
-from planners.clearing.minimum_clearances import FloorLimits, FloorResult, self_clearable_sets
+from planners.clearing.lower_bound import FloorResult, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
-from planners.grasping.candidates import GraspCandidate
-from planners.scene import Scene
-
-__all__ = [
-    "CandidateSource",
-    "Commitments",
-    "ExcludingObjects",
-    "NoCommitment",
-    "greedy_commitments",
-    "smallest_commitments",
-    "varied_commitments",
-]
-
+from planners.context import PlanningContext
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.motion.arm import tcp_pose
+from planners.placing.placements import PlacementSearch
+from planners.scene import HeldObject, RobotState, Scene
+from planners.scene.cover import drive_out
+from planners.strategies import Strategy
 
 Volume: TypeAlias = Callable[[GraspCandidate], int]
-"""What a grasp sweeps, as bits: one for each of a number of cells."""
-
-
-class CandidateSource(Protocol):
-    """Where grasps come from."""
-
-    def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
-        """Grasps of that object where it stands, with what blocks each now; best first."""
-        ...
-
-    def from_base(self, scene: Scene, name: str, base: NDArray[np.float64]) -> tuple[GraspCandidate, ...]:
-        """Grasps of that object from one base pose (3,); best first."""
-        ...
-
-
-@dataclass(frozen=True)
-class ExcludingObjects:
-    """The same grasps without those of some objects, which then stay where they are."""
-
-    source: CandidateSource
-    names: frozenset[str]
-
-    def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
-        """As `CandidateSource.for_object`."""
-        return () if name in self.names else self.source.for_object(scene, name)
-
-    def from_base(self, scene: Scene, name: str, base: NDArray[np.float64]) -> tuple[GraspCandidate, ...]:
-        """As `CandidateSource.from_base`."""
-        return () if name in self.names else self.source.from_base(scene, name, base)
+"""Space that a grasp sweeps, as bits: one for each of a number of cells."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +44,7 @@ class Commitments:
     grasps: Mapping[str, GraspCandidate]
 
     def blockers(self, scene: Scene) -> dict[str, tuple[str, ...]]:
-        """What is in the way of each chosen grasp, by name."""
+        """Names of what is in the way of each chosen grasp."""
         return {name: scene.names_of(grasp.blockers) for name, grasp in self.grasps.items()}
 
     def with_grasp(self, grasp: GraspCandidate) -> Commitments:
@@ -86,7 +52,7 @@ class Commitments:
         return replace(self, grasps=MappingProxyType({**self.grasps, grasp.object: grasp}))
 
     def without(self, name: str) -> Commitments:
-        """What remains once that object has been cleared."""
+        """The commitments that remain once that object has been cleared."""
         kept = {other: grasp for other, grasp in self.grasps.items() if other != name}
         return Commitments(self.target, tuple(o for o in self.order if o != name), MappingProxyType(kept))
 
@@ -100,20 +66,76 @@ class NoCommitment:
     proved: bool = True
 
 
-def greedy_commitments(
-    source: CandidateSource, scene: Scene, target: str, deadline: Deadline = NO_DEADLINE
-) -> Commitments | NoCommitment:
+@dataclass(frozen=True)
+class ClearingProblem:
+    """Inputs of the choice of commitments.
+
+    Attributes:
+        context: what does not depend on where the objects stand.
+        candidates: the grasps known so far in this state.
+        placements: finds where to put objects.
+        scene: where everything is.
+        target: the object wanted.
+        strategy: how to commit, and what locations must keep clear of.
+        rng: for variations and finer grids of locations.
+        is_usable: whether a grasp in a scene can be used at all: whether the gripper can leave again. It is asked
+            about few, before placements are looked for.
+        order_by_task_plan: puts the objects to clear in the order in which a task plan clears them.
+        deadline: when to give up.
+        left_alone: objects that stay where they are: no grasp of them is offered.
+        holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
+    """
+
+    context: PlanningContext
+    candidates: GraspCandidates
+    placements: PlacementSearch
+    scene: Scene
+    target: str
+    strategy: Strategy
+    rng: np.random.Generator
+    is_usable: Callable[[Scene, GraspCandidate], bool] = lambda _scene, _grasp: True
+    order_by_task_plan: Callable[[Commitments], Commitments] = lambda commitments: commitments
+    deadline: Deadline = NO_DEADLINE
+    left_alone: frozenset[str] = frozenset()
+    holds_aside: bool = False
+
+    def grasps(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object where it stands, with what blocks each now; best first."""
+        return () if name in self.left_alone else self.candidates.for_object(scene, name)
+
+    def grasps_from(self, scene: Scene, name: str, base: NDArray[np.float64]) -> list[GraspCandidate]:
+        """Grasps of that object from one base pose (3,), best first, whatever is in their way; none under a shelf."""
+        found = () if name in self.left_alone else self.candidates.from_base(scene, name, base)
+        return [grasp for grasp in found if not grasp.drives]
+
+    def free_grasps(self, name: str, removed: int) -> list[GraspCandidate]:
+        """The grasps of an object that are free once those of the mask `removed` are gone."""
+        return [grasp for grasp in self.grasps(self.scene, name) if grasp.blockers & ~removed == 0]
+
+
+def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
+    """The scene after a grasp: its arm holds the object, at home, the robot where it took it or drove out to."""
+    scene = scene.using(grasp.arm)
+    T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
+    held = HeldObject.grasped(scene.body(grasp.object), T_world_tcp)
+    base = drive_out(scene.support, grasp.base, T_world_tcp)[-1] if grasp.drives else grasp.base
+    state = RobotState(base, np.array(scene.robot.home), scene.state.finger_position)
+    return scene.with_state(state).with_held(held)
+
+
+def greedy_commitments(problem: ClearingProblem) -> Commitments | NoCommitment:
     """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
 
     Grasps that would make an object wait for itself are passed over.
     """
+    scene, target, deadline = problem.scene, problem.target, problem.deadline
     grasps: dict[str, GraspCandidate] = {}
     order: list[str] = []
 
     def commit(name: str, waiting: int) -> bool:
         """Commit to a grasp of that object and of all in its way, none of which may block those of `waiting`."""
         waiting |= 1 << scene.index(name)
-        for option in sorted(source.for_object(scene, name), key=lambda option: option.blockers.bit_count()):
+        for option in sorted(problem.grasps(scene, name), key=lambda option: option.blockers.bit_count()):
             if deadline.is_over:
                 return False
             if option.blockers & waiting:
@@ -133,51 +155,53 @@ def greedy_commitments(
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
     if deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
-    reachable = bool(source.for_object(scene, target))
+    reachable = bool(problem.grasps(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 
 
-def smallest_commitments(
-    source: CandidateSource,
-    scene: Scene,
-    target: str,
-    *,
-    slack: int = 1,
-    limits: FloorLimits | None = None,
-    deadline: Deadline = NO_DEADLINE,
-) -> Iterator[Commitments | NoCommitment]:
-    """Commitments to the smallest self-clearable sets, fewest clearances first, up to `slack` more than the fewest.
+def smallest_commitments(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:
+    """Commitments to the smallest self-clearable sets, fewest clearances first, up to the strategy's slack.
 
     A single `NoCommitment` where there is no self-clearable set.
     """
-    names = scene.names
+    scene, names = problem.scene, problem.scene.names
 
     def masks(index: int) -> list[int]:
-        """What is in the way of each grasp of that object."""
-        return [option.blockers for option in source.for_object(scene, names[index])]
+        """Masks of the objects in the way of each grasp of that object."""
+        return [option.blockers for option in problem.grasps(scene, names[index])]
 
-    for result in self_clearable_sets(masks, scene.index(target), slack=slack, limits=limits, deadline=deadline):
+    slack, deadline = problem.strategy.slack, problem.deadline
+    for result in self_clearable_sets(masks, scene.index(problem.target), slack=slack, deadline=deadline):
         if result.count is None:
-            yield NoCommitment(Cause(result.cause), (target,), result.proved)
+            yield NoCommitment(Cause(result.cause), (problem.target,), result.proved)
             return
-        yield _committed(source, scene, target, result)
+        yield _best_grasps(problem, result)
 
 
-def varied_commitments(
-    source: CandidateSource, scene: Scene, commitments: Commitments, rng: np.random.Generator, volume: Volume
-) -> Commitments:
+def _best_grasps(problem: ClearingProblem, result: FloorResult) -> Commitments:
+    """Each object of the set takes its best grasp among those free by its turn."""
+    grasps: dict[str, GraspCandidate] = {}
+    removed = 0
+    for step in result.order:
+        name = problem.scene.names[step.object]
+        grasps[name] = max(problem.free_grasps(name, removed), key=lambda option: option.quality)
+        removed |= 1 << step.object
+    order = tuple(problem.scene.names[index] for index in result.objects)
+    return Commitments(problem.target, order, MappingProxyType(grasps))
+
+
+def varied_commitments(problem: ClearingProblem, commitments: Commitments, volume: Volume) -> Commitments:
     """The same objects to clear, in another order drawn at random, through grasps that together sweep little space.
 
     From the target backwards each object takes, of the grasps free by its turn, the one that adds the fewest cells to
-    what the later ones sweep anyway: the smaller the Negative Goal Region, the more room for what is put aside.
+    what the later ones sweep anyway: the smaller the Negative Goal Region, the more space for what is put aside.
     """
-    names = scene.names
-    order = _random_order(source, scene, commitments, rng)
+    names, order = problem.scene.names, _random_order(problem, commitments)
     grasps: dict[str, GraspCandidate] = {}
     swept = 0
     for turn in reversed(range(len(order))):
         removed = sum(1 << index for index in order[:turn])
-        free = _free_options(source, scene, names[order[turn]], removed)
+        free = problem.free_grasps(names[order[turn]], removed)
         added = [(swept | volume(option)).bit_count() for option in free]
         best = min(range(len(free)), key=lambda j: (added[j], -free[j].quality))
         grasps[names[order[turn]]] = free[best]
@@ -185,38 +209,20 @@ def varied_commitments(
     return Commitments(commitments.target, tuple(names[i] for i in order[:-1]), MappingProxyType(grasps))
 
 
-def _random_order(
-    source: CandidateSource, scene: Scene, commitments: Commitments, rng: np.random.Generator
-) -> list[int]:
+def _random_order(problem: ClearingProblem, commitments: Commitments) -> list[int]:
     """An order in which the objects can be removed, the target last."""
-    waiting = {scene.index(name) for name in commitments.grasps}
-    last = scene.index(commitments.target)
+    scene = problem.scene
+    waiting, last = {scene.index(name) for name in commitments.grasps}, scene.index(commitments.target)
     order: list[int] = []
     removed = 0
     while waiting:
         ready = [
             index
             for index in sorted(waiting)
-            if (index != last or len(waiting) == 1) and _free_options(source, scene, scene.names[index], removed)
+            if (index != last or len(waiting) == 1) and problem.free_grasps(scene.names[index], removed)
         ]
-        index = int(rng.choice(ready))
+        index = int(problem.rng.choice(ready))
         order.append(index)
         waiting.remove(index)
         removed |= 1 << index
     return order
-
-
-def _free_options(source: CandidateSource, scene: Scene, name: str, removed: int) -> list[GraspCandidate]:
-    return [option for option in source.for_object(scene, name) if option.blockers & ~removed == 0]
-
-
-def _committed(source: CandidateSource, scene: Scene, target: str, result: FloorResult) -> Commitments:
-    """Each object of the set takes its best grasp among those free by its turn."""
-    grasps: dict[str, GraspCandidate] = {}
-    removed = 0
-    for step in result.order:
-        name = scene.names[step.object]
-        grasps[name] = max(_free_options(source, scene, name, removed), key=lambda option: option.quality)
-        removed |= 1 << step.object
-    order = tuple(scene.names[index] for index in result.objects)
-    return Commitments(target, order, MappingProxyType(grasps))

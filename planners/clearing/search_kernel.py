@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from irm.compilation import njit
 from planners.scene.masks import Mask, bit_count
 
-__all__ = ["EXHAUSTED", "FOUND", "PAUSED", "SearchStack", "closure", "disjoint_landmarks", "search"]
-
 EXHAUSTED = 0
 """No further set within the budget."""
 FOUND = 1

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
-from planners.drawing.drawn_plan import DrawnPlan
 from planners.drawing.region import COLOURS, join, outline
 from planners.scene import Body, Scene
+from planners.tamp.solution import Solution
 
 __all__ = ["draw_overview"]
 
@@ -19,7 +19,7 @@ _MARGIN = 0.15
 _WAY = "#4c78a8"
 
 
-def draw_overview(solution: DrawnPlan, ax: Axes | None = None) -> Axes:
+def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
     """Draw a plan as the robot sees the scene at the start, itself at the bottom: y to the left, x upwards.
 
     Args:
@@ -59,7 +59,7 @@ def _draw_obstacles(axes: Axes, scene: Scene) -> None:
         axes.add_patch(Polygon(corners, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
 
 
-def _draw_clearances(axes: Axes, solution: DrawnPlan) -> None:
+def _draw_clearances(axes: Axes, solution: Solution) -> None:
     """For each clearance the outline of the object where it is put, numbered, joined with where it stood."""
     for number, action in enumerate((a for a in solution.actions if a.is_clearance), start=1):
         placed = action.released
@@ -80,7 +80,7 @@ def _write(axes: Axes, body: Body, text: str, colour: str) -> None:
     axes.annotate(text, _place(body), ha="center", va="center", fontsize=7, color=colour, zorder=10)
 
 
-def _draw_base(axes: Axes, solution: DrawnPlan) -> None:
+def _draw_base(axes: Axes, solution: Solution) -> None:
     """The way of the base's centre, and its footprint and heading wherever it stops."""
     for action in solution.actions:
         base = action.trajectory.base
@@ -93,7 +93,7 @@ def _draw_base(axes: Axes, solution: DrawnPlan) -> None:
         axes.plot((y, ahead[0]), (x, ahead[1]), color=_WAY, linewidth=1.6, zorder=2)
 
 
-def _frame(axes: Axes, solution: DrawnPlan) -> None:
+def _frame(axes: Axes, solution: Solution) -> None:
     """Show the support and every base pose."""
     scene = solution.actions[0].scene
     radius = scene.robot.base_radius

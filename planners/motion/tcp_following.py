@@ -15,8 +15,6 @@ from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP, Trajectory
 from planners.scene import HeldObject, RobotState
 
-__all__ = ["ON_THE_WAY", "PATIENCE", "PRECISE", "Followed", "TcpFollower", "follow", "is_behind"]
-
 Array = NDArray[np.float64]
 
 PATIENCE = 60
@@ -101,7 +99,7 @@ def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: 
         follower: model of the controller.
         robot: whose chain it is.
         q_start: (8,) configuration at the start.
-        trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.execution.executor`.
+        trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.expert.executor`.
     """
     follower.reset(q_start)
     configurations, fingers, held = [], [], []

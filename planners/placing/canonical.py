@@ -8,7 +8,7 @@ placements of the paper are tried.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,13 @@ from scipy.ndimage import distance_transform_edt
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
-from planners.grasping.base_placement import MapPlacer, farthest_reach
+from planners.grasping.base_placement import farthest_reach
 from planners.grasping.facing_bases import FacingPlacer
 from planners.placing.negative_goal_region import is_free
 from planners.placing.placements import Placement, PlacementSearch
-from planners.placing.surfaces import KeepClear, Surface
+from planners.placing.surfaces import Surface
 from planners.scene import Scene, StaticObstacle
 from planners.strategies import Strategy
-
-__all__ = ["CanonicalPlacements", "placement_cells"]
 
 Array = NDArray[np.float64]
 
@@ -34,9 +32,9 @@ _SPACING = 0.05
 _MARGIN = 0.045
 """[m] of the outermost cells from the edges of the support at least."""
 _CLEAR, _CLEAR_WORTH = 0.03, 3.0
-"""[m] of free space around the object that is worth a longer way, and the metres of way that a metre of it is worth."""
+"""[m] of free space around the object that is worth a longer distance, and the distance that a metre of it is worth."""
 _DECIMALS = 6
-"""Of costs: differences by rounding decide nothing."""
+"""Decimals of costs: differences by rounding decide nothing."""
 
 
 def placement_cells(support: StaticObstacle) -> Array:
@@ -49,23 +47,13 @@ def placement_cells(support: StaticObstacle) -> Array:
 
 @dataclass(frozen=True)
 class CanonicalPlacements(PlacementSearch):
-    """Finds placements, the canonical ones first; the placer is a `MapPlacer`."""
+    """Finds placements, the canonical ones first."""
 
-    def find(
-        self,
-        world: CollisionWorld,
-        keep_clear: KeepClear,
-        strategy: Strategy,
-        rng: np.random.Generator,
-        deadline: Deadline = NO_DEADLINE,
+    def _preferred(
+        self, world: CollisionWorld, surfaces: Sequence[Surface], strategy: Strategy, deadline: Deadline
     ) -> Iterator[Placement]:
-        """As `PlacementSearch.find`: the cells, the best first, then the placements of the paper."""
-        surfaces = self.surfaces(world, keep_clear)
         locations = self.best_first(world.scene, surfaces)[: strategy.locations_per_level]
-        for placement in self.straight(world, locations, deadline):
-            yield replace(placement, surfaces=surfaces)
-        if not deadline.is_over:
-            yield from super().find(world, keep_clear, strategy, rng, deadline)
+        return self.straight(world, locations, deadline)
 
     def best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
         """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
@@ -73,26 +61,26 @@ class CanonicalPlacements(PlacementSearch):
         body = scene.body(scene.held.name)
         every = [placement_cells(surface.support) for surface in surfaces]
         cells = [grid[self.are_free(scene, surface, grid)] for surface, grid in zip(surfaces, every, strict=True)]
-        margins = [_margins(surface, free, self._room(scene)) for surface, free in zip(surfaces, cells, strict=True)]
+        margins = [_margins(surface, free, self._radius(scene)) for surface, free in zip(surfaces, cells, strict=True)]
         free, margin = np.concatenate(cells), np.concatenate(margins)
-        way = np.linalg.norm(free[:, :2] - body.position[:2], axis=1)
-        cost = way + _CLEAR_WORTH * np.maximum(_CLEAR - margin, 0.0)
+        distance = np.linalg.norm(free[:, :2] - body.position[:2], axis=1)
+        cost = distance + _CLEAR_WORTH * np.maximum(_CLEAR - margin, 0.0)
         return np.asarray(free[np.argsort(np.round(cost, _DECIMALS), kind="stable")])
 
     def are_free(self, scene: Scene, surface: Surface, locations: Array) -> NDArray[np.bool_]:
         """At which locations (n, 2 or 3) [m] on a surface the held object stands on free cells alone: (n,)."""
-        return is_free(surface.grid, surface.blocked, np.ascontiguousarray(locations[:, :2]), self._room(scene))
+        return is_free(surface.grid, surface.blocked, np.ascontiguousarray(locations[:, :2]), self._radius(scene))
 
     def straight(
         self, world: CollisionWorld, locations: Array, deadline: Deadline = NO_DEADLINE
     ) -> Iterator[Placement]:
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
-        scene = world.scene
-        assert isinstance(self.placer, MapPlacer)
-        grid = ConfigurationGrid.about_home(self.chain, scene.robot.home)
-        facing = FacingPlacer(self.placer, farthest_reach(scene.robot))
+        scene, arm = world.scene, self.arms[world.scene.robot.arm_name]
+        grid = ConfigurationGrid.about_home(arm.chain, scene.robot.home)
+        facing = FacingPlacer(arm.placer, farthest_reach(scene.robot))
         wanted = [self._gripper_poses(scene, location) for location in locations]
-        turns = np.round(np.abs(np.remainder(_yaws(wanted) + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
+        yaws = wanted[0][:, 3] if wanted else np.zeros(0)  # the same at all locations
+        turns = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
         for turn in np.unique(turns):
             for location, poses in zip(locations, wanted, strict=True):
                 if deadline.is_over:
@@ -101,11 +89,6 @@ class CanonicalPlacements(PlacementSearch):
                 bases, index = facing.bases(free)
                 for base, pose in zip(bases, free[index], strict=True):
                     yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
-
-
-def _yaws(gripper_poses: Sequence[Array]) -> Array:
-    """[rad] of the gripper: (k,), the same at all locations."""
-    return np.asarray(gripper_poses[0][:, 3]) if gripper_poses else np.zeros(0)
 
 
 def _margins(surface: Surface, locations: Array, radius: float) -> Array:

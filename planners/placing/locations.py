@@ -1,18 +1,17 @@
-"""Locations on a support where an object can be put: Lee & Kim 2019, section 3.3, Figs. 7 and 8."""
+"""Locations on a support where an object can be put (Lee & Kim 2019, Figs. 7 and 8), and how it rests there."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.scene import Body, StaticObstacle
-
-__all__ = ["PlacementConfig", "placement_grid", "placement_levels", "stand_at"]
+from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.bodies import up_axis
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -78,3 +77,38 @@ def _grid(support: StaticObstacle, config: PlacementConfig, rows: int, columns: 
 def _bounds(support: StaticObstacle, config: PlacementConfig) -> tuple[Array, Array]:
     half = np.maximum(support.extent[:2] - config.margin, 0.0)
     return support.position[:2] - half, support.position[:2] + half
+
+
+def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
+    """The held object as it rests, on a support `level` [m] high, after it is released at a gripper pose (5,)."""
+    assert scene.held is not None
+    body = scene.body(scene.held.name)
+    T_world_tcp = rotated(gripper_pose[3], gripper_pose[4])
+    T_world_tcp[:3, 3] = gripper_pose[:3]
+    dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
+    return stand_at(_settled(dropped), np.array([*dropped.position[:2], level]))
+
+
+def _settled(body: Body) -> Body:
+    """The object turned by the smallest angle such that it rests."""
+    if body.is_upright:
+        return replace(body, quaternion=np.array([np.cos(body.yaw / 2), 0.0, 0.0, np.sin(body.yaw / 2)]))
+    up = up_axis(body)
+    T = body.pose
+    T[:3, :3] = _turn_between(up, np.array((0.0, 0.0, 1.0))) @ T[:3, :3]
+    return body.at_pose(T)
+
+
+def _turn_between(one: Array, other: Array) -> Array:
+    """The smallest rotation (3, 3) that takes a unit vector to another one, not its opposite."""
+    cross = np.cross(one, other)
+    K = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
+    return np.asarray(np.eye(3) + K + K @ K / (1.0 + one @ other))
+
+
+def rotated(yaw: float, pitch: float) -> Array:
+    """The transform (4, 4) of a gripper at the origin with this yaw and pitch [rad]: Rz(yaw) Ry(pitch)."""
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    T = np.eye(4)
+    T[:3, :3] = [[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, 0.0, cp]]
+    return T

@@ -1,34 +1,30 @@
-"""Where and how to put down the held object: a location, a base pose and an arm configuration without collision."""
+"""Placements of the held object: a location, a base pose and an arm configuration without collision."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import ArmChain
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.base_placement import farthest_reach
-from planners.grasping.candidates import BasePlacer, SamplingConfig
+from planners.grasping.base_placement import Arm, farthest_reach
+from planners.grasping.candidates import SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.pick_and_place import can_put_down
-from planners.placing.locations import PlacementConfig, placement_levels
-from planners.placing.release import put_down, rotated
+from planners.placing.locations import PlacementConfig, placement_levels, put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import is_covered
-from planners.scene.resting import release_pitch
 from planners.strategies import Strategy
-
-__all__ = ["Placement", "PlacementSearch"]
 
 Array = NDArray[np.float64]
 
@@ -70,8 +66,7 @@ class PlacementSearch:
     """Finds placements; see `find`.
 
     Attributes:
-        placer: base poses for gripper poses.
-        chain: the arm.
+        arms: the arms that act, by name: an object is put down by the one that holds it.
         config: the grid of locations, and how far it is refined.
         yaws: directions of the gripper tried at each location.
         torsos, rolls: values of torso height and upper-arm roll tried for each.
@@ -80,8 +75,7 @@ class PlacementSearch:
         volumes: what grasps sweep, as far as it is known already.
     """
 
-    placer: BasePlacer
-    chain: ArmChain
+    arms: Mapping[str, Arm]
     config: PlacementConfig = field(default_factory=PlacementConfig)
     yaws: int = 24
     torsos: int = 4
@@ -116,7 +110,8 @@ class PlacementSearch:
             deadline: when to stop.
         """
         scene, surfaces = world.scene, self.surfaces(world, keep_clear)
-        levels = _free_levels(surfaces, self._room(scene), scene.state.base, rng, self.config)
+        yield from (replace(found, surfaces=surfaces) for found in self._preferred(world, surfaces, strategy, deadline))
+        levels = _free_levels(surfaces, self._radius(scene), scene.state.base, rng, self.config)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             for location in _until(deadline, from_here):
                 yield from (replace(found, surfaces=surfaces) for found in self._from_here(world, location))
@@ -131,12 +126,18 @@ class PlacementSearch:
         supports = self.supports_in(world.scene)
         return tuple(Surface.of(world, support, body, height, keep_clear, self.volumes) for support in supports)
 
-    def _locations(
+    def _preferred(  # for subclasses
         self,
-        scene: Scene,
-        levels: Iterator[Array],
-        strategy: Strategy,
-        rng: np.random.Generator,
+        world: CollisionWorld,  # noqa: ARG002
+        surfaces: Sequence[Surface],  # noqa: ARG002
+        strategy: Strategy,  # noqa: ARG002
+        deadline: Deadline,  # noqa: ARG002
+    ) -> Iterator[Placement]:
+        """Placements that come before those of the paper; none in ordinary plans."""
+        return iter(())
+
+    def _locations(
+        self, scene: Scene, levels: Iterator[Array], strategy: Strategy, rng: np.random.Generator
     ) -> Iterator[tuple[Array, Array]]:
         """The locations to try from where the base stands, and after a base motion, level by level.
 
@@ -156,35 +157,30 @@ class PlacementSearch:
     def _from_here(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
         """The placement at a location (3,) from where the base stands, if there is one."""
         scene = world.scene
-        gripper_poses = self._free_gripper_poses(world, location)
+        gripper_poses = self._free(world, self._gripper_poses(world.scene, location))
         near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
         if len(near):
             bases = np.tile(np.array(scene.state.base), (len(near), 1))
-            yield from self._configurations(world, GripperPoses(bases, near), location[2], self._grid())
+            yield from self._configurations(world, GripperPoses(bases, near), location[2])
 
     def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
         """The placement at a location (3,) from wherever the base may stand, if there is one."""
-        gripper_poses = self._free_gripper_poses(world, location)
+        gripper_poses = self._free(world, self._gripper_poses(world.scene, location))
         if len(gripper_poses):
-            bases, index = self.placer.bases(gripper_poses)
+            bases, index = self.arms[world.scene.robot.arm_name].placer.bases(gripper_poses)
             if len(bases):
-                poses = GripperPoses(bases, gripper_poses[index])
-                yield from self._configurations(world, poses, location[2], self._grid())
+                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
-        """Which locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
+        """Whether locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
         if not len(locations):
             return np.zeros(0, dtype=np.bool_)
         gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
         can_reach = _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), self.yaws)
         return np.asarray(can_reach.any(axis=1))
 
-    def _free_gripper_poses(self, world: CollisionWorld, location: Array) -> Array:
-        """The gripper poses (k, 5) at a location that hit nothing, with the object and with the fingers opened."""
-        return self._free(world, self._gripper_poses(world.scene, location))
-
     def _free(self, world: CollisionWorld, gripper_poses: Array) -> Array:
-        """Those of the gripper poses (k, 5) that hit nothing, with the object and with the fingers opened."""
+        """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
         hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
         return gripper_poses[hits == 0]
 
@@ -202,11 +198,14 @@ class PlacementSearch:
         return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
 
     def _configurations(
-        self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid
+        self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid | None = None
     ) -> Iterator[Placement]:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
         scene = world.scene
         assert scene.held is not None
+        if grid is None:
+            chain = self.arms[scene.robot.arm_name].chain
+            grid = SamplingConfig(self.torsos, self.rolls, self.near_home).grid(chain)
         opening, own = self._opening(scene), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
         if is_covered(scene, (*placed.position[:2], level)):
@@ -223,7 +222,7 @@ class PlacementSearch:
                 yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
 
-    def _room(self, scene: Scene) -> float:
+    def _radius(self, scene: Scene) -> float:
         """[m] around a location that the held object takes."""
         assert scene.held is not None
         return scene.body(scene.held.name).radius + _GAP
@@ -231,9 +230,6 @@ class PlacementSearch:
     def _opening(self, scene: Scene) -> float:
         assert scene.held is not None
         return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
-
-    def _grid(self) -> ConfigurationGrid:
-        return SamplingConfig(self.torsos, self.rolls, self.near_home).grid(self.chain)
 
 
 def _free_levels(

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from irm.compilation import njit
 
-__all__ = ["cells_of_marks", "free_discs", "mark_boxes", "mark_discs", "mark_spheres"]
-
 Array: TypeAlias = NDArray[np.float64]
 Marks: TypeAlias = NDArray[np.int32]
 

@@ -1,4 +1,4 @@
-"""The top faces of supports, and where on them an object may not be put."""
+"""The top faces of supports, and where on them an object may not be put: in the region, on others, over the edge."""
 
 from __future__ import annotations
 
@@ -18,19 +18,21 @@ from planners.placing.negative_goal_region import (
     footprint_mask,
     is_free,
     negative_goal_region,
+    swept_mask,
 )
-from planners.placing.static_footprint import static_mask
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
 
-__all__ = ["KeepClear", "Supports", "Surface", "UnknownSupport", "find_supports"]
-
 Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
-"""Where objects may be put: names of supports, "all" that the scene declares, or None for the first alone."""
+"""Choice of supports: names of supports, "all" that the scene declares, or None for the first alone."""
 
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
+_INSET = 1e-6
+"""[m] Obstacles are taken to be smaller by this, so that a wall flush with the edge of a table covers none of it."""
+_FLUSH = 0.001
+"""[m] An obstacle that rises less above the support is level with it."""
 
 
 class UnknownSupport(ValueError):
@@ -117,6 +119,48 @@ class Surface:
         return self.region.mask | self.occupied
 
     def free(self, locations: Array, radius: float) -> Array:
-        """Those of locations (n, 2) at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
+        """The locations, of (n, 2), at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
         inside = is_free(self.grid, self.blocked, locations, radius)
         return np.column_stack((locations[inside], np.full(np.count_nonzero(inside), self.support.top)))
+
+
+def static_mask(
+    scene: Scene, support: StaticObstacle, grid: SupportGrid, height: float, clearance: float = 0.0
+) -> NDArray[np.bool_]:
+    """Cells of the grid over a support where an object would touch a static obstacle, or stand on nothing.
+
+    Each obstacle counts as the box around it along its own axes, grown by `clearance`.
+
+    Args:
+        scene: its static obstacles count.
+        support: what the grid lies over.
+        grid: cells of the support plane.
+        height: [m] of the object; obstacles that hang higher do not count.
+        clearance: [m] to keep from the obstacles.
+    """
+    standing = [
+        one
+        for one in scene.static_obstacles
+        if one.name != support.name and one.upper[2] > grid.height + _FLUSH and one.lower[2] < grid.height + height
+    ]
+    near = [
+        one
+        for one in standing
+        if ((one.lower + _INSET < support.upper) & (support.lower + _INSET < one.upper))[:2].all()
+    ]
+    volume = SweptVolume(
+        box_centres=np.array([one.position for one in near]).reshape(-1, 3),
+        box_axes=np.array([one.rotation for one in near]).reshape(-1, 3, 3),
+        box_half_extents=np.array([one.half_extents + clearance - _INSET for one in near]).reshape(-1, 3),
+    )
+    covered = swept_mask(grid, volume, height) if near else grid.empty()
+    return covered if support.shape == "box" and support.is_axis_aligned else covered | ~_on_top(support, grid)
+
+
+def _on_top(support: StaticObstacle, grid: SupportGrid) -> NDArray[np.bool_]:
+    """Cells of which all four corners lie on the top face."""
+    x = grid.x0 + np.arange(grid.shape[0] + 1) * grid.resolution
+    y = grid.y0 + np.arange(grid.shape[1] + 1) * grid.resolution
+    corners = support.is_under(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
+    inside: NDArray[np.bool_] = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
+    return inside

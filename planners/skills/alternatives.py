@@ -13,18 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.clearing.minimum_clearances import FloorLimits, minimum_clearances
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.grasping.base_placement import MapPlacer
+from planners.clearing.lower_bound import FloorLimits, minimum_clearances
+from planners.context import PlanningContext
 from planners.grasping.canonical import CanonicalGrasps
-from planners.grasping.families import find_grasp_set
 from planners.motion.pick_and_place import can_take
 from planners.placing.canonical import CanonicalPlacements, placement_cells
 from planners.placing.surfaces import Surface
-from planners.planner import Planner, map_placer
+from planners.planner import Planner
 from planners.scene import Scene
-
-__all__ = ["DIRECTION_CLASSES", "Alternatives", "direction_class"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -52,14 +48,13 @@ class Alternatives:
     placements: CanonicalPlacements
 
     @classmethod
-    def of(cls, planner: Planner, scene: Scene, placer: MapPlacer | None = None) -> Alternatives:
-        """Those of a planner's grasps and supports; `placer` if that of the scene's static obstacles is at hand."""
-        placer = placer or map_placer(scene)
-        grasps = CanonicalGrasps(
-            placer, planner.chain, compiled=CompiledScenes(), families=find_grasp_set(planner.grasps)
-        )
-        supports = planner.supports_in(scene)
-        return cls(grasps, CanonicalPlacements(placer, planner.chain, supports=supports))
+    def of(cls, planner: Planner, scene: Scene) -> Alternatives:
+        """Those of a planner's grasps and supports, for every arrangement of the scene's objects."""
+        context = PlanningContext.of(scene, grasps=planner.grasps, supports=planner.support_choice, canonical=True)
+        grasps, placements = context.grasps(), context.placements()
+        assert isinstance(grasps, CanonicalGrasps)
+        assert isinstance(placements, CanonicalPlacements)
+        return cls(grasps, placements)
 
     def free_grasps(self, scene: Scene) -> Flags:
         """Which straight grasps are free: (objects, families, `DIRECTION_CLASSES`); those of a held object are not."""

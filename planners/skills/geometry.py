@@ -11,13 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from irm.arm.kinematics import ArmChain
-from planners.clearing.lookahead import grasped
-from planners.collision.compiled_scenes import CompiledScenes
+from planners.clearing.commitments import grasped
+from planners.collision.world import CompiledScenes
+from planners.context import PlanningContext
 from planners.grasping.arm_configurations import GripperPoses, scan_configurations
 from planners.grasping.candidates import (
     OFF_TABLE,
-    BasePlacer,
     GraspCandidate,
     SamplingConfig,
     as_candidates,
@@ -26,11 +25,8 @@ from planners.grasping.candidates import (
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear
-from planners.planner import map_placer
 from planners.scene import Body, Scene
 from planners.strategies import find_strategy
-
-__all__ = ["DIRECTIONS", "Skill", "SkillFailure", "SkillGeometry", "skill_geometry"]
 
 DIRECTIONS = 6
 """Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
@@ -60,21 +56,19 @@ class SkillGeometry:
     """Grasps and placements of skills.
 
     Attributes:
-        placer: base poses for gripper poses.
-        chain: the arm.
+        context: the robot among the static obstacles.
         sampling: how finely grasps are sampled.
         compiled: scenes compiled so far.
     """
 
-    placer: BasePlacer
-    chain: ArmChain
+    context: PlanningContext
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
 
     @property
     def search(self) -> PlacementSearch:
         """Finds placements."""
-        return PlacementSearch(self.placer, self.chain)
+        return self.context.placements()
 
     def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
         """Free grasps for the skill, best first."""
@@ -109,11 +103,12 @@ class SkillGeometry:
         world = self.compiled.world(scene)
         wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        bases, index = self.placer.bases(wanted)
+        arm = self.context.arms[scene.robot.arm_name]
+        bases, index = arm.placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
-        found = scan_configurations(world, poses, self.sampling.grid(self.chain), opening, ignore=ignore)
-        return list(as_candidates(body.name, poses, opening, found))
+        found = scan_configurations(world, poses, self.sampling.grid(arm.chain), opening, ignore=ignore)
+        return [replace(grasp, arm=scene.robot.arm_name) for grasp in as_candidates(body.name, poses, opening, found)]
 
     def placements(
         self, scene: Scene, target: str, rng: np.random.Generator, planned: Placement | None = None
@@ -153,7 +148,7 @@ class SkillGeometry:
 
 def skill_geometry(scene: Scene) -> SkillGeometry:
     """Skills of the scene's robot among the scene's static obstacles, for every arrangement of its objects."""
-    return SkillGeometry(map_placer(scene), ArmChain.from_robot(scene.robot))
+    return SkillGeometry(PlanningContext.of(scene, grasps="side"))
 
 
 def _is_from(yaw: float, direction: int | None) -> bool:

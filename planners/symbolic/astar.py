@@ -12,8 +12,6 @@ from itertools import count
 from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskProblem
 from planners.symbolic.transitions import apply_action, arm_actions
 
-__all__ = ["LowerBound", "SearchTimeoutError", "shortest_plan"]
-
 
 class SearchTimeoutError(TimeoutError):
     """The time limit was reached before a plan or a proof was found."""
@@ -125,7 +123,7 @@ def _successors(state: SymbolicState) -> Iterator[tuple[tuple[GroundAction, ...]
 
 
 def _number_of_groups(sets: Iterable[frozenset[str]]) -> int:
-    """How many sets are left when those with a common element are merged."""
+    """Number of sets that are left when those with a common element are merged."""
     merged: list[frozenset[str]] = []
     for item in sets:
         touching = [other for other in merged if other & item]

@@ -1,50 +1,30 @@
-"""Task planners behind one protocol: kairos in process, Fast Downward as a process of its own, unified-planning, A*."""
+"""Task planners behind one protocol: kairos in process, any engine of unified-planning, and our own A*.
+
+Built-in and user-written planners pass the same check of their answers, `checked_answer`.
+"""
 
 from __future__ import annotations
 
 import importlib
 import inspect
-import os
-import signal
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from planners.symbolic.astar import SearchTimeoutError, shortest_plan
-from planners.symbolic.checking import without_detours
 from planners.symbolic.diagnosis import why_unsolvable
-from planners.symbolic.problem import GroundAction, NoPlan, TaskPlan, TaskPlanner, TaskProblem
-
-__all__ = [
-    "ENGINES",
-    "AStar",
-    "EngineFailedError",
-    "FastDownward",
-    "Kairos",
-    "MissingEngineError",
-    "UnifiedPlanning",
-    "UnknownEngineError",
-    "default_engine",
-    "task_planner",
-]
+from planners.symbolic.problem import GroundAction, NoPlan, Reason, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.transitions import InapplicableActionError, update_from_action
 
 ENGINES = ("kairos", "astar", "fast-downward", "up:NAME")
-"""Names that `task_planner` knows; NAME is any engine of unified-planning."""
-
-_ACTION_NAMES = {name.lower(): name for name in ("MoveBase", "PickUp", "PutDownGeneral", "PutDownForClearance")}
-_UNIFIED_PLANNING = "up:"
-
+"""Names that `task_planner` knows; NAME is any engine of unified-planning, "fast-downward" short for one of them."""
 
 _VALID = (
     f"valid names: {', '.join(ENGINES)}; or an object with a method plan(problem, time_limit) that returns a TaskPlan "
     "or a NoPlan"
 )
+_ACTION_NAMES = {name.lower(): name for name in ("MoveBase", "PickUp", "PutDownGeneral", "PutDownForClearance")}
 
 
 class UnknownEngineError(ValueError):
@@ -59,6 +39,10 @@ class EngineFailedError(RuntimeError):
     """The task planner broke down: neither a plan nor a proof that there is none. Carries its output."""
 
 
+class InvalidAnswerError(RuntimeError):
+    """A task planner returned something that is no answer to its problem; the message says what and why."""
+
+
 def task_planner(choice: str | TaskPlanner | None = None) -> TaskPlanner:
     """The task planner of that name, the same object if it is a task planner already, or the default one.
 
@@ -69,19 +53,31 @@ def task_planner(choice: str | TaskPlanner | None = None) -> TaskPlanner:
         UnknownEngineError: neither; the message lists the valid names and says what an object must have.
         MissingEngineError: it is not installed; the message says how to install it.
     """
-    if choice is not None and not isinstance(choice, str):
-        return _task_planner_object(choice)
     match default_engine() if choice is None else choice:
         case "kairos":
             return Kairos()
         case "astar":
             return AStar()
         case "fast-downward":
-            return FastDownward()
-        case str(other) if other.startswith(_UNIFIED_PLANNING):
-            return UnifiedPlanning(other.removeprefix(_UNIFIED_PLANNING))
-        case _:
-            raise UnknownEngineError(f"no task planner {choice!r}; {_VALID}")
+            return UnifiedPlanning("fast-downward", "fast-downward")
+        case str(name) if name.startswith("up:"):
+            return UnifiedPlanning(name.removeprefix("up:"), name)
+        case str(name):
+            raise UnknownEngineError(f"no task planner {name!r}; {_VALID}")
+        case type() as given:
+            raise UnknownEngineError(
+                f"the class {given.__name__} was given; give an instance of it, or one of: {_VALID}"
+            )
+        case TaskPlanner() as planner:
+            try:
+                inspect.signature(planner.plan).bind(None, 1.0)
+            except TypeError as error:
+                raise UnknownEngineError(
+                    f"plan() of {planner!r} cannot be called as plan(problem, time_limit): {error}"
+                ) from None
+            return planner
+        case other:
+            raise UnknownEngineError(f"{other!r} is no task planner; {_VALID}")
 
 
 def default_engine() -> str:
@@ -95,17 +91,9 @@ class Kairos:
     name = "kairos"
 
     def __init__(self) -> None:
-        """Load the domain.
-
-        Raises:
-            MissingEngineError: kairos is not installed.
-        """
+        """Load the planner; raises `MissingEngineError`."""
         self._kairos = _require("kairos", "kairos-planner")
-
-    @cached_property
-    def _domains(self) -> dict[str, Any]:
-        """The parsed domains by their text."""
-        return {}
+        self._parse_domain = cache(self._kairos.parse_domain)
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
         """A plan for the problem, found within `time_limit` [s].
@@ -113,17 +101,13 @@ class Kairos:
         Raises:
             EngineFailedError: kairos ended without plan or proof, and not by the time limit.
         """
-        domain = self._domains.get(problem.domain) or self._kairos.parse_domain(problem.domain)
-        self._domains[problem.domain] = domain
-        parsed = self._kairos.parse_problem(problem.text(), domain)
+        parsed = self._kairos.parse_problem(problem.text(), self._parse_domain(problem.domain))
         result = self._kairos.Planner().solve(parsed, anytime=False, timeout=time_limit)
         status = self._kairos.Status
         if result.status == status.SOLVED:
-            return _task_plan((_action(step.name, step.args) for step in result.plan.steps), self.name)
-        if result.status == status.UNSOLVABLE:
-            return _no_plan(problem, self.name, proved=True)
-        if result.status in (status.TIMEOUT, status.NO_PLAN_FOUND):
-            return _no_plan(problem, self.name, proved=False)
+            return _task_plan(((step.name, step.args) for step in result.plan.steps), self.name)
+        if result.status in (status.UNSOLVABLE, status.TIMEOUT, status.NO_PLAN_FOUND):
+            return _no_plan(problem, self.name, proved=result.status == status.UNSOLVABLE)
         raise EngineFailedError(f"kairos: {result.status}: {'; '.join(map(str, result.diagnostics))}")
 
 
@@ -138,69 +122,22 @@ class AStar:
             actions = shortest_plan(problem, time_limit)
         except SearchTimeoutError:
             return _no_plan(problem, self.name, proved=False)
-        return _no_plan(problem, self.name, proved=True) if actions is None else _task_plan(actions, self.name)
-
-
-@dataclass(frozen=True)
-class FastDownward:
-    """Fast Downward as a process of its own; it is never imported, which its licence would not suit.
-
-    Attributes:
-        search: the search it runs.
-        driver: its driver script.
-    """
-
-    search: str = "eager_greedy([ff()])"
-    driver: Path = field(default_factory=lambda: _fast_downward_driver())
-    name: str = "fast-downward"
-
-    def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, found within `time_limit` [s].
-
-        Raises:
-            EngineFailedError: Fast Downward broke down; the message carries the end of its output.
-        """
-        with tempfile.TemporaryDirectory(prefix="take-target-") as folder:
-            try:
-                code, output = self._run(Path(folder), problem, time_limit)
-            except subprocess.TimeoutExpired:
-                return _no_plan(problem, self.name, proved=False)
-            match code:
-                case 0:
-                    return _task_plan(_read_plan(Path(folder, "plan").read_text(encoding="utf-8")), self.name)
-                case 10 | 11:  # exit codes of its documentation: proved by the translator, by the search
-                    return _no_plan(problem, self.name, proved=True)
-                case 12 | 21 | 23:  # search incomplete; out of time
-                    return _no_plan(problem, self.name, proved=False)
-        raise EngineFailedError(f"Fast Downward ended with exit code {code}: {output[-2000:]}")
-
-    def _run(self, folder: Path, problem: TaskProblem, time_limit: float) -> tuple[int, str]:
-        (folder / "domain.pddl").write_text(problem.domain, encoding="utf-8")
-        (folder / "problem.pddl").write_text(problem.text(), encoding="utf-8")
-        files = ["--plan-file", "plan", "domain.pddl", "problem.pddl"]
-        command = [sys.executable, str(self.driver), *files, "--search", self.search]
-        with subprocess.Popen(
-            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-        ) as process:
-            try:
-                output, _ = process.communicate(timeout=time_limit)
-            except subprocess.TimeoutExpired:
-                _kill_with_children(process)
-                raise
-        return process.returncode, output
+        if actions is None:
+            return _no_plan(problem, self.name, proved=True)
+        return TaskPlan(without_detours(actions), self.name)
 
 
 class UnifiedPlanning:
     """Any one-shot planner that unified-planning knows by name."""
 
-    def __init__(self, engine: str) -> None:
+    def __init__(self, engine: str, name: str) -> None:
         """Find the engine.
 
         Raises:
             MissingEngineError: unified-planning or the engine is not installed.
         """
-        self.name = f"{_UNIFIED_PLANNING}{engine}"
-        shortcuts = _require("unified_planning.shortcuts", "unified-planning")
+        self.name = name
+        shortcuts = _require("unified_planning.shortcuts", f"'unified-planning[{engine}]'")
         shortcuts.get_environment().credits_stream = None
         known = shortcuts.get_environment().factory.engines
         if engine not in known:
@@ -221,59 +158,66 @@ class UnifiedPlanning:
         parsed = self._reader().parse_problem_string(problem.domain, problem.text())
         with self._shortcuts.OneshotPlanner(name=self._engine) as engine:
             result = engine.solve(parsed, timeout=time_limit)
-        status = result.status.name
         if result.plan is not None:
             steps = result.plan.actions
-            return _task_plan((_action(s.action.name, map(str, s.actual_parameters)) for s in steps), self.name)
-        if status in ("UNSOLVABLE_PROVEN", "UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
-            return _no_plan(problem, self.name, proved=status == "UNSOLVABLE_PROVEN")
-        raise EngineFailedError(f"{self.name}: {status}")
+            return _task_plan(((s.action.name, map(str, s.actual_parameters)) for s in steps), self.name)
+        if result.status.name in ("UNSOLVABLE_PROVEN", "UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
+            return _no_plan(problem, self.name, proved=result.status.name == "UNSOLVABLE_PROVEN")
+        raise EngineFailedError(f"{self.name}: {result.status.name}")
 
 
-def _kill_with_children(process: subprocess.Popen[str]) -> None:
-    """End a process that leads a session of its own, and what it has started: its driver does not end its search."""
-    if hasattr(os, "killpg"):
-        os.killpg(process.pid, signal.SIGKILL)
-    else:
-        process.kill()
+def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: TaskPlanner) -> TaskPlan | NoPlan:
+    """The same answer, a plan without detours, a refusal with its cause if one of the usual causes can be shown.
+
+    Raises:
+        InvalidAnswerError: neither a `TaskPlan` nor a `NoPlan`, or a plan with an action that is not applicable, or
+            one that does not end with the target held; or a `NoPlan` with an unknown reason.
+    """
+    name = str(getattr(planner, "name", type(planner).__name__))
+    if isinstance(answer, NoPlan):
+        reasons = get_args(Reason)
+        if answer.reason not in reasons:
+            raise InvalidAnswerError(f"{name}: no reason {answer.reason!r}; valid reasons: {', '.join(reasons)}")
+        cause = why_unsolvable(problem) if answer.reason == "unsolvable" else None
+        return NoPlan(*(cause or (answer.reason, answer.evidence)), answer.engine or name)
+    if not isinstance(answer, TaskPlan):
+        raise InvalidAnswerError(
+            f"plan() of the task planner {name} must return a TaskPlan or a NoPlan, not {answer!r}"
+        )
+    actions = without_detours(answer.actions)
+    state = problem.state
+    for number, action in enumerate(actions, start=1):
+        try:
+            state = update_from_action(state, action)
+        except InapplicableActionError as error:
+            raise InvalidAnswerError(f"step {number} of the plan of {name}: {error}") from error
+    if problem.goal not in state.facts:
+        raise InvalidAnswerError(f"the plan of {name} ends before {problem.target} is held")
+    return TaskPlan(actions, answer.engine or name)
 
 
-def _task_planner_object(choice: TaskPlanner) -> TaskPlanner:
-    """The object, once it is known to have the protocol; its answers are checked where it is called."""
-    if isinstance(choice, type):
-        raise UnknownEngineError(f"the class {choice.__name__} was given; give an instance of it, or one of: {_VALID}")
-    if not isinstance(choice, TaskPlanner):
-        raise UnknownEngineError(f"{choice!r} is no task planner; {_VALID}")
-    try:
-        inspect.signature(choice.plan).bind(None, 1.0)
-    except TypeError as error:
-        raise UnknownEngineError(
-            f"plan() of {choice!r} cannot be called as plan(problem, time_limit): {error}"
-        ) from None
-    return choice
+def without_detours(actions: Iterable[GroundAction]) -> tuple[GroundAction, ...]:
+    """The same plan with one base motion in place of several in a row: any base pose can be reached from any other."""
+    kept: list[GroundAction] = []
+    for action in actions:
+        if action.name == "MoveBase" and kept and kept[-1].name == "MoveBase":
+            start = kept.pop().args[0]
+            action = GroundAction("MoveBase", (start, *action.args[1:]))
+            if action.args[0] == action.args[1]:
+                continue
+        kept.append(action)
+    return tuple(kept)
 
 
-def _task_plan(actions: Iterable[GroundAction], engine: str) -> TaskPlan:
+def _task_plan(steps: Iterable[tuple[str, Iterable[str]]], engine: str) -> TaskPlan:
+    """A plan in the domain's spelling; planners fold names to lower case."""
+    actions = (GroundAction(_ACTION_NAMES[name.lower()], tuple(a.lower() for a in args)) for name, args in steps)
     return TaskPlan(without_detours(actions), engine)
 
 
 def _no_plan(problem: TaskProblem, engine: str, proved: bool) -> NoPlan:
-    """The engine's verdict, with the cause where one of the usual causes can be shown."""
-    cause = why_unsolvable(problem)
-    if cause is not None:
-        return NoPlan(*cause, engine)
-    return NoPlan("unsolvable" if proved else "gave up", (), engine)
-
-
-def _action(name: str, arguments: Iterable[str]) -> GroundAction:
-    """An action in the domain's spelling; planners fold names to lower case."""
-    return GroundAction(_ACTION_NAMES[name.lower()], tuple(argument.lower() for argument in arguments))
-
-
-def _read_plan(text: str) -> tuple[GroundAction, ...]:
-    """The actions of an IPC plan file: one a line in parentheses, comments after ";"."""
-    lines = (line.partition(";")[0].strip().strip("()").split() for line in text.splitlines())
-    return tuple(_action(words[0], words[1:]) for words in lines if words)
+    """The engine's verdict, with the cause if one of the usual causes can be shown."""
+    return NoPlan(*(why_unsolvable(problem) or ("unsolvable" if proved else "gave up", ())), engine)
 
 
 def _require(module: str, package: str) -> Any:
@@ -285,12 +229,3 @@ def _require(module: str, package: str) -> Any:
     if find_spec(module.partition(".")[0]) is None:
         raise MissingEngineError(f"this task planner is not installed; install it with: pip install {package}")
     return importlib.import_module(module)
-
-
-def _fast_downward_driver() -> Path:
-    spec = find_spec("up_fast_downward")
-    for folder in (spec.submodule_search_locations or ()) if spec else ():
-        driver = Path(folder, "downward", "fast-downward.py")
-        if driver.is_file():
-            return driver
-    raise MissingEngineError("Fast Downward is not installed; install it with: pip install up-fast-downward")

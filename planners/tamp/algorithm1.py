@@ -1,8 +1,7 @@
 """Algorithm 1 of Lee & Kim 2019: a task plan with references, bound or refuted action by action, then replanned.
 
 `task_and_motion_plan` is the algorithm; the functions below it are its steps, under the paper's names. What they pass
-on is in `planners.tamp.state`; what the references stand for is decided in `planners.tamp.references` (grasps) and
-`planners.tamp.binding` (motions).
+on is in `planners.tamp.state`; what the references stand for is decided in `planners.tamp.binding`.
 """
 
 from __future__ import annotations
@@ -16,18 +15,17 @@ from planners.motion.arm import tcp_pose
 from planners.motion.free_paths import LIFTED
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
-from planners.symbolic.references import grasp_references
-from planners.symbolic.transitions import GraspObstructed, obstruction_problem, update_from_action, update_from_error
-from planners.tamp.arms import gripper_symbols, held_by_gripper
-from planners.tamp.binding import bind_action
+from planners.symbolic.transitions import (
+    GraspObstructed,
+    grasp_references,
+    obstruction_problem,
+    update_from_action,
+    update_from_error,
+)
+from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
 from planners.tamp.motion_layer import BoundMotion
-from planners.tamp.references import bind_grasps, rebind_grasps, task_plan
-from planners.tamp.shortening import shorten
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
-from planners.tamp.state import PlanState, Refutation, Search, infeasible, out_of_time, stats
-
-__all__ = ["task_and_motion_plan"]
-
+from planners.tamp.state import PlanState, Refutation, Search
 
 _CAUSES = {
     "cyclic": Cause.NO_SELF_CLEARABLE_SET,
@@ -36,7 +34,7 @@ _CAUSES = {
     "unsolvable": Cause.MOTION,
     "gave up": Cause.TIME_LIMIT,
 }
-"""What a task planner's reasons mean for the whole solve."""
+"""Meaning of a task planner's reasons for the whole solve."""
 
 
 def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
@@ -68,18 +66,22 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
     if isinstance(state, Infeasible):
         return state
     actions = shorten_plan(search)
-    return Solution(actions, tuple(search.clearances), stats(search), search.target, search.strategy)
+    return Solution(actions, tuple(search.clearances), search.stats(), search.target, search.strategy)
 
 
 def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     """s0: the facts that the scene gives, and what the grasp references stand for."""
+    robot = scene.robot
+    held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
+    if scene.held is not None:
+        held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}
     problem = obstruction_problem(
         search.target,
         {},
         objects=scene.names,
         held_obstructs=search.target,
-        held=held_by_gripper(scene),
-        grippers=gripper_symbols(scene.robot),
+        held=held,
+        grippers=[gripper_symbol(robot, arm) for arm in robot.acting_arms],
     )
     return bind_grasps(search, problem.state, scene)
 
@@ -113,24 +115,23 @@ def raise_target(search: Search, scene: Scene) -> None:
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
     """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
-    is_exhausted = len(search.history) >= search.limits.replans or len(search.clearances) >= search.limits.clearances
-    if is_exhausted or search.motion_layer.deadline.is_over:
-        return out_of_time(search)
+    if search.is_exhausted:
+        return search.out_of_time()
     found = task_plan(search, state.symbols, state.clearance_plan.aside)
     if isinstance(found, TaskPlan):
         return found
-    if found.reason == "gave up" and search.motion_layer.deadline.is_over:
-        return out_of_time(search)
+    if found.reason == "gave up" and search.is_late:
+        return search.out_of_time()
     detail = f"{found.engine} found no task plan: {found.reason}"
-    return infeasible(search, _CAUSES[found.reason], detail, found.evidence)
+    return search.infeasible(_CAUSES[found.reason], detail, found.evidence)
 
 
 def call_motion_planning(
     search: Search, state: PlanState, action: GroundAction
 ) -> BoundMotion | Refutation | Infeasible:
     """t, e = callMotionPlanning(p0, P): a motion behind the action's references, or what refutes it."""
-    if search.motion_layer.deadline.is_over:
-        return out_of_time(search)
+    if search.is_late:
+        return search.out_of_time()
     before = cpu_seconds()
     try:
         return bind_action(search, state, action)
@@ -174,12 +175,12 @@ def update_initial_state_from_error(
 
 
 def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
-    """F in less simulated time; a robot that is told TCP poses rests between the actions, as in a canonical plan."""
-    motion_layer = search.motion_layer
-    if motion_layer.follower is not None or not motion_layer.joins_motions:
+    """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
+    context = search.motion_layer.context
+    if context.follower is not None or context.canonical:
         return tuple(search.plan)
     before = cpu_seconds()
-    actions = shorten(search.plan, motion_layer.candidates.compiled, motion_layer.is_accepted)
+    actions = search.motion_layer.shortened(search.plan)
     search.motion_planning_s += cpu_seconds() - before
     return actions
 

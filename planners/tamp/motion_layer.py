@@ -3,39 +3,45 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.cause import Cause
-from planners.clearing.commitments import ExcludingObjects, NoCommitment
-from planners.clearing.lookahead import ClearancePlan, ClearingProblem, OrderByTaskPlan, commitments_for
-from planners.clearing.minimum_clearances import FloorLimits
-from planners.clearing.second_moves import plan_with_second_moves
+from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
+from planners.clearing.lookahead import ClearancePlan, commitments_for
+from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
-from planners.collision.world import CollisionWorld
+from planners.collision.world import CollisionWorld, CompiledScenes
+from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import stand_off
-from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
+from planners.motion.arm import ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
+from planners.motion.contact_free import ContactFree, merge_phases, phases_of
 from planners.motion.homing import is_among_objects, is_at_home, plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, fewest_blockers, plan_pick, plan_place
-from planners.motion.tcp_following import TcpFollower, follow
+from planners.motion.pick_and_place import (
+    PickMotion,
+    PlaceMotion,
+    can_leave,
+    fewest_blockers,
+    plan_pick,
+    plan_place,
+)
+from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
-from planners.motion.trajectory import Trajectory
+from planners.motion.trajectory import Trajectory, is_contact, join
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.placing.placements import Placement, PlacementSearch
-from planners.placing.surfaces import KeepClear
+from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
+from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
-from planners.tamp.bound_motion import BoundMotion
-from planners.tamp.usable_grasps import UsableGrasps
-
-__all__ = ["BoundMotion", "MotionLayer"]
+from planners.tamp.solution import BoundAction
 
 Array = NDArray[np.float64]
 
@@ -43,43 +49,60 @@ _TRIES = 2
 """Motions tried, with other random choices, where MuJoCo finds fault with the first."""
 
 
-@dataclass
-class MotionLayer:
-    """What Algorithm 1 asks for grasps, placements and motions. It remembers which grasps motion planning refuted.
+@dataclass(frozen=True, eq=False)
+class BoundMotion:
+    """A motion behind an action, and the scene it leaves.
 
     Attributes:
-        candidates: grasps, and the scenes compiled so far.
-        placement_search: finds where to put objects.
+        trajectory: the verified motion.
+        scene: the scene after it.
+        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
+        location: where a base motion leads to a put-down: the symbol of the location.
+        put_down: and the put-down itself, which is planned before the base moves there.
+        before: the scene in which the motion was planned, with its arm active.
+    """
+
+    trajectory: Trajectory
+    scene: Scene
+    location: str = ""
+    put_down: BoundMotion | None = None
+    surfaces: tuple[Surface, ...] = ()
+    before: Scene | None = None
+
+
+@dataclass
+class MotionLayer:
+    """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
+
+    Attributes:
+        context: what does not depend on where the objects stand.
         rng: for sampling.
-        floor_limits: of the search for the smallest self-clearable sets.
-        follower: model of how the joints follow, for a robot that is told TCP poses.
+        compiled: collision worlds of the states so far.
         deadline: when to give up.
-        joins_motions: whether what is done between two contacts becomes one motion; else every phase ends at rest.
-        saves_time: whether strategies that plan ahead choose grasps that take less time.
+        candidates: the grasps known so far in the present state.
+        placement_search: finds where to put objects.
         has_refuted: whether a grasp was refuted by motion planning.
     """
 
-    candidates: GraspCandidates
-    placement_search: PlacementSearch
+    context: PlanningContext
     rng: np.random.Generator
-    floor_limits: FloorLimits | None = None
-    follower: TcpFollower | None = None
+    compiled: CompiledScenes = field(default_factory=CompiledScenes)
     deadline: Deadline = NO_DEADLINE
-    joins_motions: bool = True
-    saves_time: bool = False
+    candidates: GraspCandidates = field(init=False, repr=False)
+    placement_search: PlacementSearch = field(init=False, repr=False)
     has_refuted: bool = False
-    _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict)
-    _is_usable: UsableGrasps = field(init=False, repr=False)
+    _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
+    _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        self._is_usable = UsableGrasps(self.candidates.compiled)
+        self.candidates, self.placement_search = self.context.grasps(self.compiled), self.context.placements()
 
     def choose_grasps(
         self,
         strategy: Strategy,
         scene: Scene,
         target: str,
-        order_by_task_plan: OrderByTaskPlan,
+        order_by_task_plan: Callable[[Commitments], Commitments],
         cleared: Sequence[str] = (),
         holds_aside: bool = False,
     ) -> ClearancePlan | NoCommitment:
@@ -88,58 +111,65 @@ class MotionLayer:
         With `holds_aside` the last obstacle may stay in one gripper while another one takes the target. What was
         `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
         """
-        left_alone = frozenset(cleared) if strategy.leaves_cleared else frozenset()
         problem = ClearingProblem(
-            strategy,
+            self.context,
+            self.candidates,
+            self.placement_search,
             scene,
             target,
-            ExcludingObjects(self.candidates, left_alone),
-            self.placement_search,
-            self.candidates.compiled,
+            strategy,
             self.rng,
-            self.floor_limits,
+            self.is_usable,
+            order_by_task_plan,
             self.deadline,
-            self.saves_time,
-            holds_aside,
+            left_alone=frozenset(cleared) if strategy.leaves_cleared else frozenset(),
+            holds_aside=holds_aside,
         )
-        found = self._usable_commitments(problem, order_by_task_plan)
-        if isinstance(found, NoCommitment) and left_alone and not self.deadline.is_over:
-            problem = replace(problem, candidates=self.candidates)
-            found = self._usable_commitments(problem, order_by_task_plan)
+        found = self._usable_commitments(problem)
+        if isinstance(found, NoCommitment) and problem.left_alone and not self.deadline.is_over:
+            problem = replace(problem, left_alone=frozenset())
+            found = self._usable_commitments(problem)
         if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
             return found
-        second_moves = strategy.second_moves - (len(cleared) - len(set(cleared)))
-        non_monotone = plan_with_second_moves(
-            problem, order_by_task_plan, self._is_usable, self.candidates.blank_copy, second_moves
-        )
-        return non_monotone or found
+        provisional = strategy.non_monotone - (len(cleared) - len(set(cleared)))
+        return non_monotone_plan(problem, provisional) or found
+
+    def _usable_commitments(self, problem: ClearingProblem) -> ClearancePlan | NoCommitment:
+        """The first commitments to grasps that are all usable; those that are not are rejected on the way."""
+        while True:
+            found = commitments_for(problem)
+            if isinstance(found, ClearancePlan):
+                return found
+            if isinstance(found, NoCommitment):
+                # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
+                is_refuted = self.has_refuted and found.cause.lies_in_grasps
+                return replace(found, cause=Cause.MOTION, proved=False) if is_refuted else found
+            for grasp in found.grasps:
+                self._reject(problem.scene, grasp)
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
-        world = self._compiled(scene).for_arm(grasp.arm)
+        world = self.compiled.world(scene).for_arm(grasp.arm)
         blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object) if grasp.drives else None
         if blockers is None:
             self.ban(scene, grasp)
         else:
             self.candidates.obstruct(scene, grasp, blockers)
 
-    def _usable_commitments(
-        self, problem: ClearingProblem, order_by_task_plan: OrderByTaskPlan
-    ) -> ClearancePlan | NoCommitment:
-        """The first commitments to grasps that are all usable; those that are not are rejected on the way."""
-        while True:
-            found = commitments_for(problem, order_by_task_plan, self._is_usable)
-            if isinstance(found, NoCommitment):
-                return self._with_cause(found)
-            if isinstance(found, ClearancePlan):
-                return found
-            for grasp in found.grasps:
-                self._reject(problem.scene, grasp)
+    def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
+        """Whether the gripper can leave a grasp again; under a shelf also whether it knows all that is in its way.
 
-    def _with_cause(self, found: NoCommitment) -> NoCommitment:
-        """Where grasps were refuted by motion planning, it is not the grasps alone that leave no commitments."""
-        is_refuted = self.has_refuted and found.cause.lies_in_grasps
-        return replace(found, cause=Cause.MOTION, proved=False) if is_refuted else found
+        In the open, other objects do not count: they can be cleared. So the answer is remembered for the place of the
+        object.
+        """
+        world = self.compiled.world(scene).for_arm(grasp.arm)
+        if grasp.drives:
+            blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
+            return blockers is not None and not blockers & ~grasp.blockers
+        key = grasp.key, scene.body(grasp.object).pose.tobytes()
+        if key not in self._can_leave:
+            self._can_leave[key] = can_leave(world, grasp.base, grasp.q, grasp.object)
+        return self._can_leave[key]
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
@@ -161,13 +191,14 @@ class MotionLayer:
     def placements(
         self, scene: Scene, keep_clear: KeepClear, strategy: Strategy, planned: Placement | None
     ) -> Iterator[Placement]:
-        """Where the held object may be put: the placement planned for it, then others."""
+        """Placements of the held object: the one planned for it, then others."""
         first = () if planned is None else (planned,)
-        others = self.placement_search.find(self._compiled(scene), keep_clear, strategy, self.rng, self.deadline)
+        world = self.compiled.world(scene)
+        others = self.placement_search.find(world, keep_clear, strategy, self.rng, self.deadline)
         return itertools.islice(itertools.chain(first, others), strategy.placements)
 
     def drive_to_grasp(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | NoPath:
-        """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a board.
+        """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a shelf.
 
         Where another arm will take the object, the active one moves home first.
         """
@@ -175,8 +206,10 @@ class MotionLayer:
         return self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
-        """Drive to where the put-down begins, as for a grasp."""
-        return self.drive(scene, _start_of_put_down(scene, placement))
+        """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
+        is_inside = is_covered(scene, placement.body.foot)
+        base = stand_off(scene, placement.base, placement.q) if is_inside else placement.base
+        return self.drive(scene, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
         """Bring the arm home, with what it holds, where the base stands."""
@@ -184,7 +217,7 @@ class MotionLayer:
 
     def drive(self, scene: Scene, base: Array, home_first: bool = False) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
-        world, state = self._compiled(scene), scene.state
+        world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         found = plan_base(world, state.base, base, state.q if homing is None else homing.end, held=scene.held)
         if isinstance(found, NoPath) and homing is None:
@@ -199,12 +232,12 @@ class MotionLayer:
 
     def _next_arm(self, scene: Scene, arm: str) -> Scene | None:
         """The scene with that arm active; None where another arm is active and not at home."""
-        is_ready = arm == scene.robot.arm_name or is_at_home(self._compiled(scene), scene.state)
+        is_ready = arm == scene.robot.arm_name or is_at_home(self.compiled.world(scene), scene.state)
         return scene.using(arm) if is_ready else None
 
     def _home(self, scene: Scene) -> ArmPath | None:
-        """The arm's way home, if one is found and accepted."""
-        home = plan_home(self._compiled(scene), scene.state, self.rng)
+        """The arm's path home, if one is found and accepted."""
+        home = plan_home(self.compiled.world(scene), scene.state, self.rng)
         return home if isinstance(home, ArmPath) and self.is_accepted(scene, [home]) else None
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
@@ -212,38 +245,41 @@ class MotionLayer:
         turn = self._next_arm(scene, grasp.arm)
         if turn is None:
             return NoPath("the other arm is not at home")
-        scene, world = turn, self._compiled(turn)
+        scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
         for _ in range(_TRIES):
-            motion = plan_pick(world, grasp.base, _whole_body(scene.state), grasp.q, grasp.object, rng=self.rng)
+            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng)
             if not isinstance(motion, PickMotion):
                 return motion
             if self.is_accepted(scene, motion.paths):
-                return self._followed(scene, _after_pick(scene, motion), (grasp.object,))
+                trajectory = pick_trajectory(scene.robot, motion, scene.state)
+                carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
+                return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
 
     def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
         """Put the held object down as planned."""
         assert scene.held is not None
-        world, held, start = self._compiled(scene), scene.held, _whole_body(scene.state)
+        world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         for _ in range(_TRIES):
             motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
             if not isinstance(motion, PlaceMotion):
                 return motion
-            if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(
-                scene.with_held(None).with_body(motion.placed), motion.paths[2:]
-            ):
-                return self._followed(scene, _after_put_down(scene, motion, placement), (scene.held.name,))
+            released = scene.with_held(None).with_body(motion.placed)
+            if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:]):
+                trajectory = place_trajectory(scene.robot, motion, scene.state)
+                left = released.with_state(_end_state(motion, trajectory))
+                return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
         return NoPath("MuJoCo finds penetration")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
-        """The same motion; for a robot that is told TCP poses, with the joint path that follows it, or why not."""
+        """The same motion; under end-effector control with the joint path that follows it, or why there is none."""
         bound = replace(bound, before=scene)
-        if self.follower is None:
+        if self.context.follower is None:
             return bound
-        followed = follow(self.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
+        followed = follow(self.context.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
         if followed is None:
             return NoPath("the TCP cannot follow the trajectory")
-        world = self._compiled(scene).with_padding(0.0)
+        world: CollisionWorld = self.compiled.world(scene).with_padding(0.0)
         hits = followed.hits(world, scene.mask(touched))
         if hits & FIXED_BITS:
             return NoPath(f"following the TCP, the arm touches {', '.join(world.names_of(hits))}")
@@ -252,8 +288,31 @@ class MotionLayer:
         state = RobotState(bound.scene.state.base, followed.end, bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 
-    def _compiled(self, scene: Scene) -> CollisionWorld:
-        return self.candidates.compiled.world(scene)
+    def shortened(self, actions: Sequence[BoundAction]) -> tuple[BoundAction, ...]:
+        """The same plan in less time: what its actions do between two contacts becomes one motion, where one is free.
+
+        Actions keep their names, their order and their phases; where one ends and the next begins, the robot no longer
+        rests.
+        """
+        parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
+
+        def kind(part: tuple[int, Trajectory]) -> tuple[str, bool]:
+            """Properties that phases of one motion share: the arm, and whether it is a contact."""
+            return actions[part[0]].scene.robot.arm_name, is_contact(part[1].phases[0])
+
+        runs = [list(run) for _, run in itertools.groupby(parts, key=kind)]
+        in_contact = [is_contact(run[0][1].phases[0]) for run in runs]
+        shorter: list[list[Trajectory]] = [[] for _ in actions]
+        for k, run in enumerate(runs):
+            phases = [phase for _, phase in run]
+            if not in_contact[k]:
+                motion = ContactFree(phases, k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1])
+                scene = actions[run[-1][0]].scene
+                found = merge_phases(self.compiled.world(scene), motion)
+                phases = found if found is not None and self.is_accepted(scene, [join(found)]) else phases
+            for (index, _), phase in zip(run, phases, strict=True):
+                shorter[index].append(phase)
+        return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | ArmPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
@@ -264,27 +323,12 @@ class MotionLayer:
         return all(self._checkers[arm].accepts(path) for path in paths)
 
 
-def _whole_body(state: RobotState) -> Array:
-    """(11,) base pose, torso and arm."""
-    return np.concatenate((state.base, state.q))
+def _end_state(motion: PickMotion | PlaceMotion, trajectory: Trajectory) -> RobotState:
+    """The robot at the end of a motion."""
+    return RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
 
 
-def _start_of_put_down(scene: Scene, placement: Placement) -> Array:
-    """The base pose (3,) from which the base drives straight in under a board to put an object down."""
-    is_inside = is_covered(scene, placement.body.foot)
-    return stand_off(scene, placement.base, placement.q) if is_inside else placement.base
-
-
-def _after_pick(scene: Scene, motion: PickMotion) -> BoundMotion:
-    """The motion of a pick, and the scene in which the object is carried."""
-    trajectory = pick_trajectory(scene.robot, motion, scene.state)
-    state = RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
-    return BoundMotion(trajectory, scene.with_state(state).with_held(motion.held))
-
-
-def _after_put_down(scene: Scene, motion: PlaceMotion, placement: Placement) -> BoundMotion:
-    """The motion of a put-down, and the scene in which the object stands where it was put."""
-    trajectory = place_trajectory(scene.robot, motion, scene.state)
-    state = RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
-    placed = scene.with_held(None).with_state(state).with_body(motion.placed)
-    return BoundMotion(trajectory, placed, surfaces=placement.surfaces)
+def _with_trajectory(action: BoundAction, trajectory: Trajectory) -> BoundAction:
+    """The action with another trajectory; its scene has the robot where that begins."""
+    state = RobotState(trajectory.base[0], trajectory.q[0], float(trajectory.finger_position[0]))
+    return replace(action, trajectory=trajectory, scene=action.scene.with_state(state))

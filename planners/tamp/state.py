@@ -1,9 +1,9 @@
-"""What Algorithm 1 works on: its inputs, the state it calls s0, the plan so far, and how it can end."""
+"""State of Algorithm 1: its inputs, the state it calls s0, the plan so far, and how it can end."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -16,27 +16,15 @@ from planners.symbolic.problem import GroundAction, SymbolicState, TaskPlanner
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
-__all__ = ["PlanState", "Refutation", "Search", "TampLimits", "infeasible", "out_of_time", "stats"]
-
-
-@dataclass(frozen=True)
-class TampLimits:
-    """When one run of Algorithm 1 is given up. The time limit of the whole solve is `MotionLayer.deadline`.
-
-    Attributes:
-        clearances: put-downs in one plan.
-        replans: turns of the loop that ended with a refuted action.
-        task_planning_s: [s] of wall time for one call of the task planner; a call that takes longer ends the run.
-    """
-
-    clearances: int = 60
-    replans: int = 200
-    task_planning_s: float = 10.0
+MAX_CLEARANCES, MAX_REPLANS = 60, 200
+"""Put-downs in one plan, and turns of the loop that ended with a refuted action, before a run is given up."""
+TASK_PLANNING_S = 10.0
+"""[s] of wall time for one call of the task planner; a call that takes longer ends the run."""
 
 
 @dataclass(frozen=True)
 class PlanState:
-    """What Algorithm 1 calls s0.
+    """The state that Algorithm 1 calls s0.
 
     Attributes:
         symbols: the facts.
@@ -78,7 +66,6 @@ class Search:
     strategy: Strategy
     task_planner: TaskPlanner
     motion_layer: MotionLayer
-    limits: TampLimits = field(default_factory=TampLimits)
     hold_aside: bool = False
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
@@ -89,43 +76,44 @@ class Search:
     motion_planning_s: float = 0.0
     started_cpu: float = field(default_factory=cpu_seconds)
 
+    @property
+    def is_late(self) -> bool:
+        """Whether the time is up."""
+        return self.motion_layer.deadline.is_over
 
-def infeasible(search: Search, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
-    """The end of the search without a plan.
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether the time is up, or there were too many replans or clearances."""
+        return len(self.history) >= MAX_REPLANS or len(self.clearances) >= MAX_CLEARANCES or self.is_late
 
-    A cause that lies in the grasps alone is one only as long as no grasp was refuted and no object moved; it is the
-    motions afterwards. Where motions were refuted until nothing or no time was left, the detail says why.
-    """
-    cleared = tuple(search.clearances)
-    if cause.lies_in_grasps and (search.motion_layer.has_refuted or search.history or cleared):
-        cause = Cause.MOTION
-    if cause in (Cause.MOTION, Cause.TIME_LIMIT):
-        detail += _usual_refutation(search.history)
-    return Infeasible(cause, detail, objects, cleared, stats(search), search.target, search.strategy)
+    def infeasible(self, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
+        """The end of the search without a plan.
 
+        A cause that lies in the grasps alone is one only as long as no grasp was refuted and no object moved; it is the
+        motions afterwards. Where motions were refuted until nothing or no time was left, the detail says why most were.
+        """
+        cleared = tuple(self.clearances)
+        if cause.lies_in_grasps and (self.motion_layer.has_refuted or self.history or cleared):
+            cause = Cause.MOTION
+        if cause in (Cause.MOTION, Cause.TIME_LIMIT):
+            reasons = Counter(record.reason for record in self.history if record.reason)
+            for reason, count in reasons.most_common(1):
+                detail += f"; {count} of {len(self.history)} refutations: {reason}"
+        return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy)
 
-def _usual_refutation(history: Sequence[ReplanRecord]) -> str:
-    """The most frequent reason why motion planning refuted actions, "" without any."""
-    reasons = Counter(record.reason for record in history if record.reason)
-    for reason, count in reasons.most_common(1):
-        return f"; {count} of {len(history)} refutations: {reason}"
-    return ""
+    def out_of_time(self) -> Infeasible:
+        """The end of the search at the time limit, or after too many replans or clearances."""
+        counts = f"{len(self.history)} replans and {len(self.clearances)} clearances"
+        reason = "the time was up" if self.is_late else "given up"
+        return self.infeasible(Cause.TIME_LIMIT, f"{reason} after {counts}", ())
 
-
-def out_of_time(search: Search) -> Infeasible:
-    """The end of the search at the time limit, or after too many replans or clearances."""
-    counts = f"{len(search.history)} replans and {len(search.clearances)} clearances"
-    reason = "the time was up" if search.motion_layer.deadline.is_over else "given up"
-    return infeasible(search, Cause.TIME_LIMIT, f"{reason} after {counts}", ())
-
-
-def stats(search: Search) -> SolveStats:
-    """The counts so far."""
-    return SolveStats(
-        replans=len(search.history),
-        task_plans=search.task_plans,
-        task_planning_s=search.task_planning_s,
-        motion_planning_s=search.motion_planning_s,
-        total_s=cpu_seconds() - search.started_cpu,
-        history=tuple(search.history),
-    )
+    def stats(self) -> SolveStats:
+        """The counts so far."""
+        return SolveStats(
+            replans=len(self.history),
+            task_plans=self.task_plans,
+            task_planning_s=self.task_planning_s,
+            motion_planning_s=self.motion_planning_s,
+            total_s=cpu_seconds() - self.started_cpu,
+            history=tuple(self.history),
+        )

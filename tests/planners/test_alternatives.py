@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.clearing.minimum_clearances import minimum_clearances
+from planners.clearing.lower_bound import minimum_clearances
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.skills.alternatives import Alternatives, direction_class

@@ -10,10 +10,10 @@ from assets.robots import FETCH
 from planners import Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
 from planners.clock import Deadline
 from planners.motion.arm import BlockedBy, NoPath
+from planners.planner import best_outcome
 from planners.symbolic.astar import shortest_plan
 from planners.symbolic.problem import TaskProblem
 from planners.tamp import motion_layer
-from planners.tamp.attempts import best_outcome
 from tests.planners.scenes import cylinder, table_scene
 
 

@@ -18,8 +18,7 @@ from planners import STRATEGIES, Cause, GroundAction, Infeasible, NoPlan, Planne
 from planners.scene import Scene
 from planners.strategies import StrategyError, UnknownStrategy
 from planners.symbolic.astar import shortest_plan
-from planners.symbolic.checking import InvalidAnswerError, without_detours
-from planners.symbolic.engines import UnknownEngineError
+from planners.symbolic.engines import InvalidAnswerError, UnknownEngineError, without_detours
 from planners.symbolic.problem import TaskProblem
 from tests.planners.scenes import cylinder, table_scene
 

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm import InverseReachabilityMap, ReachabilityMap, VisibilityMap, cached_map
 from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solve
-from planners import planner as planner_module
 from planners.cause import Cause
-from planners.clearing.lookahead import grasped
-from planners.grasping.base_placement import MapPlacer, map_parameters
-from planners.grasping.candidates import GraspCandidates
+from planners.clearing.commitments import grasped
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.planner import map_placer
 from planners.scene import RobotState, SceneError, UnknownObject
 from planners.strategies import STRATEGIES, UnknownStrategy
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
@@ -108,7 +101,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
     first = PLANNER.solve(scene, "object_00")
     assert isinstance(first, Solution)
-    candidates = GraspCandidates(map_placer(scene), PLANNER.chain)
+    candidates = PLANNER.context(scene).grasps()
     in_hand = grasped(scene, candidates.for_object(scene, "object_00")[0])
     found = PLANNER.solve(in_hand, "object_01")
     assert isinstance(found, Solution), found
@@ -121,7 +114,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
 def test_a_target_that_is_held_low_is_brought_up() -> None:
     """An arm that stopped on its way home held the target lower than counts as lifted, and the plan was empty."""
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
-    grasp = GraspCandidates(map_placer(scene), PLANNER.chain).for_object(scene, "object_00")[0]
+    grasp = PLANNER.context(scene).grasps().for_object(scene, "object_00")[0]
     low = np.array([grasp.q[0] + 0.02, *grasp.q[1:]])
     in_hand = grasped(scene, grasp).with_state(RobotState(grasp.base, low, 0.0))
     found = PLANNER.solve(in_hand, "object_00")
@@ -186,33 +179,3 @@ def test_time_limit_is_a_cause() -> None:
 
 def test_scene_height_matches_the_objects() -> None:
     assert table_scene(cylinder("object_00", 0.0, 0.0)).body("object_00").bottom == pytest.approx(HEIGHT)
-
-
-def test_bases_of_equal_quality_are_tried_in_the_order_of_what_the_camera_sees() -> None:
-    """For level gripper poses all over the table; a map of these alone is built in little time."""
-    scene, rng = table_scene(), np.random.default_rng(0)
-    level = ReachabilityMap.build(FETCH, pitches=(0.0,), heights=(HEIGHT, HEIGHT + 0.2), voxel=0.1)
-    plain = MapPlacer.of_scene(InverseReachabilityMap(level), scene)
-    seeing = replace(plain, prefer=VisibilityMap.build(level, FETCH))
-    assert seeing.prefer is not None
-    near = scene.support.position[:2] + rng.uniform(-0.2, 0.2, (60, 2))
-    gripper_poses = np.column_stack([near, np.full(60, HEIGHT + 0.1), rng.uniform(-np.pi, np.pi, 60), np.zeros(60)])
-    shares = []
-    for placer in (plain, seeing):
-        bases, index = placer.bases(gripper_poses)
-        shares.append(seeing.prefer.visible(bases, gripper_poses[index, :3], gripper_poses[index, 3]).mean())
-    assert shares[1] > shares[0]
-
-
-def test_a_planner_that_prefers_visible_targets_plans_for_the_same_tasks(
-    problem: tuple[Scene, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene, target = problem
-    level = cached_map(FETCH, **map_parameters(FETCH))
-    shares = np.random.default_rng(0).integers(0, 256, len(level)).astype(np.uint8)
-    monkeypatch.setattr(planner_module, "_visibility_map", lambda _: VisibilityMap(level, "any", shares))
-    plans = [replace(PLANNER, prefer_visible=prefer).solve(scene, target) for prefer in (False, True, False)]
-    assert all(isinstance(plan, Solution) for plan in plans)
-    poses = [[tuple(action.trajectory.base[-1]) for action in plan.actions] for plan in plans]
-    assert poses[0] == poses[2]
-    assert poses[0] != poses[1]

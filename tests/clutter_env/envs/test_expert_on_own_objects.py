@@ -10,7 +10,7 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from assets.robots import FETCH
 from clutter_env.scene.layout import Box, Layout
-from planners.execution.expert import TampExpert
+from planners.expert.expert import TampExpert
 
 BENCH = Layout("bench", depth=0.5, width=0.9, is_front_only=False)
 CRATE = Box("crate", (0.0, 1.1, 0.3), (0.2, 0.2, 0.3))
@@ -18,7 +18,13 @@ OBJECTS = [{"radius": 0.03, "height": 0.16, "position": (x, y)} for x, y in ((-0
 
 
 @pytest.mark.parametrize(
-    "keywords", [{"layout": BENCH}, {"layout": replace(BENCH, boxes=(CRATE,)), "robot": replace(FETCH, name="mine")}]
+    "keywords",
+    [
+        {"layout": BENCH},
+        pytest.param(
+            {"layout": replace(BENCH, boxes=(CRATE,)), "robot": replace(FETCH, name="mine")}, marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_the_expert_lifts_a_free_target(keywords: dict) -> None:
     env = gym.make("clutter_env/Retrieve-o5-v0", **keywords)

@@ -10,10 +10,6 @@ from gymnasium.utils.env_checker import check_env
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import PR2
 from clutter_env.errors import ActionError, ConfigError
-from clutter_env.experiments.clearance_table.effort import effort_of
-from clutter_env.experiments.clearance_table.table import TableSettings
-from clutter_env.experiments.clearance_table.trials import Attempt
-from tests.clutter_env.envs.test_determinism import digest
 
 BOTH = PR2.with_all_arms()
 ARMS = slice(4, 11), slice(11, 18)
@@ -70,13 +66,6 @@ def test_joint_action_leads_both_arms_to_a_configuration() -> None:
         env.joint_action(goal[:11], [0.05, 0.02])
 
 
-def test_same_seed_same_bits() -> None:
-    first, second = make(), make()
-    second.reset(seed=9)
-    second.step(second.action_space.sample())
-    assert digest(first, steps=100) == digest(second, steps=100)
-
-
 def test_a_saved_state_continues_bit_for_bit() -> None:
     env, other = make(), make()
     env.reset(seed=4)
@@ -89,20 +78,3 @@ def test_a_saved_state_continues_bit_for_bit() -> None:
     other.restore_state(state)
     assert other.save_state() == state
     assert [other.step(action)[0]["robot"].tobytes() for action in actions] == expected
-
-
-def test_a_table_of_arms_needs_a_robot_with_two() -> None:
-    with pytest.raises(ConfigError, match="robot='fetch' has one arm"):
-        TableSettings(objects=(15,), strategies=("lookahead", "lookahead, two arms"))
-    assert TableSettings(objects=(15,), strategies=("lookahead", "lookahead, two arms"), robot="pr2").compares_arms
-
-
-def test_effort_is_compared_on_the_scenes_that_both_solved() -> None:
-    def attempt(seed: int, moves: int, seconds: float, solved: bool = True) -> Attempt:
-        return Attempt(15, seed, "lookahead", solved=solved, base_moves=moves, sim_s=seconds)
-
-    own = {1: attempt(1, 1, 10.0), 2: attempt(2, 2, 20.0), 3: attempt(3, 9, 90.0)}
-    reference = {1: attempt(1, 3, 30.0), 2: attempt(2, 3, 20.0), 3: attempt(3, 1, 1.0, solved=False)}
-    found = effort_of(own, reference, np.random.default_rng(0))
-    assert (found.base_moves, found.reference_moves, found.less_moves.mean) == (1.5, 3.0, 1.5)
-    assert (found.time, found.reference_time, found.less_time.mean) == (15.0, 25.0, 10.0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
+from planners.context import map_placer
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.motion.arm import tcp_pose
-from planners.planner import map_placer
 from planners.scene import SELF_BIT, RobotState, Scene
 from tests.planners.scenes import random_scene
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from assets.robots import FETCH
+from planners.context import map_placer
 from planners.grasping.base_placement import farthest_reach
 from planners.grasping.facing_bases import TURNED, FacingPlacer
-from planners.planner import map_placer
 from tests.planners.scenes import cylinder, table_scene
 
 SCENE = table_scene(cylinder("object_00", 0.0, 0.0))

@@ -7,30 +7,25 @@ from dataclasses import replace
 import numpy as np
 
 from assets.robots import FETCH
-from clutter_env.simulation.ee_control import TcpFollower
+from clutter_env.simulation.end_effector import TcpFollower
 from planners.collision.world import CollisionWorld
-from planners.grasping.candidates import GraspCandidate, GraspCandidates, SamplingConfig
+from planners.context import PlanningContext
+from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import BlockedBy, tcp_pose
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.tcp_following import Followed, follow
 from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Trajectory
-from planners.placing.placements import PlacementSearch
-from planners.planner import map_placer
 from planners.scene import RobotState, Scene
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
-from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import cylinder, table_scene
 
 ALONE = table_scene(cylinder("wanted", 0.0, 0.0), cylinder("other", 0.25, 0.4))
 
 
 def motion_layer(scene: Scene) -> MotionLayer:
-    placer = map_placer(scene)
-    candidates = GraspCandidates(placer, CHAIN, SamplingConfig(near_home=True))
-    return MotionLayer(
-        candidates, PlacementSearch(placer, CHAIN), np.random.default_rng(0), follower=TcpFollower(FETCH)
-    )
+    context = PlanningContext.of(scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
+    return MotionLayer(context, np.random.default_rng(0))
 
 
 def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:

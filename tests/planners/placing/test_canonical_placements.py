@@ -7,22 +7,22 @@ import itertools
 import numpy as np
 import pytest
 
-from planners.clearing.lookahead import grasped
+from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
-from planners.grasping.canonical import CanonicalGrasps
+from planners.context import PlanningContext
 from planners.placing.canonical import CanonicalPlacements, placement_cells
 from planners.placing.surfaces import KeepClear
-from planners.planner import map_placer
 from planners.scene import Scene
 from planners.strategies import STRATEGIES
-from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 LOOKAHEAD = STRATEGIES["lookahead"]
 
 
 def in_hand(scene: Scene) -> Scene:
-    return grasped(scene, CanonicalGrasps(map_placer(scene), CHAIN).for_object(scene, "object_00")[0])
+    return grasped(
+        scene, PlanningContext.of(scene, grasps="side", canonical=True).grasps().for_object(scene, "object_00")[0]
+    )
 
 
 def test_cells_are_a_grid_inside_the_margins() -> None:
@@ -38,7 +38,10 @@ def test_cells_are_a_grid_inside_the_margins() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_numbers(seed: int) -> None:
     scene = in_hand(random_scene(8, seed))
-    world, search = CollisionWorld.from_scene(scene), CanonicalPlacements(map_placer(scene), CHAIN)
+    world, search = (
+        CollisionWorld.from_scene(scene),
+        PlanningContext.of(scene, grasps="side", canonical=True).placements(),
+    )
     found = [
         list(itertools.islice(search.find(world, KeepClear(), LOOKAHEAD, np.random.default_rng(rng)), 3))
         for rng in (0, 1)
@@ -52,6 +55,9 @@ def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_
 
 def test_where_no_cell_is_straight_the_placements_of_the_paper_follow(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = in_hand(random_scene(8, 1))
-    world, search = CollisionWorld.from_scene(scene), CanonicalPlacements(map_placer(scene), CHAIN)
+    world, search = (
+        CollisionWorld.from_scene(scene),
+        PlanningContext.of(scene, grasps="side", canonical=True).placements(),
+    )
     monkeypatch.setattr(CanonicalPlacements, "straight", lambda *_: iter(()))
     assert next(search.find(world, KeepClear(), LOOKAHEAD, np.random.default_rng(0)), None) is not None

@@ -12,32 +12,31 @@ import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners.clearing.lookahead import grasped
+from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
-from planners.grasping.candidates import GraspCandidates
+from planners.context import PlanningContext
 from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
-from planners.planner import Planner, map_placer
+from planners.planner import Planner
 from planners.scene import Scene, StaticObstacle
 from planners.strategies import STRATEGIES, Strategy, StrategyError
-from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import cylinder, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
-PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "second_moves")
+PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "non_monotone")
 
 
 @pytest.fixture(scope="module")
 def in_hand() -> Scene:
     """One of two objects of a nearly empty table, grasped."""
     scene = table_scene(cylinder("object_00", -0.2, 0.1), cylinder("object_01", 0.0, -0.3))
-    return grasped(scene, GraspCandidates(map_placer(scene), CHAIN).for_object(scene, "object_00")[0])
+    return grasped(scene, PlanningContext.of(scene, grasps="side").grasps().for_object(scene, "object_00")[0])
 
 
 def search(scene: Scene) -> PlacementSearch:
-    return PlacementSearch(map_placer(scene), CHAIN)
+    return PlanningContext.of(scene, grasps="side").placements()
 
 
 def locations_tried(

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from planners.placing.release import put_down, rotated
+from planners.placing.locations import put_down, rotated
 from planners.scene import Body, HeldObject
-from planners.scene.resting import release_pitch
+from planners.scene.bodies import release_pitch
 from tests.planners.scenes import HEIGHT, table_scene
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.collision.robot_model import BASE
+from irm.chain import BASE
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
-from planners.drawing.choices import choices_of
-from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.context import PlanningContext
+from planners.drawing.clearances import choices_of
+from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import APPROACH_PATTERNS, grasp_context, trace
 from planners.motion.arm import on_base, tcp_pose
 from planners.motion.pick_and_place import planned_approach
 from planners.placing import surfaces, swept_volume
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, is_free, swept_mask
 from planners.placing.swept_volume import GraspVolumes, grasp_volume, path_volume, standing_volume
-from planners.planner import Planner, map_placer
+from planners.planner import Planner
 from planners.scene import HeldObject, Scene, StaticObstacle
 from planners.tamp.solution import Solution
-from tests.planners.motion_scenes import CHAIN
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 TALL = 0.2
@@ -32,7 +32,7 @@ BOARD = StaticObstacle("board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0
 def grasps(scene: Scene, name: str) -> list[GraspCandidate]:
     """Grasps of an object along which it can be taken."""
     world = CollisionWorld.from_scene(scene)
-    found = GraspCandidates(map_placer(scene), CHAIN).for_object(scene, name)
+    found = PlanningContext.of(scene, grasps="side").grasps().for_object(scene, name)
     return [grasp for grasp in found if planned_approach(world, grasp.base, grasp.q, name) is not None]
 
 
@@ -159,10 +159,10 @@ def test_the_region_drawn_is_the_region_used(monkeypatch: pytest.MonkeyPatch, su
     used = list(compared)
     puts = [action for action in plan.actions if action.is_clearance]
     for put, choice in zip(puts, choices_of(plan), strict=True):
-        assert len(choice.picture.surfaces) == (1 if supports is None else 3)
-        assert choice.picture.surfaces[0].region.ngr1.any()
+        assert len(choice.surfaces) == (1 if supports is None else 3)
+        assert choice.surfaces[0].region.ngr1.any()
         free = []
-        for drawn, surface in zip(choice.picture.surfaces, put.surfaces, strict=True):
+        for drawn, surface in zip(choice.surfaces, put.surfaces, strict=True):
             assert any(drawn.region is region for region in made)
             assert any(np.array_equal(surface.blocked, mask) for mask in used)
             assert not (drawn.region.mask & ~surface.blocked).any()

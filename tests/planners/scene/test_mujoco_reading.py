@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.execution.monitor import Sensor
+from planners.expert.monitor import Sensor
 from planners.scene import Scene, SceneError
 from tests.planners.own_scenes import MOVABLE, SUPPORT, TABLE_X, TOP, kitchen, read
 

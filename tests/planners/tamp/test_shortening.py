@@ -16,7 +16,7 @@ from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.timing import round_corners
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join
 from planners.scene import SELF_BIT, Scene
-from planners.tamp import algorithm1
+from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import BoundAction
 from planners.warming import warmup_scene
 from tests.planners.scenes import random_shelf
@@ -30,7 +30,7 @@ def plan(monkeypatch: pytest.MonkeyPatch, scene: Scene, target: str, is_shortene
     """A plan that clears an object, with or without its motions made one."""
     with monkeypatch.context() as patch:
         if not is_shortened:
-            patch.setattr(algorithm1, "shorten", lambda actions, *_: tuple(actions))
+            patch.setattr(MotionLayer, "shortened", lambda _, actions: tuple(actions))
         found = Planner(FETCH, grasps="side").solve(scene, target)
     assert isinstance(found, Solution)
     assert found.clearances

@@ -1,0 +1,135 @@
+"""The compiled context of a solve: everything that does not depend on where the objects stand.
+
+What does depend on it is kept in explicit caches of a state: `GraspCandidates` (grasps, what is in their way, compiled
+collision worlds) and `PlacementSearch` (what grasps sweep). A context makes new ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from assets.robots import RobotSpec
+from irm.chain import ArmChain
+from planners.collision.world import CompiledScenes
+from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
+from planners.grasping.candidates import GraspCandidates, SamplingConfig
+from planners.grasping.canonical import CanonicalGrasps
+from planners.grasping.families import GraspFamily, find_grasp_set
+from planners.motion.tcp_following import TcpFollower
+from planners.placing.canonical import CanonicalPlacements
+from planners.placing.placements import PlacementSearch
+from planners.placing.surfaces import Supports, find_supports
+from planners.scene import Scene
+
+_BASES, _BASES_NEAR_HOME = 3, 8
+"""Base poses tried for each gripper pose; more where only one arm configuration counts at each."""
+
+
+class ArmsError(ValueError):
+    """A choice that does not fit the number of arms that a robot acts with; the message says what does."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningContext:
+    """A robot among static obstacles, with the choices that hold for a whole solve.
+
+    Attributes:
+        robot: which one.
+        arms: the arms that act, by name: free ground, inverse reachability map and joints of each.
+        families: the grasp set.
+        supports: names of the supports where objects may be put.
+        canonical: whether grasps and placements are canonical, so that plans can be learned.
+        near_home: whether only arm configurations near home count, for robots that follow TCP poses.
+        follower: model of how the joints follow, for an end-effector-controlled robot.
+        saves_time: whether strategies that plan ahead choose grasps that take less time.
+    """
+
+    robot: RobotSpec
+    arms: Mapping[str, Arm]
+    families: tuple[GraspFamily, ...]
+    supports: tuple[str, ...]
+    canonical: bool = False
+    near_home: bool = False
+    follower: TcpFollower | None = None
+    saves_time: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        *,
+        grasps: str = "all",
+        supports: Supports = None,
+        canonical: bool = False,
+        follower: TcpFollower | None = None,
+        saves_time: bool | None = None,
+    ) -> PlanningContext:
+        """The context of a scene's robot, static obstacles and supports, for every arrangement of its objects.
+
+        Args:
+            scene: where the objects stand does not matter.
+            grasps, supports: as for `planners.solve`.
+            canonical, follower, saves_time: as for `planners.Planner`.
+
+        Raises:
+            UnknownGraspSet: no grasp set of that name.
+            UnknownSupport: the scene declares no support of a name.
+        """
+        robot = scene.robot
+        arms = {
+            name: Arm(map_placer(scene.using(name)), ArmChain.from_robot(robot.using(name)))
+            for name in robot.acting_arms
+        }
+        return cls(
+            robot,
+            MappingProxyType(arms),
+            find_grasp_set(grasps),
+            find_supports(scene, supports),
+            canonical,
+            follower=follower,
+            saves_time=robot.acts_with_all_arms if saves_time is None else saves_time,
+        )
+
+    def only_near_home(self) -> PlanningContext:
+        """The same with arm configurations near home only, from more base poses."""
+        arms = {
+            name: arm._replace(placer=replace(arm.placer, per_gripper_pose=_BASES_NEAR_HOME))
+            for name, arm in self.arms.items()
+        }
+        return replace(self, arms=MappingProxyType(arms), near_home=True)
+
+    def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
+        """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
+        kind = CanonicalGrasps if self.canonical else GraspCandidates
+        config, worlds = SamplingConfig(near_home=self.near_home), compiled or CompiledScenes()
+        return kind(self.arms, config, worlds, self.families)
+
+    def placements(self) -> PlacementSearch:
+        """A new search for placements, with a cache of what grasps sweep."""
+        kind = CanonicalPlacements if self.canonical else PlacementSearch
+        return kind(self.arms, near_home=self.near_home, supports=self.supports)
+
+
+def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, canonical: bool) -> None:
+    """Check a planner's choices.
+
+    Raises:
+        ArmsError: they do not fit the arms that the robot acts with.
+    """
+    if not isinstance(hold_aside, bool):
+        raise ArmsError(f"hold_aside={hold_aside!r} is not valid; valid values: False, True")
+    if hold_aside and not robot.acts_with_all_arms:
+        several = bool(robot.idle_arms)
+        advice = "robot.with_all_arms() does" if several else "it has one arm; valid value: hold_aside=False"
+        raise ArmsError(f"hold_aside needs a robot that acts with several arms, {robot.name!r} does not; {advice}")
+    if robot.acts_with_all_arms and (is_told_tcp_poses or canonical):
+        what = "control mode 'ee'" if is_told_tcp_poses else "canonical plans"
+        arms = ", ".join(map(repr, robot.acting_arms))
+        raise ArmsError(f"{what} are for one arm; robot.using(arm) of {robot.name!r} has one of: {arms}")
+
+
+def map_placer(scene: Scene) -> MapPlacer:
+    """Base poses for gripper poses of the active arm, among the static obstacles of a scene."""
+    return MapPlacer.of_scene(inverse_map(scene.robot), scene, _BASES)

@@ -1,0 +1,124 @@
+"""Execution of a plan in a MuJoCo simulation of your own, without a Gymnasium environment.
+
+Example:
+    scene = Scene.from_mujoco(model, data, FETCH, movable=["can", "box"], support="table")
+    solution = solve(scene, "can")
+    print(execute(solution, model, data))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from assets.robots import RobotSpec
+from planners.expert.config import ExpertError, MonitorConfig
+from planners.expert.executor import Command, ExecutionStatus, Executor
+from planners.expert.monitor import Deviation, Sensor
+from planners.motion.trajectory import CONTROL_STEP
+from planners.scene.mujoco_reading import RobotJoints
+from planners.tamp.solution import Solution
+
+_SEGMENTS = 5
+"""Steps in which the motor commands move within one control step (100 Hz)."""
+
+
+@dataclass(frozen=True)
+class ExecutionResult:
+    """End of an execution.
+
+    Attributes:
+        finished: every action was carried out.
+        deviation: the difference between world and plan that stopped it, None without one.
+        cleared: names of the objects put aside, in order.
+        sim_s: [s] simulated time.
+    """
+
+    finished: bool
+    deviation: Deviation | None
+    cleared: tuple[str, ...]
+    sim_s: float
+
+
+def execute(
+    solution: Solution,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    on_step: Callable[[], None] | None = None,
+    config: MonitorConfig | None = None,
+) -> ExecutionResult:
+    """Carry out a plan in the simulation that its scene was read from; `data` is stepped.
+
+    The robot's position actuators have the names of its joints, as in the MJCF of this package's robots. A deviation
+    (an object slipped, toppled or was pushed; the robot lags behind) stops the plan after a retreat.
+
+    Args:
+        solution: the plan.
+        model: the simulation.
+        data: its state, in which the scene was read.
+        on_step: called after every control step of 0.05 s, for example to draw.
+        config: tolerances of the monitor.
+
+    Raises:
+        ExpertError: the model lacks an actuator of the robot, its time step does not divide 0.01 s, or the plan is for
+            several arms.
+        SceneError: the model lacks the robot or an object of the plan.
+    """
+    if not solution.actions:
+        return ExecutionResult(True, None, (), 0.0)
+    scene = solution.actions[0].scene
+    if len({action.scene.robot.arm_name for action in solution.actions}) > 1:
+        raise ExpertError("a plan for several arms is executed by TampExpert alone; robot.using(arm) plans for one")
+    sensor = Sensor(model, data, scene.robot, scene.names)
+    motors = _Motors(model, data, scene.robot)
+    executor = Executor(solution.actions, scene.robot, sensor.names, sensor.read(), config or MonitorConfig())
+    started, status = float(data.time), ExecutionStatus.RUNNING
+    while status is ExecutionStatus.RUNNING:
+        command, status, _ = executor.advance(sensor.read())
+        motors.move_to(command)
+        if on_step is not None:
+            on_step()
+    is_finished, sim_s = status is ExecutionStatus.FINISHED, float(data.time) - started
+    return ExecutionResult(is_finished, executor.deviation, tuple(executor.cleared), sim_s)
+
+
+class _Motors:
+    """Position actuators of a robot; their commands move linearly within a control step."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> None:
+        names = (*robot.drive_joints, *robot.finger_joints)
+        missing = [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
+        if missing:
+            raise ExpertError(f"the model lacks position actuators of robot {robot.name!r}: {', '.join(missing)}")
+        self._steps = round(CONTROL_STEP / _SEGMENTS / model.opt.timestep)
+        if self._steps < 1 or not np.isclose(self._steps * model.opt.timestep * _SEGMENTS, CONTROL_STEP):
+            raise ExpertError(
+                f"a time step of {model.opt.timestep} s does not divide {CONTROL_STEP / _SEGMENTS} s; 0.002 s does"
+            )
+        self._model, self._data, self._robot = model, data, robot
+        self._joints = RobotJoints.of(model, data, robot)
+        self._drive = np.array([model.actuator(name).id for name in robot.drive_joints])
+        self._fingers = np.array([model.actuator(name).id for name in robot.finger_joints])
+        self._feedforward = np.array(robot.velocity_feedforward(model))
+        self._last = self._joints.read(data)
+        self._finger = float(np.mean([data.joint(name).qpos[0] for name in robot.finger_joints]))
+        head = [model.actuator(name).id for name in robot.still_joints]
+        data.ctrl[head] = robot.still_configuration
+
+    def move_to(self, command: Command) -> None:
+        """Step the simulation for one control step towards a command."""
+        start, start_finger = self._last, self._finger
+        goal = np.array(command.drive)
+        goal[2] += 2 * np.pi * np.round((start[2] - goal[2]) / (2 * np.pi))  # the shorter turn
+        finger = self._robot.finger_position(command.opening)
+        velocity = (self._joints.positions(goal) - self._joints.positions(start)) / CONTROL_STEP
+        for share in np.arange(1, _SEGMENTS + 1) / _SEGMENTS:
+            drive = self._joints.positions(start + share * (goal - start))
+            self._data.ctrl[self._drive] = drive + self._feedforward * velocity
+            self._data.ctrl[self._fingers] = start_finger + share * (finger - start_finger)
+            mujoco.mj_step(self._model, self._data, nstep=self._steps)
+        mujoco.mj_kinematics(self._model, self._data)
+        self._last, self._finger = goal, finger

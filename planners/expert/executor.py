@@ -1,0 +1,301 @@
+"""Execution of a plan, one control step at a time; it retreats and stops when the world deviates from the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from enum import Enum, auto
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.contact import StepLabel
+from planners.expert.config import MonitorConfig
+from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
+from planners.motion.arm import tcp_pose
+from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
+from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
+from planners.scene import HeldObject, RobotState, Scene
+from planners.tamp.solution import BoundAction, contact_of, label_of
+
+Array = NDArray[np.float64]
+
+_GRIP_DELAY = 4
+"""Control steps after the fingers have closed, before the position of the object in the gripper is recorded."""
+_RATE_CHANGE = 0.05
+"""Per control step: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
+_LAG, _CATCHING_UP = 0.25, 0.5
+"""Share of the tolerated tracking error from which on the plan is carried out more slowly, and its speed then."""
+_ROUNDING = 1e-6
+"""Of a number of control steps."""
+
+
+class ExecutionStatus(Enum):
+    """State of an execution: going on, plan carried out to its end, or stopped after a deviation."""
+
+    RUNNING = auto()
+    FINISHED = auto()
+    ABORTED = auto()
+
+
+class Command(NamedTuple):
+    """Set points of one control step: whole-body configuration (11,) [m, rad], gripper opening [m], the arm's name."""
+
+    drive: Array
+    opening: float
+    arm: str = ""
+
+
+class Step(NamedTuple):
+    """One control step of an execution; `deviation` is the one that stops the plan, None while there is none."""
+
+    command: Command
+    status: ExecutionStatus
+    deviation: Deviation | None
+
+
+class Executor:
+    """Follows the trajectories of a plan one control step at a time.
+
+    A deviation stops the plan. Beside a grasp or a release the gripper first leaves the objects along its straight
+    line, forwards or back in time; then the robot slows down on its path. At rest the status is `ABORTED`.
+
+    Attributes:
+        deviation: the deviation that stops the plan, None while there is none.
+        cleared: names of the objects put down so far, in order.
+    """
+
+    def __init__(
+        self,
+        actions: Sequence[BoundAction],
+        robot: RobotSpec,
+        names: tuple[str, ...],
+        start: Snapshot,
+        config: MonitorConfig,
+        by_tcp: bool = False,
+        at_start: int = 0,
+    ) -> None:
+        """Begin to execute a plan.
+
+        Args:
+            actions: the plan.
+            robot: the robot that executes it.
+            names: of the objects, in the order of the snapshots.
+            start: the present state of the world; snapshots are of the arm that `arm` names.
+            config: tolerances of the monitor.
+            by_tcp: the robot is end-effector-controlled: it gets TCP poses and its controller chooses the joint angles.
+                Then the executor waits until the TCP arrives, and does not compare joint angles with the plan.
+            at_start: control steps to command the start of the plan before the robot moves along it.
+        """
+        self._actions = tuple(actions)
+        self._robot = robot
+        self._names = names
+        self._config = config
+        self._action = 0
+        self._tick = -float(at_start)
+        self._rate = 1.0
+        self._expected = start
+        self._grip: Array | None = None
+        self._closed_for = 0
+        self._last: Command | None = None
+        self._by_tcp = by_tcp
+        self._waited = 0
+        self.deviation: Deviation | None = None
+        self.cleared: list[str] = []
+
+    def advance(self, now: Snapshot) -> Step:
+        """Compare the world with the plan, and return the next command."""
+        if self.deviation is None and not self._is_at_end:
+            self.deviation = self._compare(now)
+        if not self._has_to_wait(now):
+            self._move_on(now)
+        if self.deviation is not None and self._has_stopped():
+            return Step(self._command(), ExecutionStatus.ABORTED, self.deviation)
+        status = ExecutionStatus.FINISHED if self._is_at_end else ExecutionStatus.RUNNING
+        return Step(self._command(), status, self.deviation)
+
+    @property
+    def phase(self) -> str:
+        """The action and the phase of its motion, for example "PickUp object_03: lift"; "" after the last action."""
+        if self._is_at_end:
+            return ""
+        action = self._actions[self._action]
+        return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
+
+    @property
+    def label(self) -> StepLabel | None:
+        """Label of the last command; None after the last action, and once a deviation stops the plan."""
+        if self._is_at_end or self.deviation is not None:
+            return None
+        following = (contact_of(action) for action in self._actions[self._action :])
+        return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm that moves now, and that was commanded last."""
+        return self._scene.robot.arm_name
+
+    @property
+    def action(self) -> int:
+        """Number of the action that is carried out; that of all actions after the last one."""
+        return self._action
+
+    @property
+    def _is_at_end(self) -> bool:
+        return self._action >= len(self._actions)
+
+    @property
+    def _scene(self) -> Scene:
+        """The world as planned at the start of the present action."""
+        return self._actions[min(self._action, len(self._actions) - 1)].scene
+
+    @property
+    def _trajectory(self) -> Trajectory:
+        return self._actions[min(self._action, len(self._actions) - 1)].trajectory
+
+    @property
+    def _time(self) -> float:
+        """[s] in the present trajectory; after the last action, its end."""
+        if self._is_at_end:
+            return self._trajectory.duration
+        return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
+
+    @property
+    def _steps(self) -> int:
+        """Control steps of the present trajectory."""
+        return round(self._trajectory.duration / CONTROL_STEP)
+
+    # Time in the plan: it passes more slowly where the robot lags behind, and stops or runs back after a deviation.
+
+    def _move_on(self, now: Snapshot) -> None:
+        """Go to the next sample, or to the first one of the next action."""
+        wanted: float = _CATCHING_UP if self._lags(now) else 1.0
+        if self.deviation is not None:
+            wanted = self._retreat_direction()
+        self._rate += min(max(wanted - self._rate, -_RATE_CHANGE), _RATE_CHANGE)
+        self._tick += self._rate
+        while not self._is_at_end and self._tick >= self._steps + 1 - _ROUNDING:
+            self._tick -= self._steps
+            action = self._actions[self._action]
+            self._expected = now
+            if action.is_clearance:
+                self.cleared.append(action.target)
+            self._action += 1
+        while self._tick < 0 and self._action > 0:
+            self._action -= 1
+            self._tick += self._steps
+
+    def _lags(self, now: Snapshot) -> bool:
+        """Whether a joint-controlled robot is behind by a part of what would be a tracking error."""
+        if self._by_tcp or self._last is None:
+            return False
+        part = replace(self._config, base=_LAG * self._config.base, arm=_LAG * self._config.arm)
+        return tracking_error(self._last.drive, now.drive, part) is not None
+
+    def _has_to_wait(self, now: Snapshot) -> bool:
+        """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` steps."""
+        if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
+            self._waited = 0
+            return False
+        wanted = tcp_pose(self._scene.robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
+        changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
+        is_near_contact = any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
+        behind = is_behind(wanted, now.T_world_tcp, PRECISE if is_near_contact else ON_THE_WAY)
+        self._waited = self._waited + 1 if behind else 0
+        return behind
+
+    def _has_stopped(self) -> bool:
+        is_at_rest = self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2
+        return is_at_rest or self._tick <= 0 or self._is_at_end
+
+    def _retreat_direction(self) -> int:
+        """Direction in time in which the gripper leaves the objects.
+
+        -1, back, before it closes or opens; 1, forwards, afterwards; 0 where it is not beside a grasp or a release.
+        """
+        phases = self._trajectory.phases
+        at = phases.index(self._trajectory.phase(self._time))
+        if is_contact(phases[at]):
+            return 1 if at > 0 and phases[at - 1].held else -1
+        if at + 1 < len(phases) and is_contact(phases[at + 1]):
+            return -1
+        return int(at > 0 and is_contact(phases[at - 1]))
+
+    def _command(self) -> Command:
+        """The sample at the present time; the gripper opens if it retreats without an object or has missed it.
+
+        An object that has slipped may still be between the fingers, so these stay closed.
+        """
+        sample = self._trajectory.sample(self._time)
+        drive = np.concatenate((sample.base, sample.q))
+        opening = self._robot.opening(sample.finger_position)
+        if self.deviation is not None:
+            is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held
+            if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
+                opening = self._robot.max_opening
+        self._last = Command(drive, opening, self.arm)
+        return self._last
+
+    # Comparison of the world with the plan.
+
+    def _compare(self, now: Snapshot) -> Deviation | None:
+        """The first deviation found: grip, other objects, joints, then the object to be grasped."""
+        action = self._actions[self._action]
+        phase = action.trajectory.phase(self._time)
+        deviation = self._check_grip(now, phase.touched if phase.held else None)
+        touched = phase.held or (action.target if action.name != "MoveBase" else "")
+        ignore = {touched, *(one.held.name for one in action.scene.aside)} - {""}
+        deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
+        if deviation is None and self._last is not None:
+            expected = now.drive.copy() if self._by_tcp else self._last.drive.copy()
+            expected[:3] = self._last.drive[:3]
+            deviation = tracking_error(expected, now.drive, self._config)
+        if deviation is None and action.name == "PickUp" and not phase.held:
+            # The approach leads to where the object stood.
+            index = self._names.index(action.target)
+            away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
+            if away > self._config.displacement:
+                return Deviation(DeviationKind.OBJECT_MOVED, action.target)
+        return deviation
+
+    def _check_grip(self, now: Snapshot, held: HeldObject | None) -> Deviation | None:
+        """Whether the fingers have grasped the object as planned and it has not moved between them since."""
+        if held is None:
+            self._grip, self._closed_for = None, 0
+            return None
+        self._closed_for += 1
+        in_hand = now.in_hand(self._names.index(held.name))
+        if self._closed_for < _GRIP_DELAY:
+            return None
+        if self._grip is None:
+            self._grip = in_hand
+            offset = float(np.linalg.norm(in_hand - held.T_tcp_object[:3, 3]))
+            return Deviation(DeviationKind.GRASP_MISSED, held.name) if offset > 2 * self._config.slip else None
+        slipped_by = float(np.linalg.norm(in_hand - self._grip))
+        return Deviation(DeviationKind.SLIPPED, held.name) if slipped_by > self._config.slip else None
+
+
+def follow(
+    actions: Sequence[BoundAction],
+    robot: RobotSpec,
+    sensor: Sensor,
+    step: Callable[[Command], bool],
+    config: MonitorConfig,
+) -> str:
+    """Follow motions to their end; the kind of the deviation that stopped the execution, "" for none.
+
+    Args:
+        actions: the plan.
+        robot: that executes it.
+        sensor: reads the world.
+        step: carries out the command of one control step; true if that was the last one there may be.
+        config: tolerances of the monitor.
+    """
+    executor = Executor(actions, robot, sensor.names, sensor.read(), config)
+    status, is_over = ExecutionStatus.RUNNING, False
+    while status is ExecutionStatus.RUNNING and not is_over:
+        command, status, _ = executor.advance(sensor.read())
+        is_over = step(command)
+    return "" if executor.deviation is None else str(executor.deviation.kind)

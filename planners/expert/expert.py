@@ -1,0 +1,472 @@
+"""The scripted expert: it plans, executes in the simulation, watches for deviations, and plans again.
+
+    plan -> execute, one control step an action -> hold the target up -> success
+      ^       | deviation: retreat, stop              | not held
+      +-- settle -------------------------------------+
+
+`TampExpert` is the policy; `_Retrieval` is this loop for one target.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.scene_arrays import robot_arrays
+from planners.contact import StepLabel
+from planners.expert.config import ExpertConfig, ExpertError
+from planners.expert.executor import Command, ExecutionStatus, Executor
+from planners.expert.interfaces import ControlledEnv, ScenePlanner, controlled_env, num_disturbances, planner_for
+from planners.expert.monitor import Sensor, height_below, held_object
+from planners.expert.report import EpisodeReport, Recorder, Recording
+from planners.motion.arm import tcp_pose, unwrap_joints
+from planners.motion.trajectory import CONTROL_STEP
+from planners.placing.surfaces import Supports
+from planners.planner import Planner
+from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
+from planners.strategies import Strategy, find_strategy
+from planners.tamp.solution import Infeasible, Solution, contacts
+
+if TYPE_CHECKING:
+    from planners.drawing.page.live import LivePage
+
+Array = NDArray[np.float64]
+
+_AT_START = 2
+"""Control steps at the start of a new plan: it begins at the measured joint angles, not at those commanded last.
+
+The difference together with the first motion would exceed the acceleration limit, and the joint would lag.
+"""
+_NEAR_HOME = 0.05
+"""[m], [rad]: a configuration this near to home is planned from as if it were home; the controller closes the gap."""
+
+
+class TampExpert:
+    """A policy for `clutter_env/Retrieve-…` that plans with exact knowledge of all object poses (privileged).
+
+    Example:
+        env = gymnasium.make("clutter_env/Retrieve-o15-v0")
+        _, info = env.reset(seed=0)
+        expert = TampExpert(env)
+        expert.reset(info["target"])
+        while not expert.done:
+            env.step(expert.act())
+        print(expert.report)
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        strategy: str | Strategy = "lookahead",
+        *,
+        planner: ScenePlanner | None = None,
+        grasps: str | None = None,
+        supports: Supports = None,
+        canonical: bool | None = None,
+        seed: int = 0,
+        config: ExpertConfig | None = None,
+    ) -> None:
+        """Make an expert for an environment; call `reset` to begin an episode.
+
+        Args:
+            env: `clutter_env/Retrieve-…`, wrapped or not, or any environment with the `ControlledEnv` protocol. Its
+                action space must not be changed by a wrapper.
+            strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
+            planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
+                `Strategy`; a new `Planner` if not given.
+            grasps: name of the grasp set to choose from: "side", "tilted", "top" or "all"; that of the planner if not
+                given, which is "all" for a new one.
+            supports: where objects may be put, as for `solve`; for a `Planner` only.
+            canonical: whether to plan canonically: the same grasps and releases in similar scenes, without random
+                numbers, every phase ending at rest, so that plans can be learned; as the planner does if not given.
+                `report` says where it fell back.
+            seed: of the planner's sampling; every `reset` starts from it.
+            config: limits, tolerances, and whether an obstacle may be held aside.
+
+        Raises:
+            ExpertError: an environment, planner or config that cannot be used; the message says why.
+            UnknownStrategy: neither the name of a strategy nor a `Strategy`.
+            UnknownGraspSet: no grasp set of that name.
+            ArmsError: `config.hold_aside` with a robot that acts with one arm.
+        """
+        if not isinstance(config, ExpertConfig | None):
+            raise ExpertError(f"config={config!r} is not valid; it must be an ExpertConfig")
+        self._env = controlled_env(env)
+        self._strategy = find_strategy(strategy)
+        self._config = config or ExpertConfig()
+        self._planner = planner_for(
+            self._env, planner, grasps, supports, canonical=canonical, hold_aside=self._config.hold_aside
+        )
+        self._seed = seed
+        self._retrieval: _Retrieval | None = None
+
+    def reset(self, target: str | None = None) -> None:
+        """Read the scene and plan; the environment may be in any state after its own reset.
+
+        Args:
+            target: name of the object to retrieve; the environment's own target if not given.
+
+        Raises:
+            ExpertError: the environment has not been reset.
+            UnknownObject: no object of that name; the episode before goes on.
+        """
+        try:
+            own_target = self._env.target
+        except ValueError as error:
+            raise ExpertError(f"reset the environment before the expert: {error}") from error
+        rng, wanted = np.random.default_rng(self._seed), own_target if target is None else target
+        self._retrieval = _Retrieval(self._env, self._planner, self._strategy, self._config, rng, wanted)
+
+    def act(self) -> Array:
+        """The next action; call it once before every step of the environment.
+
+        Raises:
+            ExpertError: `reset` has not been called since the expert was made or since the environment was reset.
+        """
+        return self._begun("act()").act()
+
+    @property
+    def done(self) -> bool:
+        """Whether the expert has finished or given up; raises `ExpertError` before `reset`."""
+        return self._begun("done").done
+
+    @property
+    def report(self) -> EpisodeReport:
+        """How the episode went, or how it stands; raises `ExpertError` before `reset`."""
+        return self._begun("report").report
+
+    @property
+    def target(self) -> str:
+        """Name of the object to retrieve; raises `ExpertError` before `reset`."""
+        return self._begun("target").target
+
+    @property
+    def phase(self) -> str:
+        """Action and phase of the motion, for example "PickUp object_03: lift"; "" while the robot waits.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+        """
+        return self._begun("phase").phase
+
+    @property
+    def step_label(self) -> StepLabel:
+        """Label of the last action: phase, grasp or release, and the keyframe at the end of the phase.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+        """
+        return self._begun("step_label").step_label
+
+    @property
+    def solution(self) -> Solution | Infeasible | None:
+        """The result of the last solve; None before `reset`, or if the scene was not valid for planning."""
+        return None if self._retrieval is None else self._retrieval.solution
+
+    @property
+    def recording(self) -> Recording:
+        """States, plans and deviations of the episode until now; raises `ExpertError` before `reset`."""
+        return self._begun("recording").recorder.recording()
+
+    def to_html(self, path: str | Path, rows: Mapping[str, str] | None = None, result: str = "") -> None:
+        """Write the episode until now as one page for a browser, which needs no network: its motions on a time line.
+
+        Beside the motions: the actions, negative goal regions and candidates of each clearance, base poses of the
+        reachability map, planned paths of the gripper, plans after deviations, the report.
+
+        Args:
+            path: of the file.
+            rows: names and values of the report on the page; those of `report` if not given.
+            result: "success" or "failure"; that of `report` if not given.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+            OSError: the file cannot be written.
+        """
+        # Drawing is built on the expert's recordings, and planning must not import it.
+        from planners.drawing.page.page import write_page
+
+        report = self.report
+        rows = {"result": report.result, **report.rows()} if rows is None else rows
+        write_page(Path(path), self.recording, rows, result or ("success" if report.result == "success" else "failure"))
+
+    def live_page(self, port: int = 0) -> LivePage:
+        """Serve the running episode to browsers of this machine; see `LivePage` for how it is kept up to date.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+            OSError: the port is taken.
+        """
+        from planners.drawing.page.live import LivePage
+
+        return LivePage(self.recording, port)
+
+    def _begun(self, call: str) -> _Retrieval:
+        if self._retrieval is None:
+            raise ExpertError(f"call TampExpert.reset() before {call}")
+        return self._retrieval
+
+
+class _Retrieval:
+    """The expert's loop for one target, which is asked for one action after the other.
+
+    While there is an executor, a plan is carried out; otherwise the robot waits for `_wait` control steps, to hold the
+    target up or for objects to settle, and what comes next is decided after that.
+
+    Attributes:
+        target: name of the object to retrieve.
+        done: whether the expert has finished or given up.
+        solution: the result of the last solve.
+        recorder: keeps states, plans and deviations.
+    """
+
+    def __init__(
+        self,
+        env: ControlledEnv,
+        planner: ScenePlanner,
+        strategy: Strategy,
+        config: ExpertConfig,
+        rng: np.random.Generator,
+        target: str,
+    ) -> None:
+        """Read the scene and plan.
+
+        Raises:
+            UnknownObject: no object of the name `target`.
+        """
+        if isinstance(planner, Planner):
+            planner.warmup()  # compiles kernels before any clock is started
+        self._env, self._planner, self._strategy, self._config, self._rng = env, planner, strategy, config, rng
+        self.target = target
+        self.done = False
+        self.solution: Solution | Infeasible | None = None
+        self.recorder = Recorder(env, target)
+        self._data = env.data
+        self._started = self._now = float(env.data.time)
+        self._robots = {
+            arm: env.robot if arm == env.robot.arm_name else env.robot.using(arm) for arm in env.robot.acting_arms
+        }
+        self._sensors = {
+            arm: Sensor(env.model, env.data, robot, env.object_names) for arm, robot in self._robots.items()
+        }
+        self._report = EpisodeReport()
+        self._executor: Executor | None = None
+        self._wait = 0
+        scene = self._read_scene()
+        self._stood_at = height_below(scene, scene.body(target))
+        arm = scene.robot.arm_name
+        self._arm_targets = {one.name: np.array(one.home) for one in env.robot.arms}
+        self._last = Command(self._sensors[arm].read().drive, env.robot.opening(scene.state.finger_position), arm)
+        self._arm_targets[arm] = self._last.drive[4:]
+        if config.with_floor:
+            before = time.process_time()
+            own = planner if isinstance(planner, Planner) else Planner(scene.robot)
+            floor = own.clearance_floor(scene, target)
+            spent = time.process_time() - before
+            self._report = EpisodeReport(floor=floor.count if floor.proved else None, planning_s=spent)
+        self._plan(scene)
+
+    # The loop.
+
+    def act(self) -> Array:
+        """The next action; after the end of the episode the robot holds its position.
+
+        Raises:
+            ExpertError: the environment has been reset since the episode began.
+        """
+        now = float(self._env.data.time)
+        if self._env.data is not self._data or now < self._now:
+            raise ExpertError("the environment was reset after the expert; call TampExpert.reset() again")
+        self._now = now
+        executor = self._executor
+        if executor is None:
+            self.recorder.add_step()
+            self._wait -= 1
+            if not self.done and self._wait <= 0:
+                self._check_result()
+            return self._action(self._last)
+        command, status, deviation = executor.advance(self._sensors[executor.arm].read())
+        self.recorder.add_step(executor.action, executor.phase)
+        if status is not ExecutionStatus.RUNNING:
+            self._report = self._report.with_clearances(executor.cleared)
+            self._executor = None
+        if status is ExecutionStatus.FINISHED:
+            self._hold()
+        elif status is ExecutionStatus.ABORTED:
+            self._note(str(deviation))
+            if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {deviation}"):
+                self._wait = _steps(self._config.settle_s)
+        return self._action(command)
+
+    def _plan(self, scene: Scene) -> None:
+        """Solve and begin to execute, or end the episode with the reason for failure."""
+        before = time.process_time()
+        try:
+            solution = self._planner.solve(scene, self.target, self._strategy, self._rng, self._config.planning_s)
+        except SceneError as error:
+            self._end(f"the scene is not valid for planning: {error}")
+            return
+        if not isinstance(solution, Solution | Infeasible):
+            raise ExpertError(f"the planner returned {solution!r:.100}; it must return a Solution or an Infeasible")
+        self.solution = solution
+        self.recorder.add_solve(solution)
+        planned, report = contacts(solution), self._report
+        self._report = replace(
+            report,
+            planned=isinstance(solution, Solution),
+            planning_s=report.planning_s + time.process_time() - before,
+            contacts=report.contacts + len(planned),
+            not_straight=report.not_straight + sum(not contact.is_straight for contact in planned),
+        )
+        if isinstance(solution, Infeasible):
+            self._end(f"{solution.cause}: {solution.detail}")
+        elif not solution.actions:
+            self._hold()
+        else:
+            sensor = self._sensors[solution.actions[0].scene.robot.arm_name]
+            self._executor = Executor(
+                solution.actions,
+                self._env.robot,
+                sensor.names,
+                sensor.read(),
+                self._config.monitor,
+                by_tcp=self._env.control_mode == "ee",
+                at_start=_AT_START if self._report.replans else 0,
+            )
+
+    def _hold(self) -> None:
+        """Hold the target up; the plan is carried out to its end."""
+        self._report = replace(self._report, executed=True)
+        self._wait = _steps(self._config.hold_s)
+
+    def _check_result(self) -> None:
+        """After waiting: the episode is over if the target is held up; otherwise plan again from how things are now."""
+        if self._is_retrieved():
+            self._report = replace(self._report, scored=True)
+            self._end("")
+            return
+        if self._report.executed:
+            self._report = replace(self._report, executed=False)
+            self._note("target not held")
+            if not self._may_replan("the target was not held at the end of the plan"):
+                return
+        try:
+            scene = self._read_scene()
+        except SceneError as error:
+            self._end(f"the scene is not valid for planning: {error}")
+            return
+        self._plan(scene)
+
+    def _may_replan(self, failure: str) -> bool:
+        """Count one more replan, or end the episode with a failure if there were too many."""
+        if self._report.replans >= self._config.replans:
+            self._end(failure)
+            return False
+        self._report = replace(self._report, replans=self._report.replans + 1)
+        return True
+
+    def _note(self, deviation: str) -> None:
+        self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
+        self.recorder.add_note(deviation)
+
+    def _end(self, failure: str) -> None:
+        self._report = replace(self._report, failure=failure, sim_s=float(self._env.data.time) - self._started)
+        self._executor = None
+        self.done = True
+
+    def _action(self, command: Command) -> Array:
+        """The environment's action for a command, in its own control mode."""
+        self._last = command
+        env, robot = self._env, self._env.robot
+        if env.control_mode == "ee":
+            T_world_tcp = tcp_pose(robot, RobotState(command.drive[:3], command.drive[3:], 0.0))
+            return np.asarray(env.ee_action(command.drive[:3], T_world_tcp, command.opening))
+        self._arm_targets[command.arm] = command.drive[4:]
+        if not robot.acts_with_all_arms:
+            return np.asarray(env.joint_action(command.drive, command.opening))
+        # The arms that do not move stay where they were commanded last, their grippers closed.
+        arms = robot.acting_arms
+        q_target = np.concatenate((command.drive[:4], *(self._arm_targets[arm] for arm in arms)))
+        widths = [command.opening if arm == command.arm else robot.opening(0.0) for arm in arms]
+        return np.asarray(env.joint_action(q_target, np.array(widths)))
+
+    # What is told about the episode.
+
+    @property
+    def phase(self) -> str:
+        """The action and the phase of its motion; "" while the robot waits."""
+        return "" if self._executor is None else self._executor.phase
+
+    @property
+    def step_label(self) -> StepLabel:
+        """Label of the last action; no phase and the present command while the robot waits."""
+        label = None if self._executor is None else self._executor.label
+        if label is not None:
+            return label
+        finger_position = self._env.robot.finger_position(self._last.opening)
+        return StepLabel("", None, np.append(self._last.drive, finger_position))
+
+    @property
+    def report(self) -> EpisodeReport:
+        """How the episode went; while it goes on, as if it ended now: the environment may end before the plan does."""
+        report, executor = self._report, self._executor
+        if not self.done:
+            report = report.with_clearances([] if executor is None else executor.cleared)
+            report = replace(report, sim_s=float(self._env.data.time) - self._started)
+            if self._is_retrieved():
+                is_executed = report.executed or (executor is not None and executor.deviation is None)
+                report = replace(report, executed=is_executed, scored=True, failure="")
+            else:
+                report = replace(report, failure=report.failure or "unfinished")
+        disturbances = num_disturbances(self._env)
+        return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
+
+    # Reading the world.
+
+    def _read_scene(self) -> Scene:
+        """A snapshot with the arm active that is away from home; one near its home is taken to be exactly in it."""
+        scenes = []
+        for arm in self._robots:
+            scene = self._measure(arm, held_object(self._measure(arm)))
+            home = _home_of(scene)
+            q = home if np.abs(scene.state.q - home).max() <= _NEAR_HOME else scene.state.q
+            scenes.append(scene.with_state(RobotState(scene.state.base, q, scene.state.finger_position)))
+        scene = max(scenes, key=lambda one: (not _is_at_home(one), one.held is not None))
+        others = [one for one in scenes if one is not scene]
+        if away := [one.robot.arm_name for one in others if not _is_at_home(one)]:
+            raise SceneError(f"the arms {scene.robot.arm_name} and {', '.join(away)} are both away from home")
+        held = [AsideObject(one.robot.arm_name, one.held) for one in others if one.held is not None]
+        parked = [ParkedArm(one.robot.arm_name, one.state.q[1:]) for one in others]
+        return replace(scene, aside=tuple(held), parked=tuple(parked))
+
+    def _measure(self, arm: str = "", held: str = "") -> Scene:
+        """The scene as it is now, with an arm active and this object in its gripper."""
+        env, robot = self._env, self._robots.get(arm, self._env.robot)
+        return Scene.from_mujoco(env.model, env.data, robot, held, movable=env.object_names, support=env.support_name)
+
+    def _is_retrieved(self) -> bool:
+        """Whether the target is held, high enough above the support that it stood on for success."""
+        height = self._measure().body(self.target).bottom - self._stood_at
+        if height <= self._env.lift_height:
+            return False
+        return any(held_object(self._measure(arm)) == self.target for arm in self._robots)
+
+
+def _home_of(scene: Scene) -> Array:
+    """The home configuration of the active arm, unwrapped to the turns that its joints have now."""
+    return unwrap_joints(robot_arrays(scene.robot), scene.state.q, np.array(scene.robot.home))
+
+
+def _is_at_home(scene: Scene) -> bool:
+    return np.array_equal(scene.state.q, _home_of(scene))
+
+
+def _steps(seconds: float) -> int:
+    """Control steps in a time [s]; at least one, so that the simulation advances before the next look."""
+    return max(round(seconds / CONTROL_STEP), 1)

@@ -1,0 +1,149 @@
+"""Measurement of the world while a plan is executed, and its comparison with what the plan expects."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.expert.config import MonitorConfig
+from planners.motion.arm import tcp_pose
+from planners.scene import Body, Scene
+from planners.scene.mujoco_reading import MovableBodies, RobotJoints
+
+Array = NDArray[np.float64]
+
+_OFF_SUPPORT = 0.01
+"""[m] above the support; a lower object may still stand on it."""
+_SUNK = 0.005
+"""[m] below the top of a support that the lowest point of an object on it may be: it leans, or sinks in."""
+_BETWEEN_PADS = 0.01
+"""[m] wider than the object the fingers may be: they touch it, or are about to."""
+_REACH = 0.02
+"""[m] that the TCP may be outside the object: it is gripped at its edge."""
+
+
+class DeviationKind(StrEnum):
+    """How the world can deviate from the plan."""
+
+    GRASP_MISSED = "grasp missed"
+    SLIPPED = "slipped in the gripper"
+    TOPPLED = "toppled"
+    OBJECT_MOVED = "moved"
+    BASE_TRACKING_ERROR = "base tracking error"
+    ARM_TRACKING_ERROR = "arm tracking error"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A difference between world and plan, and the object that it concerns ("" for the robot itself)."""
+
+    kind: DeviationKind
+    object: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.object}: {self.kind}" if self.object else str(self.kind)
+
+
+class Snapshot(NamedTuple):
+    """Measurements of one control step.
+
+    `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `T_world_tcp` (4, 4),
+    `drive` (11,) whole-body configuration [m, rad].
+    """
+
+    positions: Array
+    uprightness: Array
+    T_world_tcp: Array
+    drive: Array
+
+    def in_hand(self, index: int) -> Array:
+        """(3,) [m] centre of an object in the TCP frame."""
+        return np.asarray(self.T_world_tcp[:3, :3].T @ (self.positions[index] - self.T_world_tcp[:3, 3]))
+
+
+class Sensor:
+    """Reads snapshots of a scene's movable objects and robot from a simulation, exactly; it writes nothing."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, names: Sequence[str]) -> None:
+        """Look up what to read.
+
+        Args:
+            model, data: the simulation.
+            robot: which robot it is.
+            names: of the movable objects, `Scene.names`.
+
+        Raises:
+            SceneError: a name that is no movable object.
+        """
+        self._data = data
+        self._objects = MovableBodies.of(model, robot, names)
+        self.names = self._objects.names
+        self._joints = RobotJoints.of(model, data, robot)
+        self._site = model.site(robot.tcp_site).id
+
+    def read(self) -> Snapshot:
+        """The present state."""
+        positions, quaternions = self._objects.poses(self._data)
+        T = np.eye(4)
+        T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
+        T[:3, 3] = self._data.site_xpos[self._site]
+        uprightness = 1 - 2 * (quaternions[:, 1] ** 2 + quaternions[:, 2] ** 2)
+        return Snapshot(positions, uprightness, T, self._joints.read(self._data))
+
+
+def object_moved(
+    expected: Snapshot, now: Snapshot, names: tuple[str, ...], config: MonitorConfig, ignore: Collection[str] = ()
+) -> Deviation | None:
+    """An object that has toppled, or the object that has moved farthest from where the plan left it, if too far."""
+    away = np.linalg.norm(now.positions - expected.positions, axis=1)
+    toppled = (expected.uprightness > np.cos(config.tilt)) & (now.uprightness < np.cos(config.tilt))
+    for name in ignore:
+        away[names.index(name)] = 0.0
+        toppled[names.index(name)] = False
+    if toppled.any():
+        return Deviation(DeviationKind.TOPPLED, names[int(toppled.argmax())])
+    if away.size and away.max() > config.displacement:
+        return Deviation(DeviationKind.OBJECT_MOVED, names[int(away.argmax())])
+    return None
+
+
+def tracking_error(wanted: Array, actual: Array, config: MonitorConfig) -> Deviation | None:
+    """Whether base (first three joints) or arm are far from their commands; whole-body configurations (11,)."""
+    error = np.abs(wanted - actual)
+    if error[:3].max() > config.base:
+        return Deviation(DeviationKind.BASE_TRACKING_ERROR)
+    return Deviation(DeviationKind.ARM_TRACKING_ERROR) if error[3:].max() > config.arm else None
+
+
+def held_object(scene: Scene) -> str:
+    """Name of the object between closed fingers and off the support; "" for none.
+
+    Args:
+        scene: a snapshot in which nothing is said to be held, so that the finger position is the measured one.
+    """
+    T_world_tcp = tcp_pose(scene.robot, scene.state)
+    gap = scene.robot.opening(scene.state.finger_position)
+    for body in scene.objects:
+        tcp_in_body = body.rotation.T @ (T_world_tcp[:3, 3] - body.position)
+        is_around_tcp = bool((np.abs(tcp_in_body) < body.half_extents + _REACH).all())
+        is_gripped = gap < 2 * body.half_extent_along(T_world_tcp[:3, 1]) + _BETWEEN_PADS
+        if is_around_tcp and is_gripped and body.bottom > height_below(scene, body) + _OFF_SUPPORT:
+            return body.name
+    return ""
+
+
+def height_below(scene: Scene, body: Body) -> float:
+    """[m] of the highest support under the centre of an object, on which it stands or would fall.
+
+    Beside the supports it is the height of the first one.
+    """
+    supports = [scene.support, *(scene.support_named(name) for name in scene.supports[1:])]
+    under = [support for support in supports if support.is_under(body.position[:2])]
+    return max((support.top for support in under if support.top <= body.bottom + _SUNK), default=scene.support.top)

@@ -1,0 +1,167 @@
+"""Report and recording of an episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.expert.interfaces import ControlledEnv
+from planners.tamp.solution import Infeasible, Solution
+
+
+@dataclass(frozen=True)
+class EpisodeReport:
+    """Results of an episode.
+
+    Attributes:
+        planned: the last solve found a plan.
+        executed: the last plan was executed to its end.
+        scored: the target is held up.
+        clean: it is, and no object has fallen or been disturbed since the environment's reset, as the environment's
+            info counts them; None if the environment has no such counts.
+        failure: the reason for failure, "" for success.
+        clearances: objects put aside in the simulation, in order.
+        duplicated: those put aside more than once.
+        replans: number of plans after the first one.
+        floor: minimum number of objects that any plan must clear; None if it was not computed or not proved.
+        planning_s: [s] CPU time spent on planning.
+        sim_s: [s] simulated time since reset.
+        contacts: grasps and releases in the plans of the episode, all together.
+        not_straight: those of them for which the base does not face the gripper with the gripper's yaw; of a canonical
+            planner, those where it had to fall back.
+        deviations: the deviations that stopped plans, as text, such as "object_03: toppled".
+    """
+
+    planned: bool = False
+    executed: bool = False
+    scored: bool = False
+    clean: bool | None = None
+    failure: str = ""
+    clearances: tuple[str, ...] = ()
+    duplicated: tuple[str, ...] = ()
+    replans: int = 0
+    floor: int | None = None
+    planning_s: float = 0.0
+    sim_s: float = 0.0
+    contacts: int = 0
+    not_straight: int = 0
+    deviations: tuple[str, ...] = ()
+
+    @property
+    def result(self) -> str:
+        """Result of the episode: "success", why not, or what was wrong with it."""
+        if not self.scored:
+            return self.failure or "the target was not held up"
+        return "success" if self.clean is not False else "an object has fallen or been disturbed"
+
+    def rows(self) -> dict[str, str]:
+        """The results in words, by name."""
+        flags = (self.planned, self.executed, self.scored)
+        return {
+            "planned, executed, scored": ", ".join("yes" if done else "no" for done in flags),
+            "objects cleared": f"{len(self.clearances)} ({', '.join(self.clearances) or 'none'})",
+            "cleared twice or more": str(len(self.duplicated)),
+            "minimum number of clearances": "not proved" if self.floor is None else str(self.floor),
+            "replans after deviations": f"{self.replans} ({'; '.join(self.deviations)})" if self.replans else "0",
+            "planning": f"{self.planning_s:.2f} s of CPU time",
+            "simulated time": f"{self.sim_s:.1f} s",
+        }
+
+    def with_clearances(self, names: list[str]) -> EpisodeReport:
+        """The report after more clearances."""
+        clearances = (*self.clearances, *names)
+        duplicated = tuple(sorted({name for name in clearances if clearances.count(name) > 1}))
+        return replace(self, clearances=clearances, duplicated=duplicated)
+
+
+class Solve(NamedTuple):
+    """The result of a solve, and the time [s] of the episode at which it was made."""
+
+    time: float
+    outcome: Solution | Infeasible
+
+
+class Note(NamedTuple):
+    """A deviation such as "object_03: toppled", and its time [s] in the episode."""
+
+    time: float
+    text: str
+
+
+class Frame(NamedTuple):
+    """The world at one control step.
+
+    Attributes:
+        time: [s] since the episode began.
+        qpos: (nq,) positions of all joints of the model.
+        solve: number of the solve whose plan is executed, -1 before the first.
+        action: number of the action of that plan; its length after the last one, -1 while the robot waits.
+        phase: of the action's motion; "" while the robot waits.
+    """
+
+    time: float
+    qpos: NDArray[np.float32]
+    solve: int
+    action: int
+    phase: str
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """An episode as it was executed, or a plan as it would be: what a page in a browser shows, in order of time.
+
+    Attributes:
+        model: whose joints the frames hold.
+        target: name of the object to retrieve.
+        objects: names of the bodies that may be moved.
+        frames: one for each control step, at least one.
+        solves: the first plan and those after deviations.
+        notes: the deviations.
+    """
+
+    model: mujoco.MjModel
+    target: str
+    objects: tuple[str, ...]
+    frames: tuple[Frame, ...]
+    solves: tuple[Solve, ...]
+    notes: tuple[Note, ...] = ()
+
+
+class Recorder:
+    """Collects frames, plans and deviations of one episode; a frame of 15 objects takes 0.5 kB."""
+
+    def __init__(self, env: ControlledEnv, target: str) -> None:
+        self._model, self._data = env.model, env.data
+        self._target, self._objects = target, env.object_names
+        self._started = float(env.data.time)
+        self._frames: list[Frame] = []
+        self._solves: list[Solve] = []
+        self._notes: list[Note] = []
+
+    @property
+    def _now(self) -> float:
+        return float(self._data.time) - self._started
+
+    def add_step(self, action: int = -1, phase: str = "") -> None:
+        """Keep the state before a control step, and what the robot does in it."""
+        self._frames.append(Frame(self._now, self._data.qpos.astype(np.float32), len(self._solves) - 1, action, phase))
+
+    def add_solve(self, outcome: Solution | Infeasible) -> None:
+        """Keep the result of a solve."""
+        self._solves.append(Solve(self._now, outcome))
+
+    def add_note(self, text: str) -> None:
+        """Keep a deviation."""
+        self._notes.append(Note(self._now, text))
+
+    def recording(self) -> Recording:
+        """All that was kept, and the present state."""
+        frames = tuple(self._frames)
+        if not frames or self._now > frames[-1].time:
+            present = Frame(self._now, self._data.qpos.astype(np.float32), len(self._solves) - 1, -1, "")
+            frames = (*frames, present)
+        return Recording(self._model, self._target, self._objects, frames, tuple(self._solves), tuple(self._notes))

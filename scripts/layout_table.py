@@ -1,0 +1,88 @@
+"""One strategy over several layouts: scenes solved, targets that are taken when they stand alone, clearances.
+
+    python scripts/layout_table.py --layouts shelf two_boards cabinet --objects 10 16 25 --grasps all --no-obstructed
+
+All arguments of `clutter-env table` are known; the first strategy is taken.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from clutter_env.cli import table
+from clutter_env.evaluation.clearance_table import CRASH, Attempt, Table, Trial, Variant
+from clutter_env.reporting.intervals import times
+from clutter_env.reporting.tables import NOTHING, markdown_table
+from planners import find_strategy
+
+HEAD = ["layout", "N", "solved / taken alone", "scenes", "cleared / floor", "above the floor", "twice"]
+HEAD += ["whole solve [CPU s]: median (95%)", "causes", "crashed"]
+
+
+@dataclass(frozen=True)
+class Arguments(table.Arguments):
+    """Those of `clutter-env table`, and the layouts."""
+
+    layouts: tuple[str, ...] = ("shelf", "two_boards", "cabinet")
+    """Names of the layouts; the trials of each are kept in a directory of its name in --out."""
+    strategies: tuple[str, ...] = ("lookahead",)
+    """The strategy."""
+    out: Path = Path("outputs/layout_table")
+    """Directory of the trials."""
+
+
+def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:
+    """Make the trials that are missing, layout by layout, and print one table."""
+    (name, *_), rows = arguments.strategies, []
+    variants = {name: Variant(find_strategy(name))}
+    for layout in arguments.layouts:
+        common = Trial(
+            0,
+            arguments.seed,
+            "",
+            layout=layout,
+            time_limit=arguments.time_limit,
+            grasps=arguments.grasps,
+            supports=arguments.supports,
+            robot=arguments.robot,
+        )
+        file = arguments.out / layout / "trials.jsonl"
+        made = Table(common, arguments.objects, variants, arguments.scenes, arguments.obstructed, file)
+        if not arguments.report_only:
+            made.run(arguments.workers, arguments.retry_crashes)
+        for objects in arguments.objects:
+            if attempts := made.attempts(objects, name):
+                found = made.assessments(objects)
+                floors = {k: scene.floor for k, scene in found.items() if scene.proved and scene.floor is not None}
+                rows.append([layout, str(objects), *layout_cells(attempts, floors)])
+    print(markdown_table(HEAD, rows))
+
+
+def layout_cells(attempts: Mapping[int, Attempt], floors: Mapping[int, int]) -> list[str]:
+    """The cells of one layout: attempts by seed of the scene, and proved minimum numbers of clearances by seed."""
+    ended = {seed: attempt for seed, attempt in attempts.items() if attempt.cause != CRASH}
+    solved = {seed: attempt for seed, attempt in ended.items() if attempt.solved}
+    failed = [attempt for attempt in ended.values() if not attempt.solved]
+    pairs = [(len(attempt.clearances), floors[seed]) for seed, attempt in solved.items() if seed in floors]
+    cleared, floor = sum(count for count, _ in pairs), sum(floor for _, floor in pairs)
+    spent = times([attempt.total_s for attempt in ended.values()])
+    causes = Counter(f"{attempt.cause}{'' if attempt.is_taken_alone else ' (alone too)'}" for attempt in failed)
+    return [
+        f"{len(solved)} / {len(solved) + sum(attempt.is_taken_alone for attempt in failed)}",
+        str(len(ended)),
+        f"{cleared} / {floor} ({f'{cleared / floor:.2f}' if floor else NOTHING})",
+        str(sum(count > floor for count, floor in pairs)),
+        str(sum(attempt.duplicated for attempt in solved.values())),
+        f"{spent.median:.2f} ({spent.p95:.2f})",
+        ", ".join(f"{cause}: {count}" for cause, count in sorted(causes.items())) or NOTHING,
+        str(len(attempts) - len(ended)),
+    ]
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

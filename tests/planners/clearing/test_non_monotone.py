@@ -1,0 +1,87 @@
+"""Scenes in which no plan that moves each object once is found, and one that moves an object twice is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners.cause import Cause
+from planners.planner import Planner
+from planners.scene import Scene, StaticObstacle
+from planners.strategies import STRATEGIES
+from planners.tamp.solution import Infeasible, Solution
+from tests.planners.scenes import HEIGHT, cylinder, table_scene
+
+HALF = 0.2
+"""[m] half the side of a table between two counters and a wall."""
+TWICE = replace(STRATEGIES["lookahead"], attempts=1)
+ONCE = replace(TWICE, non_monotone=0)
+
+
+def crowded(seed: int, count: int) -> Scene:
+    """`count` cylinders at random places on the small table, 14 mm apart at least."""
+    rng = np.random.default_rng(seed)
+    places: list[tuple[float, float]] = []
+    while len(places) < count:
+        x, y = rng.uniform(-HALF + 0.035, HALF - 0.035), rng.uniform(-HALF + 0.035, HALF - 0.035)
+        if all(np.hypot(x - a, y - b) > 0.074 for a, b in places):
+            places.append((x, y))
+    scene = table_scene(*(cylinder(f"object_{i:02d}", x, y) for i, (x, y) in enumerate(places)))
+    top = StaticObstacle("table_top", np.array([0.0, 0.0, HEIGHT - 0.02]), np.array([HALF, HALF, 0.02]))
+    wall = StaticObstacle("wall", np.array([HALF + 0.02, 0.0, 0.8]), np.array([0.02, 1.0, 0.8]))
+    sides = (
+        StaticObstacle(name, np.array([0.0, sign * (HALF + 0.31), 0.375]), np.array([HALF, 0.3, 0.375]))
+        for name, sign in (("left", 1), ("right", -1))
+    )
+    return replace(scene, static_obstacles=(top, wall, *sides))
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return crowded(10, 11)
+
+
+def test_an_object_is_moved_twice_where_no_monotone_plan_is_found(scene: Scene) -> None:
+    planner = Planner(FETCH, grasps="side")
+    floor = planner.clearance_floor(scene, "object_00")
+    once = planner.solve(scene, "object_00", ONCE)
+    assert isinstance(once, Infeasible)
+    assert once.cause is Cause.NO_CLEARANCE_LOCATION
+    plan = planner.solve(scene, "object_00", TWICE)
+    assert isinstance(plan, Solution), plan
+    assert floor.count == len(set(plan.clearances))
+    assert len(plan.duplicated) == 1
+    assert len(plan.clearances) == floor.count + 1
+    assert plan.actions[-1].target == "object_00"
+    for before, after in zip(plan.actions, plan.actions[1:], strict=False):
+        if before.released is not None:
+            np.testing.assert_allclose(after.scene.body(before.target).position, before.released.position, atol=1e-6)
+
+
+def test_plans_are_reproducible(scene: Scene) -> None:
+    first, second = (Planner(FETCH, grasps="side").solve(scene, "object_00", TWICE) for _ in range(2))
+    assert isinstance(first, Solution)
+    assert replace(first, stats=second.stats) == second
+
+
+def test_the_search_is_bounded() -> None:
+    """A table with no room at all ends with the cause, second moves or not."""
+    found = Planner(FETCH, grasps="side").solve(crowded(4, 16), "object_05", TWICE)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.NO_CLEARANCE_LOCATION
+
+
+def test_a_tight_flower_is_infeasible_for_every_plan() -> None:
+    """Whatever a plan does, it must first take some object that stands as now; there is no grasp for any."""
+    petals = [(0.062 * np.cos(a), 0.062 * np.sin(a)) for a in np.arange(6) * np.pi / 3]
+    scene = table_scene(*(cylinder(f"object_{i:02d}", x, y) for i, (x, y) in enumerate([(0.0, 0.0), *petals])))
+    planner = Planner(FETCH, grasps="side")
+    floor = planner.clearance_floor(scene, "object_00")
+    assert floor.is_infeasible
+    assert (floor.count, floor.proved, floor.cause) == (None, True, Cause.NO_SELF_CLEARABLE_SET)
+    found = planner.solve(scene, "object_00")
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.NO_SELF_CLEARABLE_SET
