@@ -1,4 +1,4 @@
-"""What a recorded file was made with: version, commit and environment, so that a changed one cannot pass for the old.
+"""Provenance of a recorded file: version, commit and environment, so that a changed one cannot pass for the old.
 
 Results, demonstrations, maps, weights and suites keep `provenance(env)`; their readers say `differences(recorded,
 provenance(env))`.
@@ -37,7 +37,7 @@ _RULES = {
     "scenes": ("scene/layout.py", "scene/object_sets.py", "scene/random_scene.py", "scene/obstruction.py"),
     "success": ("envs/success.py",),
     "reward": ("envs/reward.py",),
-    "observation": ("envs/observation.py", "envs/observation_layout.py"),
+    "observation": ("envs/observation.py",),
 }
 """The source files whose code decides what an environment does, by what they decide."""
 _NO_TASKS = ("gymnasium.", "clutter_env.envs.base")

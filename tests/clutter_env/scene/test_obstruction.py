@@ -65,10 +65,6 @@ def test_the_tables_were_made_with_the_planners_present_margins(name: str) -> No
     assert side_approaches(name).margins == PlannerMargins(SIDE.directions, PADDING, FINGER_GAP, BACK, HELD_GAP)
 
 
-def test_an_object_alone_has_nothing_in_the_way() -> None:
-    assert blockers(cylinders([(0.0, 0.0)])).tolist() == [0]
-
-
 def test_an_object_within_a_ring_is_obstructed_more_than_most_of_the_ring() -> None:
     found = blockers(cylinders([(0.0, 0.0), *ring(8, 0.11)]))
     assert found[0] == 2
@@ -147,6 +143,7 @@ def test_without_a_table_of_directions_the_front_is_open() -> None:
     assert FETCH_APPROACHES.is_reachable(island, points, yaws).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "wide", "dense", "shelf", "island"])
 def test_the_table_of_directions_is_what_the_planner_reaches(name: str) -> None:
     layout, table = LAYOUTS[name], FETCH_APPROACHES.reachable[name]
@@ -155,6 +152,7 @@ def test_the_table_of_directions_is_what_the_planner_reaches(name: str) -> None:
     assert (reachable_yaws(FETCH, layout, points) == table[cells[:, 0], cells[:, 1]]).all()
 
 
+@pytest.mark.slow
 def test_the_test_agrees_with_the_planner() -> None:
     """The figures over all scenes stand in docs/suites.md."""
     found = agreement(610_000, 1, (SceneSet("paper", 25, 24), SceneSet("shelf", 10, 30)))
@@ -165,7 +163,7 @@ def test_the_test_agrees_with_the_planner() -> None:
 @pytest.mark.parametrize("least", [True, 2, 3])
 def test_targets_are_obstructed(least: bool | int) -> None:
     env = gym.make("clutter_env/Retrieve-o25-v0", obstructed=least, disable_env_checker=True).unwrapped
-    for seed in range(10):
+    for seed in range(4):
         env.reset(seed=seed)
         assert blockers(env.world.scene)[env.target_slot] >= int(least)
 
@@ -221,14 +219,10 @@ def test_too_few_or_too_low_objects_are_refused() -> None:
         gym.make("clutter_env/Pick-v0").reset(seed=0, options={"obstructed": True})
 
 
-def test_the_robots_are_those_with_a_table() -> None:
-    assert {"fetch", "panda_mobile", "pr2_left", "pr2_right"} <= set(robots_with_approaches())
-
-
 @pytest.mark.parametrize("robot", [robot("panda_mobile"), PR2, PR2.using("left")], ids=lambda spec: spec.full_name)
 def test_other_robots_have_a_table_of_the_paper_s_layout_each_arm_its_own(robot: RobotSpec) -> None:
     layout, table = LAYOUTS["paper"], side_approaches(robot.full_name).reachable["paper"]
-    cells = np.random.default_rng(0).integers(0, table.shape[:2], (4, 2))
+    cells = np.random.default_rng(0).integers(0, table.shape[:2], (1, 2))
     points = ((cells + 0.5) / table.shape[:2] - 0.5) * (layout.depth, layout.width)
     assert (reachable_yaws(robot, layout, points) == table[cells[:, 0], cells[:, 1]]).all()
     make(robot=robot, obstructed=True).reset(seed=0)
