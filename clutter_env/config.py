@@ -1,4 +1,4 @@
-"""What can be chosen when an environment is made, checked before anything is built."""
+"""Options of an environment, checked before anything is built."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
 from clutter_env.scene.obstruction import robots_with_approaches
 
-__all__ = ["CONTROL_HZ", "PHYSICS_STEPS", "RENDER_MODES", "TIMESTEP", "EnvConfig"]
-
 CONTROL_HZ = 20
 TIMESTEP = 0.002
 """[s] of one physics step."""
@@ -29,7 +27,6 @@ OBSTRUCTED = (False, True, 2, 3)
 """Values of `obstructed`: the least number of objects in the way of every side grasp of the target."""
 SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd")
-IK_ROUTES = ("direct", "mink")
 SCENE_CAMERAS = ("scene", "top")
 """Views of every scene: all of it, and from above; the robot brings its own cameras."""
 IMAGE_SIZE_RANGE = (16, 2048)
@@ -52,10 +49,10 @@ class EnvConfig:
     layout: str | Layout | Mapping[str, Any] = "paper"
     """Table and surroundings: a name in `LAYOUTS`, or a `Layout`."""
     control_mode: str = "joint"
-    """What the action's numbers mean: "joint" or "ee"."""
+    """Meaning of an action's numbers: "joint" or "ee"."""
     reward_mode: str = "sparse"
     success: str = "clean"
-    """What counts as success: "lifted", or "clean": lifted, and no object has fallen or been disturbed."""
+    """Kind of success: "lifted", or "clean": lifted, and no object has fallen or been disturbed."""
     terminate_on_fallen: bool = False
     """Whether the episode ends when an object falls."""
     obs_mode: str = "state"
@@ -63,7 +60,7 @@ class EnvConfig:
     """A name known to `assets.robots.robot`, or a `RobotSpec`."""
     render_mode: str | None = None
     shapes: str = "cylinder"
-    """What the objects are: "cylinder", "box" or "mixed"."""
+    """Shapes of the objects: "cylinder", "box" or "mixed"."""
     object_set: str = "standard"
     """Sizes and masses of random objects: a name in `OBJECT_SETS`."""
     obstructed: bool | int = False
@@ -77,8 +74,6 @@ class EnvConfig:
     """Pixels of a rendered image."""
     image_size: int = 96
     """Pixels along each side of an "rgbd" observation's images."""
-    ik: str = "direct"
-    """How "ee" control solves its inverse kinematics: "direct", or "mink" (the reference, slower; equal to 1e-6)."""
 
     def __post_init__(self) -> None:
         layout, robot = self.find_layout(), self.find_robot()
@@ -88,7 +83,6 @@ class EnvConfig:
         check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
         check_choice("render_mode", self.render_mode, (None, *RENDER_MODES))
-        check_choice("ik", self.ik, IK_ROUTES)
         check_choice("shapes", self.shapes, SHAPE_SETS)
         check_choice("object_set", self.object_set, OBJECT_SETS)
         check_choice("obstructed", self.obstructed, OBSTRUCTED)
@@ -103,7 +97,7 @@ class EnvConfig:
             raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
 
     def _check_objects(self, layout: Layout) -> None:
-        """Raise ConfigError unless the table has room for the objects."""
+        """Raise ConfigError unless the objects fit on the table."""
         fit = capacity(layout, self.shapes, self.find_object_set())
         if self.num_objects > fit:
             raise ConfigError(

@@ -1,4 +1,4 @@
-"""What a recorded file was made with: version, commit and environment, so that a changed one cannot pass for the old.
+"""Provenance of a recorded file: version, commit and environment, so that a changed one cannot pass for the old.
 
 Results, demonstrations, maps, weights and suites keep `provenance(env)`; their readers say `differences(recorded,
 provenance(env))`.
@@ -32,12 +32,12 @@ _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
 _RULES = {
-    "physics": ("simulation/control.py", "simulation/world.py", "simulation/apply_scene.py", "simulation/model.py"),
-    "end-effector control": ("simulation/ee_control.py", "simulation/differential_ik.py", "simulation/action_modes.py"),
+    "physics": tuple(f"simulation/{name}.py" for name in ("control", "world", "simulator", "apply_scene", "model")),
+    "end-effector control": ("simulation/end_effector.py",),
     "scenes": ("scene/layout.py", "scene/object_sets.py", "scene/random_scene.py", "scene/obstruction.py"),
     "success": ("envs/success.py",),
     "reward": ("envs/reward.py",),
-    "observation": ("envs/observation.py", "envs/observation_layout.py"),
+    "observation": ("envs/observation.py",),
 }
 """The source files whose code decides what an environment does, by what they decide."""
 _NO_TASKS = ("gymnasium.", "clutter_env.envs.base")

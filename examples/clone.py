@@ -11,10 +11,10 @@ from clutter_env.training.cloning import CloneConfig, clone, examples_of
 torch.set_num_threads(1)
 task = Task("clutter_env/Pick-v0")
 env = task.make()
-episodes = [record(task, env, make_expert(env), seed) for seed in range(40)]
+episodes = [record(task, env, make_expert("pick"), seed) for seed in range(40)]
 print(f"{sum(episode.succeeded for episode in episodes)} of {len(episodes)} demonstrations succeed")
 
 examples = examples_of(episode for episode in episodes if episode.succeeded)
 policy = clone(examples, CloneConfig(steps=3000), report=lambda step, loss: print(f"step {step}: loss {loss:.4f}"))
-print("success of the clone:", success_rate(env, policy.act, held_out_seeds(20)))
+print("success of the clone:", success_rate(env, policy, held_out_seeds(20)))
 env.close()

@@ -1,22 +1,12 @@
 """Compare two policies on the same held-out scenes, with 95% intervals."""
 
-from clutter_env.evaluation.score import DrawnScene, held_out_seeds, play_scene
+from clutter_env.evaluation.evaluate import evaluate
+from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import markdown, summarise
-from clutter_env.policies.baselines import GreedyPolicy, RandomPolicy
-from clutter_env.task import Task
 
-SCENES = 5
-env = Task("clutter_env/Skill-o10-v0").make()
-policies = {"random": RandomPolicy(seed=0, acts_by_skills=True), "greedy": GreedyPolicy()}
-rows = [
-    summarise(
-        "o10",
-        name,
-        [[play_scene(DrawnScene(seed), env, policy) for seed in held_out_seeds(SCENES)]],
-        floors={},
-        seed=0,
-    )
-    for name, policy in policies.items()
-]
+scenes = SceneSet(env_id="clutter_env/Skill-o10-v0", count=5)
+rows = []
+for name in ("random-skills", "greedy"):
+    evaluation = evaluate(name, scenes)
+    rows.append(summarise(scenes.name, name, [evaluation.scores], floors={}, seed=0))
 print(markdown(rows))
-env.close()

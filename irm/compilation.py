@@ -73,6 +73,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return numba.njit(**_OPTIONS, **{**options, "cache": False})(function)
     if options.get("cache"):
         kernel._cache.save_overload = _saves_or_warns(kernel._cache.save_overload)
+        kernel._cache._cache_file._load_index = _reads_or_forgets(kernel._cache._cache_file._load_index)
         kernel._cache._cache_file._version += f" {_digest_of_kernels(function.__module__.partition('.')[0])}"
     return kernel
 
@@ -106,6 +107,22 @@ def _saves_or_warns(save: Callable[..., None]) -> Callable[..., None]:
             _warn_once(str(problem))
 
     return save_or_warn
+
+
+def _reads_or_forgets(read: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+    """The method of numba's cache that reads which kernels are kept; none where it names types that are gone.
+
+    A kernel of this package may be kept for types of another one, whose modules have been renamed since.
+    """
+
+    def read_or_forget() -> dict[Any, str]:
+        """Read the index, or begin a new one."""
+        try:
+            return read()
+        except (ModuleNotFoundError, AttributeError):
+            return {}
+
+    return read_or_forget
 
 
 def _warn_once(reason: str) -> None:

@@ -9,11 +9,10 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel
-from planners.context import ArmsError, PlanningContext, map_placer
+from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.execute import ExecutionResult, execute
 from planners.expert.executor import Command, ExecutionStatus, Executor, follow
@@ -23,25 +22,32 @@ from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import map_parameters
-from planners.grasping.candidates import GraspCandidates, gripper_poses
+from planners.grasping.candidates import gripper_poses
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, find_grasp_set
 from planners.grasping.grasp_poses import generate_grasps, gripper_opening
 from planners.motion.arm import NoPath, tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
-from planners.placing.placements import PlacementSearch
 from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
-from planners.scene.resting import release_pitch
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
 from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
 from planners.skills.motion import SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import AStar
-from planners.symbolic.problem import GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.problem import (
+    GroundAction,
+    NoPlan,
+    SymbolicState,
+    TaskPlan,
+    TaskPlanner,
+    TaskProblem,
+    format_plan,
+)
 from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
@@ -64,7 +70,6 @@ __all__ = [
     "ClearanceFloor",
     "CollisionWorld",
     "Command",
-    "CompiledScenes",
     "ConfigurationGrid",
     "Contact",
     "ControlledEnv",
@@ -75,7 +80,6 @@ __all__ = [
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
-    "GraspCandidates",
     "GripperPoses",
     "GroundAction",
     "HeldObject",
@@ -84,7 +88,6 @@ __all__ = [
     "MotionLayer",
     "NoPath",
     "NoPlan",
-    "PlacementSearch",
     "PlanFileError",
     "Planner",
     "PlanningContext",
@@ -118,6 +121,7 @@ __all__ = [
     "find_grasp_set",
     "find_strategy",
     "follow",
+    "format_plan",
     "generate_grasps",
     "gripper_opening",
     "gripper_poses",
@@ -126,7 +130,6 @@ __all__ = [
     "is_covered",
     "label_of",
     "map_parameters",
-    "map_placer",
     "plan_contact",
     "release_pitch",
     "robot_arrays",

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.grasping.arms import ArmCandidates
+from irm.chain import ArmChain
+from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.canonical import CanonicalGrasps
@@ -105,8 +104,7 @@ class PlanningContext:
         """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
         kind = CanonicalGrasps if self.canonical else GraspCandidates
         config, worlds = SamplingConfig(near_home=self.near_home), compiled or CompiledScenes()
-        by_arm = {name: kind(arm.placer, arm.chain, config, worlds, self.families) for name, arm in self.arms.items()}
-        return next(iter(by_arm.values())) if len(by_arm) == 1 else ArmCandidates.of(by_arm)
+        return kind(self.arms, config, worlds, self.families)
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""

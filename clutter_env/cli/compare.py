@@ -3,9 +3,9 @@
     clutter-env compare --suites side-15-v1 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
 
-The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their seed form
-one row. Two Markdown tables and a picture are written to the output directory; every result is written there as soon as
-its episode ends: run the same command again after an interruption.
+The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their
+seed form one row. Two Markdown tables and a picture are written to the output directory. Every score is written there
+as soon as its episode ends: run the same command again after an interruption.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def run(arguments: Arguments) -> None:
         )
     tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"
     print(tables)
-    command = command_line("compare", arguments, leave_out=("workers", "ray", "out", "json"))
+    command = command_line("clutter-env compare", arguments, leave_out=("workers", "ray", "out", "json"))
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
     plot(rows, arguments.out / "plot.png")
     if arguments.json is not None:

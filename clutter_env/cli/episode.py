@@ -12,29 +12,9 @@ machine can render, a film. Many: the success rate and the causes of failure.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-import clutter_env
-from assets import robot as find_robot
-from clutter_env.evaluation.clearance_table import Trial
-from clutter_env.experiments.episodes.episode import (
-    PLANNING_S,
-    EpisodeSettings,
-    draw_episode,
-    episode_figures,
-    episode_text,
-    play_episode,
-)
-from clutter_env.experiments.episodes.many import counts_text, play_many
-from clutter_env.reporting.command import run_command
-from clutter_env.reporting.files import write_json
-from clutter_env.reporting.progress import progress_bar
-from clutter_env.scene.layout import LAYOUTS
-from irm import cache_folder, cached_map, is_map_at_hand
-from planners import find_strategy, map_parameters
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -75,12 +55,16 @@ class Arguments:
     """Write the figures to this file too."""
 
     def __post_init__(self) -> None:
+        from assets import robot
+        from clutter_env import OBJECT_COUNTS
+        from clutter_env.scene.layout import find_layout
+        from planners import find_strategy
+
         find_strategy(self.strategy)
-        find_robot(self.robot)
-        if self.layout not in LAYOUTS:
-            raise ValueError(f"--layout {self.layout} is not valid; valid ones: {', '.join(LAYOUTS)}")
-        if self.objects not in clutter_env.OBJECT_COUNTS:
-            valid = ", ".join(map(str, clutter_env.OBJECT_COUNTS))
+        robot(self.robot)
+        find_layout(self.layout)
+        if self.objects not in OBJECT_COUNTS:
+            valid = ", ".join(map(str, OBJECT_COUNTS))
             raise ValueError(f"--objects {self.objects} is not valid; valid numbers: {valid}")
 
     @property
@@ -91,6 +75,13 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
+    from assets import robot as find_robot
+    from clutter_env.cli.expert_episodes import count_many, show_one
+    from clutter_env.reporting.files import write_json
+    from clutter_env.reporting.progress import progress_bar
+    from irm import cache_folder, cached_map, is_map_at_hand
+    from planners import map_parameters
+
     robot = find_robot(arguments.robot)
     if not is_map_at_hand(robot, **map_parameters(robot)):
         print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
@@ -99,49 +90,3 @@ def run(arguments: Arguments) -> None:
     figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
     for path in filter(None, (arguments.out / "report.json", arguments.json)):
         write_json(path, figures)
-
-
-def show_one(arguments: Arguments) -> dict[str, Any]:
-    """Play, draw and print one episode; its figures."""
-    settings = EpisodeSettings(
-        arguments.environment,
-        arguments.seed,
-        arguments.strategy,
-        arguments.layout,
-        arguments.control_mode,
-        arguments.obstructed,
-        "viewer" if arguments.viewer else "live" if arguments.live else "film" if arguments.film else "none",
-        arguments.grasps,
-        arguments.robot,
-    )
-    result = play_episode(settings, say=lambda text: print(text, flush=True))
-    files = [str(path) for path in draw_episode(result, arguments.out, arguments.html)]
-    print(f"\n{episode_text(result)}")
-    print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
-    return {**episode_figures(result), "files": files}
-
-
-def count_many(arguments: Arguments) -> dict[str, Any]:
-    """Play many episodes and print the success rate; their records."""
-    first = Trial(
-        arguments.objects,
-        arguments.seed,
-        arguments.strategy,
-        arguments.layout,
-        arguments.control_mode,
-        physics=True,
-        time_limit=PLANNING_S,
-        grasps=arguments.grasps,
-        robot=arguments.robot,
-    )
-    path = arguments.out / "episodes.jsonl"
-    mode = f"{arguments.control_mode} mode, {arguments.strategy}, grasp set {arguments.grasps}"
-    print(f"{arguments.episodes} episodes of {arguments.environment}, robot {arguments.robot}, {mode}")
-    played = play_many(first, arguments.episodes, arguments.obstructed, arguments.workers, path)
-    print(f"\n{counts_text(played)}\n\nevery episode: {path}")
-    return {"settings": asdict(first), "episodes": [asdict(episode) for episode in played]}
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    run_command("episode", Arguments, run, __doc__, words)

@@ -25,8 +25,8 @@ class Arguments:
     policy: str = "lookahead"
     """A strategy of the expert with side grasps ("lookahead", "ngr", "dogar", "srivastava") or with all grasps
     ("lookahead-all", …), "keyframes" (learned decisions and motions), "planned-decisions", "planned-motions" (each also
-    "…-all" and "…-shelf"), "random", "random-skills", "greedy", "direct-approach", "scripted", the directory of a training
-    run, or module:Class."""
+    "…-all" and "…-shelf"), "random", "random-skills", "greedy", "direct-approach", "scripted", the directory of a
+    training run, or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None

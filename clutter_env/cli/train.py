@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 WHEN_INTERRUPTED = "run the same command again with --resume to go on from the last checkpoint"
 
 
-@tyro.conf.configure(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.ConsolidateSubcommandArgs)
+@tyro.conf.configure(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.CascadeSubcommandArgs)
 @dataclass(frozen=True)
 class Arguments:
     """Train a policy."""

@@ -165,7 +165,10 @@ class Dataset:
         """
         index = self.directory / _INDEX
         if not index.exists():
-            raise DatasetError(f"{self.directory} holds no complete dataset; run `clutter-env collect` until it ends")
+            expert = self.identity["expert"]  # an error that says so if there is no dataset at all
+            raise DatasetError(
+                f"{self.directory} is not complete; run the `clutter-env collect` again that began it (expert {expert})"
+            )
         seeds = _read_json(index, "seeds")["seeds"]
         if not isinstance(seeds, list) or not all(isinstance(seed, int) for seed in seeds):
             raise DatasetError(f"{index} is damaged: {seeds!r} are no seeds")
@@ -178,6 +181,8 @@ class Dataset:
         Raises:
             DatasetError: the directory holds no dataset, or a damaged one.
         """
+        if not (self.directory / _JOB).exists():
+            raise DatasetError(f"{self.directory} holds no dataset of `clutter-env collect`")
         return _read_json(self.directory / _JOB, "task", "expert", "first_seed")
 
     @property

@@ -27,7 +27,7 @@ from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.ee_control import TcpFollower
+from clutter_env.simulation.end_effector import TcpFollower
 from clutter_env.simulation.physics_state import capture_physics
 from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
 from clutter_env.simulation.simulator import Simulator
@@ -41,7 +41,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     """A robot, a table, objects; subclasses define the task by the abstract methods."""
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
-    """Of an instance on a machine without a display, "human" is left out: checkers try every mode that is listed."""
+    """An instance on a machine without a display leaves out "human": checkers try every mode that is listed."""
 
     def __init__(self, config: EnvConfig) -> None:
         self.config = config
@@ -57,7 +57,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             self.layout,
             slot_shapes(config.shapes, config.num_objects),
             config.control_mode,
-            ik=config.ik,
             image_size=self._rendering.largest,
             show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
         )
@@ -141,7 +140,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def measurements(self) -> Measurements:
-        """What the environment measures in the present state."""
+        """Measurements of the present state."""
         return self._simulator.measurements
 
     @property
@@ -156,7 +155,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def control_mode(self) -> str:
-        """What the numbers of an action mean, "joint" or "ee"."""
+        """Meaning of the numbers of an action, "joint" or "ee"."""
         return self.config.control_mode
 
     @property
@@ -189,13 +188,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def action_size(self) -> int:
         """Numbers in an action."""
-        return self._simulator.action_mode.size
+        return self._simulator.action_size
 
     def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
 
         A trajectory sampled at 20 Hz that keeps the robot's velocity and acceleration limits (of the base: those of its
-        own axes) is followed exactly; a goal farther away is approached as fast as it can be, with room to brake.
+        own axes) is followed exactly; a goal farther away is approached as fast as braking before it allows.
 
         Args:
             q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad], then other arms that act.
@@ -221,7 +220,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
-        return TcpFollower(self.robot, self.config.ik)
+        return TcpFollower(self.robot)
 
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""
@@ -296,7 +295,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def _kind(self) -> dict[str, Any]:
-        """What a saved state and the environment that restores it must have in common; JSON values."""
+        """Properties that a saved state and the environment that restores it must share; JSON values."""
         return {
             "task": type(self).__name__,
             "mujoco": mujoco.__version__,
@@ -318,6 +317,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "num_fallen": monitor.num_fallen,
             "num_disturbed": monitor.num_disturbed,
             "num_cleared": monitor.num_cleared,
+            "ik_failures": self._simulator.ik_failures,
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:

@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 from clutter_env.config import EnvConfig, check_choice, check_integer
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
-from clutter_env.envs.reset_options import ResetOptions
-from clutter_env.envs.scene_drawing import draw_scene
+from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import Fields
+from clutter_env.simulation.saved_state import Fields
 
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
 GOAL_BOUND = 16.0
-"""[m] Bound of goals in the world frame; far outside the floor that the base may use."""
+"""[m] Bound of goals in the world frame; far outside the ground that the base may use."""
 
 REACH_LOW, REACH_HIGH = (0.50, -0.40, 0.85), (0.95, 0.40, 1.30)
 """[m] Box of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""

@@ -20,7 +20,7 @@ from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.base import restored_generator
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.success import is_as_placed
-from clutter_env.errors import ActionError
+from clutter_env.errors import ActionError, ConfigError
 from planners import (
     DIRECTIONS,
     Body,
@@ -36,12 +36,10 @@ from planners import (
     skill_geometry,
 )
 
-__all__ = ["BODY_FIELDS", "FEASIBILITIES", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
-
 SIMULATIONS = ("physics", "kinematic")
 FEASIBILITIES = ("oracle", "none")
 _PUSHING = MonitorConfig(displacement=math.inf, tilt=math.pi)
-"""Of an attempt that runs into objects: their motion does not stop it."""
+"""Tolerances of an attempt that runs into objects: their motion does not stop it."""
 SKILL_COST = 0.05
 """Reward lost by every skill; success is worth 1."""
 FINAL_HOLD_STEPS = 20
@@ -86,6 +84,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         check_choice("simulation", simulation, SIMULATIONS)
         check_choice("feasibility", feasibility, FEASIBILITIES)
         self._physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
+        if self._physics_env.robot.acts_with_all_arms:
+            raise ConfigError(
+                f"skills use one arm; give robot {self._physics_env.robot.name!r} without with_all_arms()"
+            )
         self._is_kinematic = simulation == "kinematic"
         self._geometric_mask, self._tries_all = geometric_mask, feasibility == "none"
         self._count = self._physics_env.config.num_objects
@@ -148,7 +150,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
     def render(self) -> Any:
-        """As `RetrieveEnv.render`; with the kinematic model the images show the first state."""
+        """Render as `RetrieveEnv.render` does; with the kinematic model the images show the first state."""
         return self._physics_env.render()
 
     def close(self) -> None:
@@ -298,6 +300,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             "num_fallen": 0,
             "num_disturbed": self._num_hit,
             "num_cleared": len(set(self._moved)),
+            "ik_failures": 0,
         }
 
 

@@ -5,7 +5,7 @@ The commands `evaluate`, `compare` and `play` print its results in three ways; t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -112,6 +112,7 @@ def evaluate(
                 tick()
         missing = [index for index in range(len(scenes.scenes)) if index not in found]
         crashes = 0
+        results: Iterable[tuple[int, Score | ClutterEnvError | Crash | Killed]]
         if (workers == 1 and not ray) or not isinstance(policy, str) or watch is not None:
             results = ((index, _play_here(job, index, env, playing, watch, count_crashes)) for index in missing)
         else:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.observation import OBSERVATION_LAYOUT
-from clutter_env.envs.observation_layout import entry_slices
+from clutter_env.envs.observation import OBSERVATION_LAYOUT, entry_slices
 
 NEAR_SCALES = (10.0, 50.0)
 """[1/m] of the squashed copies of an offset."""

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.observation_layout import OBSERVATION_LAYOUT
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.scene.table_scene import object_name
 

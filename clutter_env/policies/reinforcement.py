@@ -138,6 +138,6 @@ def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = Fal
             model.load_replay_buffer(directory / BUFFER_FILE, truncate_last_traj=True)
     except Exception as problem:  # pickle, zip and torch raise many kinds for a damaged file or for missing classes
         raise LearningError(
-            f"{path} cannot be read: it is damaged, or another version of this package wrote it ({problem}); train again"
+            f"{path} is damaged, or another version of this package wrote it; train again ({problem})"
         ) from problem
     return model

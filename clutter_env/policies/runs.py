@@ -44,12 +44,18 @@ def load_run(directory: Path) -> dict[str, Any]:
     """The record of a training run: algorithm, task, seed, steps, settings.
 
     Raises:
-        LearningError: the directory holds no training run.
+        LearningError: the directory holds no training run, or its record is damaged.
     """
     path = directory / RUN_FILE
     if not path.exists():
         raise LearningError(f"{directory} holds no training run ({RUN_FILE} is missing)")
-    return dict(json.loads(path.read_text()))
+    try:
+        record = dict(json.loads(path.read_text()))
+        Task(record["task"]["env_id"], record["task"]["keywords"])
+        str(record["algorithm"]), int(record["steps"])
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise LearningError(f"{path} is no record of a training run, or it is damaged: {problem!r}") from problem
+    return record
 
 
 def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

@@ -29,7 +29,11 @@ class HighLevelPolicy(Protocol):
     """
 
     failure: str
-    reset: Callable[..., None]
+
+    @property
+    def reset(self) -> Callable[..., None]:
+        """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
+        ...
 
     def decide(self, observation: Observation) -> Contact | None:
         """The next pick or place, once the one before has been executed or has failed; None: gives up."""
@@ -46,7 +50,11 @@ class MotionPolicy(Protocol):
 
     is_done: bool
     has_failed: bool
-    reset: Callable[..., None]
+
+    @property
+    def reset(self) -> Callable[..., None]:
+        """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
+        ...
 
     def start(self, contact: Contact, observation: Observation) -> None:
         """Begin to execute a pick or a place."""

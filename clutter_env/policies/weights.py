@@ -86,7 +86,8 @@ def save_weights(path: Path, network: nn.Module, info: WeightsInfo) -> None:
     """
     content = BytesIO()
     arrays: dict[str, Any] = {name: value.numpy() for name, value in network.state_dict().items()}
-    np.savez_compressed(content, **arrays, **{_ABOUT: np.array(json_text(asdict(info)))})
+    arrays[_ABOUT] = np.array(json_text(asdict(info)))
+    np.savez_compressed(content, **arrays)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, content.getvalue())
 

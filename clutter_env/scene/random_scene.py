@@ -12,8 +12,6 @@ from clutter_env.scene.layout import Layout
 from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, ObjectSet, slot_shapes
 from clutter_env.scene.table_scene import TableScene
 
-__all__ = ["sample_base", "sample_scene"]
-
 _FEW, _MANY = 8, 128
 """Candidates drawn at once for an object: few for the first `_EASY` objects, of which most are free. Of many the first
 few are looked at before the others."""
@@ -86,13 +84,13 @@ def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64],
         positions = _place_once(rng, layout, radii, margin)
         if positions is not None:
             return positions
-    raise OptionError(f"no room for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
+    raise OptionError(f"no space for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
 
 
 def _place_once(
     rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float
 ) -> NDArray[np.float64] | None:
-    """One attempt, object by object; None when the next object found no room."""
+    """One attempt, object by object; None when the next object found no space."""
     half_size = layout.depth / 2 - margin, layout.width / 2 - margin
     circles: list[tuple[float, float, float]] = []
     widest = float(radii.max(initial=0.0))

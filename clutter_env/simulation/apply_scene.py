@@ -18,8 +18,6 @@ from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.model import ModelIndex
 
-__all__ = ["apply_scene"]
-
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
 """Hues of the objects that are not the target: neither red nor the colours of wood."""
@@ -82,7 +80,7 @@ def _inertias(scene: TableScene) -> NDArray[np.float64]:
 
 
 def _start_poses(scene: TableScene) -> NDArray[np.float64]:
-    """Free-joint positions (n, 7): exactly touching table or board; a lying cylinder's z axis is horizontal."""
+    """Free-joint positions (n, 7): exactly touching table or shelf; a lying cylinder's z axis is horizontal."""
     poses = np.zeros((scene.num_objects, 7))
     poses[:, :2] = scene.positions
     poses[:, 2] = TABLE_HEIGHT + scene.levels + scene.standing_extents[:, 2]

@@ -19,8 +19,6 @@ from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
 from clutter_env.errors import ActionError
 from clutter_env.simulation.model import ModelIndex
 
-__all__ = ["CONTROL_STEP", "ControlState", "JointController", "checked_action", "real_array"]
-
 CONTROL_STEP = 1 / CONTROL_HZ
 """[s]"""
 SEGMENTS = 5
@@ -60,7 +58,7 @@ class ControlState:
         return self.finger, *self.other_fingers
 
 
-def real_array(value: object) -> Vector | None:
+def _real_array(value: object) -> Vector | None:
     """The value as a float64 array if it is an array, or nested sequences, of real numbers; None if not.
 
     NumPy itself also turns text, dates and complex numbers into floats.
@@ -78,7 +76,7 @@ def checked_action(action: ArrayLike, size: int) -> Vector:
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    vector = real_array(action)
+    vector = _real_array(action)
     if vector is None:
         raise ActionError(f"the action must be {size} finite numbers in [-1, 1], not {action!r}")
     if vector.shape != (size,):
@@ -86,6 +84,19 @@ def checked_action(action: ArrayLike, size: int) -> Vector:
     if not np.isfinite(vector).all():
         raise ActionError(f"the action must be {size} finite numbers in [-1, 1]; it holds NaN or infinity: {vector}")
     return np.minimum(np.maximum(vector, -1.0), 1.0)
+
+
+def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vector:
+    """The value as a float64 array.
+
+    Raises:
+        ActionError: not finite numbers of this shape.
+    """
+    vector = _real_array(value)
+    if vector is None or vector.shape != shape or not np.isfinite(vector).all():
+        wanted = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
+        raise ActionError(f"{name} must be {wanted}, not {value!r}")
+    return vector
 
 
 class JointController:
@@ -102,10 +113,10 @@ class JointController:
         acting = ActingJoints.of(robot)
         self.num_grippers = acting.num_grippers
         arm = len(acting.lower) - 1
-        self._max_velocity = np.array(acting.velocity)
-        self._loaded_velocity = self._max_velocity.copy()
-        self._loaded_velocity[2] = min(self._max_velocity[2], robot.max_loaded_yaw_rate)
-        self._range = -self._max_velocity, self._max_velocity
+        self.max_velocity = np.array(acting.velocity)
+        self._loaded_velocity = self.max_velocity.copy()
+        self._loaded_velocity[2] = min(self.max_velocity[2], robot.max_loaded_yaw_rate)
+        self._range = -self.max_velocity, self.max_velocity
         self._loaded_range = -self._loaded_velocity, self._loaded_velocity
         self._max_change = np.array(acting.acceleration) * CONTROL_STEP
         self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *acting.lower])
@@ -117,16 +128,16 @@ class JointController:
         self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
 
     @property
-    def size(self) -> int:
-        """Numbers in an action."""
-        return len(self._max_velocity) + self.num_grippers
+    def action_size(self) -> int:
+        """Numbers in a "joint" action."""
+        return len(self.max_velocity) + self.num_grippers
 
     def reset(self, data: mujoco.MjData) -> None:
         """Take the present configuration as the target, at rest."""
         finger, *others = (sum(pair) / 2 for pair in data.qpos[self._index.finger_qpos].reshape(-1, 2).tolist())
         self.state = ControlState(
             target=data.qpos[self._index.drive_qpos].copy(),
-            velocity=np.zeros_like(self._max_velocity),
+            velocity=np.zeros_like(self.max_velocity),
             finger=finger,
             other_fingers=tuple(others),
         )
@@ -134,7 +145,7 @@ class JointController:
 
     def velocity_limit(self, is_loaded: bool) -> Vector:
         """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
-        return (self._loaded_velocity if is_loaded else self._max_velocity).copy()
+        return (self._loaded_velocity if is_loaded else self.max_velocity).copy()
 
     def follow(
         self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool
@@ -162,17 +173,17 @@ class JointController:
     def action_towards(self, q_target: ArrayLike, gripper_width: ArrayLike, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
-        If the limits do not allow that in one step, the action approaches it and leaves room to brake; a fixed goal may
-        be overshot by the braking distance of one step (3 cm, 0.05 rad) before it is reached.
+        If the limits do not allow that in one step, the action approaches it and leaves distance to brake; a fixed goal
+        may be overshot by the braking distance of one step (3 cm, 0.05 rad) before it is reached.
 
         Raises:
             ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.
         """
-        goal = _checked_vector("q_target", q_target, len(self._max_velocity))
+        goal = checked_vector("q_target", q_target, (len(self.max_velocity),))
         velocity = self.velocity_towards(goal, is_loaded)
-        widths = _checked_vector("gripper_width", np.atleast_1d(gripper_width), self.num_grippers)
+        widths = checked_vector("gripper_width", np.atleast_1d(gripper_width), (self.num_grippers,))
         grips = [self.grip_action(width) for width in widths.tolist()]
-        return np.append(np.clip(velocity / self._max_velocity, -1.0, 1.0), grips)
+        return np.append(np.clip(velocity / self.max_velocity, -1.0, 1.0), grips)
 
     def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
         """Velocity (4 + n,) for one step towards the whole-body configuration `goal`, base part in the base's frame."""
@@ -195,7 +206,7 @@ class JointController:
         Raises:
             ActionError: not a finite number.
         """
-        width = _checked_vector("gripper_width", [gripper_width], 1)[0]
+        width = checked_vector("gripper_width", [gripper_width], (1,))[0]
         return 2 * self._robot.finger_position(float(width)) / self._robot.max_finger_position - 1
 
     def _advance_target(self, data: mujoco.MjData, velocity: Vector, is_loaded: bool) -> None:
@@ -211,7 +222,7 @@ class JointController:
         bounded = _clipped(target, actual - self._lead, actual + self._lead)
         bounded = _clipped(bounded, self._lower, self._upper)
         if bounded.tolist() != target.tolist():
-            moved = _clipped((bounded - state.target) / CONTROL_STEP, -self._max_velocity, self._max_velocity)
+            moved = _clipped((bounded - state.target) / CONTROL_STEP, -self.max_velocity, self.max_velocity)
             allowed = np.where(bounded == target, allowed, moved)
         self.state = replace(state, target=bounded, velocity=allowed)
 
@@ -248,10 +259,3 @@ def _turned(drive: Vector, cosine: float, sine: float) -> Vector:
 def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:
     """`np.clip` without its overhead on short vectors."""
     return np.minimum(np.maximum(values, lowest), highest)
-
-
-def _checked_vector(name: str, value: ArrayLike, size: int) -> Vector:
-    vector = real_array(value)
-    if vector is None or vector.shape != (size,) or not np.isfinite(vector).all():
-        raise ActionError(f"{name} must be {size} finite numbers, not {value!r}")
-    return vector

@@ -2,7 +2,7 @@
 
 MuJoCo's integration state does not include which bodies sleep, so the lists of awake bodies are saved as well. MuJoCo
 reads and writes memory at the indices in these lists without any check: wrong ones crash the process. Geoms are not
-saved: a state saved without meshes can be restored with them, and the other way round.
+saved: a state saved without meshes can be restored with them, and without them after saving with them.
 """
 
 from __future__ import annotations
@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import LARGEST, Fields, check_quaternions
+from clutter_env.simulation.saved_state import LARGEST, Fields, check_quaternions
 from clutter_env.simulation.world import World
-
-__all__ = ["PhysicsState", "capture_physics", "read_physics", "restore_physics"]
 
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION
 _PARTS = tuple(

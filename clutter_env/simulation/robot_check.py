@@ -8,8 +8,6 @@ import numpy as np
 from assets import RobotSpec, rotation_of
 from clutter_env.errors import ConfigError
 
-__all__ = ["check_robot"]
-
 OFFSET_TOLERANCE = 1e-4
 """[m] between a joint's or the TCP's place in the data and in the MJCF."""
 AXIS_TOLERANCE = 1e-6

@@ -12,15 +12,15 @@ from assets import RobotSpec
 from clutter_env.errors import ActionError, StateError
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.action_modes import EndEffectorActions, action_mode
-from clutter_env.simulation.control import ControlState, checked_action
+from clutter_env.simulation.control import ControlState, checked_action, checked_vector
+from clutter_env.simulation.end_effector import EndEffectorController
 from clutter_env.simulation.physics_state import PhysicsState, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import MEMORY, SEVERAL_ARMS, SavedState
-from clutter_env.simulation.state_fields import Fields, check_quaternions
+from clutter_env.simulation.saved_state import IK_FAILURES, MEMORY, SEVERAL_ARMS, Fields, SavedState, check_quaternions
 from clutter_env.simulation.world import Measurements, World
 
-__all__ = ["CheckedState", "Simulator"]
+_BASE, _TWIST = 3, 6
+"""Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,18 @@ class CheckedState:
     physics: PhysicsState
     control: ControlState
     wanted_tcp: list[float] | None
+    ik_failures: int
     held: int
     is_touching: bool
     other_held: tuple[int, ...]
 
 
 class Simulator:
-    """Steps one robot among objects by actions of one control mode.
+    """Steps one robot among objects by actions of one control mode; all numbers of an action are in [-1, 1].
+
+    "joint": base forward, left, yaw rate, torso and arm joint rates, each a share of the maximum; "ee": base forward,
+    left, yaw rate, then linear and angular TCP velocity in the base frame. Last comes the opening of each gripper.
+    Both modes end in joint velocities, which `JointController.follow` carries out.
 
     Raises:
         ConfigError: the robot's data do not fit its MJCF file.
@@ -53,7 +58,6 @@ class Simulator:
         layout: Layout,
         shapes: tuple[str, ...],
         control_mode: str,
-        ik: str,
         image_size: tuple[int, int],
         show_meshes: bool,
     ) -> None:
@@ -62,14 +66,15 @@ class Simulator:
         self._image_size, self._show_meshes = image_size, show_meshes
         self._home_world = self._make_world(shapes)
         self.world = self._home_world
-        self.action_mode = action_mode(control_mode, robot, ik)
+        self._end_effector = EndEffectorController(robot) if control_mode == "ee" else None
         self.has_started = False
 
     def start(self, scene: TableScene, configuration: tuple[float, ...]) -> None:
         """Begin an episode with the robot at rest in a configuration (1 + n,) of torso and arm."""
         self.world = self._world_for(scene)
         self.world.reset(scene, configuration)
-        self.action_mode.reset(self.world.controller.state)
+        if self._end_effector:
+            self._end_effector.reset(self.world.controller.state.target[_BASE:])
         self.measurements = self.world.measure()
         self.has_started = True
 
@@ -79,15 +84,28 @@ class Simulator:
         Raises:
             ActionError: the action is not a finite vector of the right shape, or nothing has started; no change.
         """
-        checked = checked_action(action, self.action_mode.size)
+        checked = checked_action(action, self.action_size)
         self.check_started("step()")
-        velocity = self.action_mode.joint_velocity(checked, self.world.controller.state)
-        self.measurements = self.world.advance(self.measurements, velocity, self._grips(checked))
+        controller = self.world.controller
+        state, limit = controller.state, controller.max_velocity
+        if self._end_effector:
+            base, twist = checked[:_BASE] * limit[:_BASE], checked[_BASE : _BASE + _TWIST]
+            arm = self._end_effector.joint_velocity(twist, state.target[_BASE:], state.velocity[_BASE:])
+            velocity = np.concatenate((base, arm))
+        else:
+            velocity = checked[: len(limit)] * limit
+        grips = checked[-controller.num_grippers :].tolist()
+        self.measurements = self.world.advance(self.measurements, velocity, grips)
 
-    def _grips(self, action: NDArray[np.float64]) -> list[float]:
-        """The last numbers of an action: the opening of each gripper."""
-        grips: list[float] = action[-self.world.controller.num_grippers :].tolist()
-        return grips
+    @property
+    def action_size(self) -> int:
+        """Numbers in an action."""
+        return _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
+
+    @property
+    def ik_failures(self) -> int:
+        """Steps of this episode in which the inverse kinematics of "ee" control found nothing."""
+        return self._end_effector.failures if self._end_effector else 0
 
     def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The "joint" action towards a whole-body configuration; see `JointController.action_towards`.
@@ -95,25 +113,36 @@ class Simulator:
         Raises:
             ActionError: not finite, the wrong shape, or the control mode is "ee".
         """
-        if isinstance(self.action_mode, EndEffectorActions):
+        if self._end_effector:
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
         self.check_started("joint_action()")
-        return self.world.controller.action_towards(q_target, gripper_width, self._is_loaded)
+        return self.world.controller.action_towards(q_target, gripper_width, self.measurements.is_holding)
 
     def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
-        """The "ee" action towards a base pose and a TCP pose; see `EndEffectorActions.action_towards`.
+        """The "ee" action (10,) that brings base and TCP targets to these, or as near as one step allows.
+
+        Args:
+            base_target: (3,) x, y [m], yaw [rad].
+            T_world_tcp: (4, 4) TCP pose in the world once the base is at its target.
+            gripper_width: [m] between the pads.
 
         Raises:
             ActionError: not finite, the wrong shape, or the control mode is "joint".
         """
-        if not isinstance(self.action_mode, EndEffectorActions):
+        if not self._end_effector:
             raise ActionError("ee_action needs control_mode='ee'; this environment has 'joint', use joint_action")
         self.check_started("ee_action()")
         controller = self.world.controller
-        return self.action_mode.action_towards(controller, base_target, T_world_tcp, gripper_width, self._is_loaded)
+        base = checked_vector("ee_action's base_target", base_target, (3,))
+        pose = checked_vector("ee_action's T_world_tcp", T_world_tcp, (4, 4))
+        goal = np.concatenate((base, controller.state.target[_BASE:]))
+        velocity = controller.velocity_towards(goal, self.measurements.is_holding)[:_BASE]
+        drive = np.clip(velocity / controller.max_velocity[:_BASE], -1.0, 1.0)
+        twist = self._end_effector.twist_towards(np.linalg.inv(_planar_pose(base)) @ pose)
+        return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
 
     def memory(self) -> dict[str, Any]:
-        """What controller and measurements remember besides the physics, as JSON values."""
+        """Memory of controller and measurements besides the physics, as JSON values."""
         control = self.world.controller.state
         several = {"other_held": self.measurements.other_held, "other_fingers": control.other_fingers}
         return {
@@ -123,7 +152,8 @@ class Simulator:
             "target": control.target.tolist(),
             "velocity": control.velocity.tolist(),
             "finger": control.finger,
-            "wanted_tcp": self.action_mode.wanted_tcp,
+            "wanted_tcp": self._end_effector.wanted if self._end_effector else None,
+            **({IK_FAILURES: self._end_effector.failures} if self._end_effector else {}),
         }
 
     def check(self, saved: SavedState) -> CheckedState:
@@ -134,7 +164,9 @@ class Simulator:
         """
         world = self._world_for(saved.scene)
         others = world.controller.num_grippers - 1
-        memory = Fields(saved.memory, "memory", (*MEMORY, *(SEVERAL_ARMS if others else ())))
+        counts_failures = self._end_effector is not None and IK_FAILURES in saved.memory
+        further = (*SEVERAL_ARMS * (others > 0), *(IK_FAILURES,) * counts_failures)
+        memory = Fields(saved.memory, "memory", (*MEMORY, *further))
         size = len(world.controller.state.target)
         return CheckedState(
             world=world,
@@ -147,9 +179,12 @@ class Simulator:
                 tuple(memory.numbers("other_fingers", (others,)).tolist()) if others else (),
             ),
             wanted_tcp=self._checked_tcp(memory),
+            ik_failures=memory.integer(IK_FAILURES, 0, 2**31) if counts_failures else 0,
             held=memory.integer("held", -1, saved.scene.num_objects - 1),
             is_touching=memory.flag("is_touching"),
-            other_held=_slots(memory, others, saved.scene.num_objects),
+            other_held=tuple(memory.integers("other_held", others, -1, saved.scene.num_objects - 1).tolist())
+            if others
+            else (),
         )
 
     def restore(self, state: CheckedState) -> None:
@@ -161,7 +196,8 @@ class Simulator:
         restore_physics(state.world, state.scene, state.physics)
         self.world = state.world
         self.world.controller.state = state.control
-        self.action_mode.wanted_tcp = state.wanted_tcp
+        if self._end_effector and state.wanted_tcp:
+            self._end_effector.wanted, self._end_effector.failures = state.wanted_tcp, state.ik_failures
         self.measurements = self.world.measure_objects(state.held, state.is_touching, state.other_held)
         self.has_started = True
 
@@ -169,10 +205,6 @@ class Simulator:
         """Raise ActionError unless an episode has begun; `call` is what needs one."""
         if not self.has_started:
             raise ActionError(f"call reset() before {call}")
-
-    @property
-    def _is_loaded(self) -> bool:
-        return self.measurements.is_holding
 
     def _make_world(self, shapes: tuple[str, ...]) -> World:
         return World(self._robot, self._layout, shapes, self._image_size, self._show_meshes)
@@ -185,8 +217,8 @@ class Simulator:
         return self._make_world(scene.shapes)
 
     def _checked_tcp(self, memory: Fields) -> list[float] | None:
-        """What the action mode remembers."""
-        if self.action_mode.wanted_tcp is None:
+        """The wanted TCP pose of "ee" control."""
+        if not self._end_effector:
             if memory["wanted_tcp"] is not None:
                 raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
             return None
@@ -195,6 +227,10 @@ class Simulator:
         return pose.tolist()
 
 
-def _slots(memory: Fields, grippers: int, num_objects: int) -> tuple[int, ...]:
-    """What the other grippers hold."""
-    return tuple(memory.integers("other_held", grippers, -1, num_objects - 1).tolist()) if grippers else ()
+def _planar_pose(base: NDArray[np.float64]) -> NDArray[np.float64]:
+    """T_world_base (4, 4) of a base at x, y, yaw."""
+    pose = np.eye(4)
+    cosine, sine = np.cos(base[2]), np.sin(base[2])
+    pose[:2, :2] = ((cosine, -sine), (sine, cosine))
+    pose[:2, 3] = base[:2]
+    return pose

@@ -111,7 +111,7 @@ def read_demonstrations(run: Run, settings: BC) -> tuple[Dataset, list[Episode]]
     modes = [task.keywords.get("control_mode") for task in (there, here)]
     if modes[0] != modes[1]:
         raise LearningError(
-            f"{settings.demos} was collected with control_mode={modes[0]!r}, and this is {modes[1]!r} (None: the default)"
+            f"{settings.demos} was collected with control_mode={modes[0]!r}, this is {modes[1]!r} (None: the default)"
         )
     dataset.warn_if_outdated()
     return dataset, list(dataset)[: settings.demo_episodes]

@@ -168,7 +168,7 @@ def label_places(world: CollisionWorld, candidates: Candidates, points: NDArray[
     held = world.scene.held
     assert held is not None
     body = world.scene.body(held.name)
-    return _labels(world, candidates, [stand_at(body, point) for point in points], points)
+    return _labels(world, candidates, [stand_at(body, point) for point in points], list(points))
 
 
 def _labels(

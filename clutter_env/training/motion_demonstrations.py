@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from clutter_env.data.episode import CONTACT_SKILLS, Episode, StepLabels
-from clutter_env.envs.observation_layout import OBSERVATION_LAYOUT
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
 from planners import (

@@ -108,7 +108,7 @@ def make_model(
         env: where it will learn.
         seed: random seed.
         log: directory for TensorBoard.
-        improves_clone: whether PPO and MaskablePPO learn in smaller steps, for a network that is fitted to labels first.
+        improves_clone: whether PPO and MaskablePPO learn in smaller steps, for a network that is fitted first.
 
     Raises:
         LearningError: no such algorithm; the message lists the known ones.

@@ -8,6 +8,7 @@ from typing import Any
 
 from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, differences, load_run
+from clutter_env.provenance import differences as made_differently
 from clutter_env.provenance import provenance
 from clutter_env.reporting.files import json_values, write_json
 from clutter_env.task import Task
@@ -36,9 +37,11 @@ class Run:
         Raises:
             UnknownTask: no such environment, or not with these keyword arguments.
             LearningError: the algorithm does not learn on this task; the directory holds a run, and it is not to be
-                resumed or is another one (the message names what differs).
+                resumed, is another one, or was made with another environment (the message names what differs).
         """
-        self.task.make().close()
+        env = self.task.make()
+        present = provenance(env)
+        env.close()
         if self.task.family not in self.settings.families:
             fitting = ", ".join(name for name, kind in SETTINGS.items() if self.task.family in kind.families)
             raise LearningError(
@@ -51,6 +54,8 @@ class Run:
                 f"{self.directory} holds a training run; resume it (--resume), or choose another directory"
             )
         there, now = load_run(self.directory), self.describe()
+        if changed := made_differently(there.pop("provenance", None), present):
+            raise LearningError(f"{self.directory} cannot be resumed. {' '.join(changed)}")
         different = differences({**there, "steps": 0}, {**now, "steps": 0})
         if now["steps"] < there["steps"]:
             different.append(f"steps: {there['steps']} there, {now['steps']} now, which is less")

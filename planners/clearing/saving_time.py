@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.clearing.commitments import ClearingProblem, Commitments, grasped
-from planners.collision.stacking import objects_on
+from planners.collision.world import objects_on
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.arm import FIXED_BITS
 from planners.motion.pick_and_place import can_take
 from planners.scene import Scene
+from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 

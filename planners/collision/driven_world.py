@@ -1,7 +1,7 @@
-"""What the robot hits while the base drives straight, the arm rigid: one check of one configuration.
+"""Hits of the robot while the base drives straight, the arm rigid: one check of one configuration.
 
-That the robot moves along a vector and hits an obstacle is the same as that the obstacle moves against it and hits the
-robot. So the whole drive is checked at its start, in a world in which every obstacle is what it sweeps.
+The robot moves along a vector and hits an obstacle if and only if the obstacle moves against it and hits the robot. So
+the whole drive is checked at its start, in a world in which every obstacle is the volume that it sweeps.
 """
 
 from __future__ import annotations
@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.configuration_kernel import Obstacles
-from planners.collision.geometry import BOX, Solids
+from planners.collision.gjk import BOX, Solids
+from planners.collision.scene_arrays import Obstacles
 from planners.collision.world import CollisionWorld
 from planners.scene import Body, StaticObstacle
-
-__all__ = ["Drive", "Extents"]
 
 Array = NDArray[np.float64]
 
@@ -76,12 +74,9 @@ class Extents:
         highest_first = np.argsort(-(static[0] + static[1])[:, 2], kind="stable")
         solids = _solids(static[0][highest_first], static[1][highest_first], self.R)
         objects = _solids(*self._swept(self.objects, drive), self.R)
-        radius, centre = np.hypot(objects.half[:, 0], objects.half[:, 1]), objects.position
-        reach = np.column_stack((radius, radius, objects.half[:, 2]))
-        lower, upper = (centre - reach).min(axis=0, initial=np.inf), (centre + reach).max(axis=0, initial=-np.inf)
-        bottom, top = centre[:, 2] - reach[:, 2], centre[:, 2] + reach[:, 2]
-        extent = solids.half @ np.abs(self.R).T
-        return replace(self.world, obstacles=Obstacles(objects, radius, bottom, top, lower, upper, solids, extent))
+        radius, height, half = np.hypot(objects.half[:, 0], objects.half[:, 1]), objects.position[:, 2], objects.half
+        upright, extent = (radius, height - half[:, 2], height + half[:, 2]), solids.half @ np.abs(self.R).T
+        return replace(self.world, obstacles=Obstacles.of(objects, upright, solids, extent))
 
     def _static_swept(self, drive: Drive) -> tuple[Array, Array]:
         """Boxes around all that static obstacles sweep, where the robot is and on the drive, the rise included."""

@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import fk_frames
-from planners.collision.compilation import inlined_kernel, leaf_kernel
-from planners.collision.geometry import Solids
-from planners.collision.references import by_reference
-from planners.collision.robot_model import BASE, RobotArrays
-
-__all__ = ["Attached", "Scratch", "make_scratch", "place_along", "place_robot"]
+from irm.chain import BASE
+from irm.kinematics import fk_frames
+from planners.collision.gjk import Solids
+from planners.collision.leaf_kernels import inlined_kernel, leaf_kernel
+from planners.collision.scene_arrays import RobotArrays
+from planners.collision.struct_pointers import pointer_to
 
 Array = NDArray[np.float64]
 
@@ -169,7 +168,7 @@ def _place_along(
 ) -> None:
     """The loop of `place_along`."""
     solids = scratch.solids
-    moving, held, memory = by_reference(robot), by_reference(attached), by_reference(scratch)
+    moving, held, memory = pointer_to(robot), pointer_to(attached), pointer_to(scratch)
     for k in range(X.shape[0]):
         place_robot(moving, held, memory, X[k, :3], X[k, 3:], opening)
         for i in range(positions.shape[1]):

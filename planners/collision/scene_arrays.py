@@ -2,31 +2,148 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irm.arm.kinematics import ArmChain, fk_frames
-from planners.collision.configuration_kernel import Obstacles
-from planners.collision.geometry import BOX, CYLINDER, ELLIPSOID, HULL, Solids
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from assets.robots import RobotSpec
+from irm.chain import BASE, ArmChain, link_of_body
+from irm.ik.solutions import SolverArrays, solver_arrays
+from irm.kinematics import fk_frames
+from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
-
-__all__ = ["body_bound", "body_core", "obstacle_arrays", "robot_of", "with_object"]
 
 Array = NDArray[np.float64]
 
-_CORES = {
-    "box": BOX,
-    "cylinder": CYLINDER,
-    "capsule": BOX,
-    "sphere": BOX,
-    "ellipsoid": ELLIPSOID,
-    "hull": HULL,
-}
+_CORES = {"box": BOX, "cylinder": CYLINDER, "capsule": BOX, "sphere": BOX, "ellipsoid": ELLIPSOID, "hull": HULL}
 """A capsule is a segment, a sphere a point, both boxes without width, grown by their radius."""
+_ROBOT_SHAPES = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+}
+
+
+class GeometryError(ValueError):
+    """A robot with collision geometry other than boxes, capsules, cylinders and spheres."""
+
+
+class RobotArrays(NamedTuple):
+    """A robot for kernels: a chain of n joints and p collision solids, those of the gripper first. Lengths in metres.
+
+    Attributes:
+        offsets: (n, 3 or 12), `axes` (n,), `tip` (3,), `lower`, `upper` (n,): see `ArmChain`.
+        ik: its inverse kinematics.
+        core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
+        bound: (p,) radius of the sphere about the solid's centre that contains it.
+        link: (p,) BASE, 0 (torso with head and idle arms) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that
+            link's frame.
+        slides: (p,) whether it is part of a finger; `slide` (p, 3) its motion in its link per metre of that.
+        gap: opening of the closed gripper; `slide_end`: upper limit of the finger joints.
+        self_pairs: (s, 2) solids checked for self-collision: those on links that are not neighbours.
+        held_from: solids from this one on are checked against the held object; those before are the gripper's.
+        reach: (3 + n,) upper bound of the motion of any point of the robot per radian or metre of each joint.
+        tip_reach: (3 + n,) the same for the TCP alone.
+    """
+
+    offsets: NDArray[np.float64]
+    axes: NDArray[np.int64]
+    tip: NDArray[np.float64]
+    ik: SolverArrays
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    core: NDArray[np.int64]
+    half: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    bound: NDArray[np.float64]
+    link: NDArray[np.int64]
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    slides: NDArray[np.bool_]
+    slide: NDArray[np.float64]
+    gap: float
+    slide_end: float
+    self_pairs: NDArray[np.int64]
+    held_from: int
+    reach: NDArray[np.float64]
+    tip_reach: NDArray[np.float64]
+
+
+class Obstacles(NamedTuple):
+    """n objects and m static obstacles for kernels. Lengths in metres, in the world.
+
+    Attributes:
+        objects: n solids.
+        radius, bottom, top: (n,) the upright cylinder about its position that contains each object.
+        lower, upper: (3,) corners of a box that contains all objects.
+        static: m solids, the one with the highest top first.
+        extent: (m, 3) half extents of the box about the centre of each, along the world's axes, that contains it.
+    """
+
+    objects: Solids
+    radius: Array
+    bottom: Array
+    top: Array
+    lower: Array
+    upper: Array
+    static: Solids
+    extent: Array
+
+    @classmethod
+    def of(cls, objects: Solids, upright: tuple[Array, Array, Array], static: Solids, extent: Array) -> Obstacles:
+        """Objects with their `upright` cylinders (radius, bottom, top), and static obstacles."""
+        (radius, bottom, top), centre = upright, objects.position[:, :2]
+        lower = [*(centre - radius[:, None]).min(axis=0, initial=np.inf), bottom.min(initial=np.inf)]
+        upper = [*(centre + radius[:, None]).max(axis=0, initial=-np.inf), top.max(initial=-np.inf)]
+        return cls(objects, radius, bottom, top, np.array(lower), np.array(upper), static, extent)
+
+
+def obstacle_arrays(scene: Scene) -> Obstacles:
+    """The objects in the order of their bits, and the static obstacles, the one with the highest top first."""
+    bodies = scene.objects
+    upright = np.array([(body.radius, body.bottom, body.top) for body in bodies]).reshape(-1, 3).T.copy()
+    static = sorted(scene.static_obstacles, key=lambda obstacle: -(obstacle.position[2] + obstacle.extent[2]))
+    return Obstacles.of(
+        objects=Solids(
+            core=np.array([body_core(body) for body in bodies], dtype=np.int64),
+            half=_rows([body.half_extents for body in bodies]),
+            radius=np.zeros(len(bodies)),
+            bound=np.array([body_bound(body) for body in bodies], dtype=float),
+            position=_rows([body.position for body in bodies]),
+            rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
+            vertices=np.zeros((0, 3)),
+            first=np.zeros(0, dtype=np.int64),
+        ),
+        upright=(upright[0], upright[1], upright[2]),
+        static=_static_solids(static),
+        extent=_rows([obstacle.extent for obstacle in static]),
+    )
+
+
+def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
+    """The same obstacles with the arrays' rows of one object, number `index`, made from `body`."""
+
+    def put(rows: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
+        """A copy of `rows` with one of them replaced."""
+        changed = rows.copy()
+        changed[index] = row
+        return changed
+
+    solids = obstacles.objects
+    objects = solids._replace(
+        core=put(solids.core, body_core(body)),
+        half=put(solids.half, body.half_extents),
+        bound=put(solids.bound, body_bound(body)),
+        position=put(solids.position, body.position),
+        rotation=put(solids.rotation, body.rotation),
+    )
+    upright = put(obstacles.radius, body.radius), put(obstacles.bottom, body.bottom), put(obstacles.top, body.top)
+    return Obstacles.of(objects, upright, obstacles.static, obstacles.extent)
 
 
 def body_core(body: Body) -> int:
@@ -40,33 +157,26 @@ def body_bound(body: Body) -> float:
     return float(np.hypot(half[0], half[2]) if body.shape == "cylinder" else np.linalg.norm(half))
 
 
-def obstacle_arrays(scene: Scene) -> Obstacles:
-    """The objects in the order of their bits, and the static obstacles, the one with the highest top first."""
-    bodies = scene.objects
-    static = sorted(scene.static_obstacles, key=lambda obstacle: -(obstacle.position[2] + obstacle.extent[2]))
-    corners = np.array(
-        [(*(b.position[:2] + s * b.radius), b.top if s > 0 else b.bottom) for b in bodies for s in (-1, 1)]
+def _static_solids(obstacles: Sequence[StaticObstacle]) -> Solids:
+    is_round = np.array([obstacle.shape in ("capsule", "sphere") for obstacle in obstacles], dtype=bool)
+    half = _rows([obstacle.half_extents for obstacle in obstacles])
+    radius = np.where(is_round, half[:, 0], 0.0)
+    segment = np.column_stack((np.zeros((len(half), 2)), half[:, 2] - half[:, 0]))
+    half = np.where(is_round[:, None], segment, half)
+    return Solids(
+        core=np.array([_CORES[obstacle.shape] for obstacle in obstacles], dtype=np.int64),
+        half=half,
+        radius=radius,
+        bound=np.linalg.norm(half, axis=1) + radius,
+        position=_rows([obstacle.position for obstacle in obstacles]),
+        rotation=np.array([obstacle.rotation for obstacle in obstacles]).reshape(-1, 3, 3),
+        vertices=np.concatenate([np.zeros((0, 3)), *(obstacle.vertices for obstacle in obstacles)]),
+        first=np.cumsum([0, *(len(obstacle.vertices) for obstacle in obstacles)]),
     )
-    nowhere = np.full((1, 3), np.inf)
-    return Obstacles(
-        objects=Solids(
-            core=np.array([body_core(body) for body in bodies], dtype=np.int64),
-            half=_rows([body.half_extents for body in bodies]),
-            radius=np.zeros(len(bodies)),
-            bound=np.array([body_bound(body) for body in bodies], dtype=float),
-            position=_rows([body.position for body in bodies]),
-            rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
-            vertices=np.zeros((0, 3)),
-            first=np.zeros(0, dtype=np.int64),
-        ),
-        radius=np.array([body.radius for body in bodies], dtype=float),
-        bottom=np.array([body.bottom for body in bodies], dtype=float),
-        top=np.array([body.top for body in bodies], dtype=float),
-        lower=(corners if bodies else nowhere).min(axis=0),
-        upper=(corners if bodies else nowhere).max(axis=0),
-        static=_static_solids(static),
-        extent=_rows([obstacle.extent for obstacle in static]),
-    )
+
+
+def _rows(vectors: Sequence[Array]) -> Array:
+    return np.array(vectors, dtype=float).reshape(-1, 3)
 
 
 def robot_of(scene: Scene) -> RobotArrays:
@@ -83,8 +193,8 @@ def robot_of(scene: Scene) -> RobotArrays:
 
 def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArrays:
     body, chain = scene.body(one.held.name), ArmChain.from_robot(scene.robot.using(one.arm))
-    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, np.array((scene.robot.home[0], *_home(scene, one.arm))), R, p)
+    home = next(arm.home for arm in scene.robot.arms if arm.name == one.arm)
+    R, p = _link_frames(chain, np.array((scene.robot.home[0], *home)))
     T = one.held.T_tcp_object
     position, rotation = R[0].T @ (p[-1] + R[-1] @ T[:3, 3] - p[0]), R[0].T @ R[-1] @ T[:3, :3]
     bound, added = body_bound(body), len(arrays.core)
@@ -106,67 +216,132 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
     )
 
 
-def _home(scene: Scene, arm: str) -> tuple[float, ...]:
-    """The home configuration of an arm, without the torso."""
-    return next(one.home for one in scene.robot.arms if one.name == arm)
+def _link_frames(chain: ArmChain, q: Array) -> tuple[Array, Array]:
+    """Orientations (n + 1, 3, 3) and origins (n + 1, 3) of the links and the TCP in the base frame."""
+    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
+    fk_frames(chain.offsets, chain.axes, chain.tip, q, R, p)
+    return R, p
 
 
-def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
-    """The same obstacles with the arrays' rows of one object, number `index`, made from `body`."""
+@cache
+def robot_arrays(robot: RobotSpec) -> RobotArrays:
+    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once.
 
-    def put(rows: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
-        """A copy of `rows` with one of them replaced."""
-        changed = rows.copy()
-        changed[index] = row
-        return changed
-
-    solids = obstacles.objects
-    objects = solids._replace(
-        core=put(solids.core, body_core(body)),
-        half=put(solids.half, body.half_extents),
-        bound=put(solids.bound, body_bound(body)),
-        position=put(solids.position, body.position),
-        rotation=put(solids.rotation, body.rotation),
-    )
-    radius, bottom = put(obstacles.radius, body.radius), put(obstacles.bottom, body.bottom)
-    top, centre = put(obstacles.top, body.top), objects.position[:, :2]
-    return obstacles._replace(
-        objects=objects,
-        radius=radius,
-        bottom=bottom,
-        top=top,
-        lower=np.array([*(centre - radius[:, None]).min(axis=0), bottom.min()]),
-        upper=np.array([*(centre + radius[:, None]).max(axis=0), top.max()]),
-    )
-
-
-def _static_solids(obstacles: Sequence[StaticObstacle]) -> Solids:
-    radius = np.array([_radius(obstacle) for obstacle in obstacles], dtype=float)
-    half = _rows([_core_half(obstacle) for obstacle in obstacles])
-    return Solids(
-        core=np.array([_CORES[obstacle.shape] for obstacle in obstacles], dtype=np.int64),
+    Raises:
+        GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
+    """
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+        data.joint(joint).qpos = angle
+    mujoco.mj_kinematics(model, data)
+    geoms, links, chain = collision_geoms(model, robot), link_of_body(model, robot), ArmChain.from_robot(robot)
+    link = np.array([links[int(model.geom_bodyid[geom])] for geom in geoms], dtype=np.int64)
+    # The frames of all links at zero in the world; that of the base, whose number is -1, takes the place of the TCP's.
+    R, p = _link_frames(chain, np.zeros(chain.size))
+    R[BASE], p[BASE] = np.eye(3), 0.0
+    base = data.body(robot.base_body)
+    turn = base.xmat.reshape(3, 3)
+    R, p = turn @ R, base.xpos + p @ turn.T
+    position = np.array([R[k].T @ (data.geom_xpos[geom] - p[k]) for geom, k in zip(geoms, link, strict=True)])
+    rotation = np.array([R[k].T @ data.geom_xmat[geom].reshape(3, 3) for geom, k in zip(geoms, link, strict=True)])
+    core, half, radius, bound = _shapes(model, geoms)
+    slide = _finger_directions(model, data, robot, geoms, R[chain.size - 1])
+    slides = (slide != 0).any(axis=1)
+    return RobotArrays(
+        offsets=chain.offsets,
+        axes=chain.axes,
+        tip=chain.tip,
+        ik=solver_arrays(chain),
+        lower=chain.lower,
+        upper=chain.upper,
+        core=core,
         half=half,
         radius=radius,
-        bound=np.linalg.norm(half, axis=1) + radius,
-        position=_rows([obstacle.position for obstacle in obstacles]),
-        rotation=np.array([obstacle.rotation for obstacle in obstacles]).reshape(-1, 3, 3),
-        vertices=np.concatenate([np.zeros((0, 3)), *(obstacle.vertices for obstacle in obstacles)]),
-        first=np.cumsum([0, *(len(obstacle.vertices) for obstacle in obstacles)]),
+        bound=bound,
+        link=link,
+        position=position,
+        rotation=rotation,
+        slides=slides,
+        slide=slide,
+        gap=robot.finger_gap_closed,
+        slide_end=robot.max_finger_position,
+        self_pairs=_pairs_of_distant_links(link),
+        held_from=int(np.argmax(link < chain.size - 1)),
+        reach=_reach(chain, link, position, bound + robot.max_finger_position * slides),
+        tip_reach=_reach(chain, np.array([chain.size - 1]), chain.tip[None, :3], np.zeros(1)),
     )
 
 
-def _radius(obstacle: StaticObstacle) -> float:
-    """[m] by which the core is grown."""
-    return float(obstacle.half_extents[0]) if obstacle.shape in ("capsule", "sphere") else 0.0
+def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
+    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
+    idle = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in idle:
+            idle.add(body)
+    base = model.body(robot.base_body).id
+    found = [
+        geom
+        for geom in reversed(range(model.ngeom))
+        if int(model.body_rootid[model.geom_bodyid[geom]]) == base
+        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+    ]
+    return sorted(found, key=lambda geom: int(model.geom_bodyid[geom]) in idle)
 
 
-def _core_half(obstacle: StaticObstacle) -> Array:
-    """(3,) half extents [m] of the core."""
-    half = obstacle.half_extents
-    if obstacle.shape in ("capsule", "sphere"):
-        return np.array([0.0, 0.0, half[2] - half[0]])
-    return half
+def _shapes(model: mujoco.MjModel, geoms: Iterable[int]) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Core, half extents, radius and bounding radius of each geom."""
+    core, half, radius = [], [], []
+    for geom in geoms:
+        kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+        if kind not in _ROBOT_SHAPES:
+            known = ", ".join(mujoco.mjtGeom(known).name for known in _ROBOT_SHAPES)
+            raise GeometryError(f"geom {model.geom(geom).name!r} is none of {known}")
+        shape = _ROBOT_SHAPES[kind]
+        is_round = shape in ("capsule", "sphere")
+        core.append(_CORES[shape])
+        radius.append(size[0] if is_round else 0.0)
+        half.append([0.0, 0.0, size[1]] if is_round else size[[0, 0, 1]] if shape == "cylinder" else size)
+    cores, halves, radii = np.array(core, dtype=np.int64), np.array(half), np.array(radius)
+    diagonal = np.where(cores == CYLINDER, np.hypot(halves[:, 0], halves[:, 2]), np.linalg.norm(halves, axis=1))
+    return cores, halves, radii, diagonal + radii
 
 
-def _rows(vectors: Sequence[Array]) -> Array:
-    return np.array(vectors, dtype=float).reshape(-1, 3)
+def _finger_directions(
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: Sequence[int], gripper: Array
+) -> Array:
+    """Motion of each geom in the last link per metre of the finger joint, (p, 3); 0 for geoms not on a finger.
+
+    `gripper` (3, 3) is the orientation of the last link.
+    """
+    joints = {int(model.jnt_bodyid[joint]): joint for joint in (model.joint(name).id for name in robot.finger_joints)}
+    slide = np.zeros((len(geoms), 3))
+    for row, geom in enumerate(geoms):
+        body = int(model.geom_bodyid[geom])
+        if body in joints:
+            slide[row] = gripper.T @ data.xaxis[joints[body]]
+    return slide
+
+
+def _pairs_of_distant_links(link: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Pairs of solids that are neither on the same link nor on neighbouring links."""
+    pairs = [(i, j) for i in range(len(link)) for j in range(i + 1, len(link)) if abs(link[i] - link[j]) > 1]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Array) -> Array:
+    """Per joint, upper bound of the distance from its axis of any point that it turns; 1 for slides."""
+    solids, reach = list(zip(link, position, bound, strict=True)), np.ones(3 + chain.size)
+    reach[2] = max(_leg_length(chain, BASE, 2, *solid) for solid in solids)
+    for joint in range(1, chain.size):
+        axis = int(chain.axes[joint])
+        reach[3 + joint] = max(_leg_length(chain, joint, axis, *solid) for solid in solids if solid[0] >= joint)
+    return reach
+
+
+def _leg_length(chain: ArmChain, joint: int, axis: int, link: int, position: Array, bound: float) -> float:
+    """[m] from the axis of a joint to the farthest point of a sphere on a later link, with the arm stretched out."""
+    legs = [*chain.offsets[joint + 1 : link + 1, :3], position]
+    across = np.delete(np.arange(3), axis)
+    return float(np.linalg.norm(legs[0][across]) + sum(np.linalg.norm(leg) for leg in legs[1:]) + bound)

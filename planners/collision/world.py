@@ -1,28 +1,35 @@
 """Which objects does this configuration hit? The scene compiled for fast checks, one bit per object.
 
-world = CollisionWorld.from_scene(scene)
-world.names_of(world.hits(scene.state.base, scene.state.q, opening=0.1))
+    world = CollisionWorld.from_scene(scene)
+    world.names_of(world.hits(scene.state.base, scene.state.q, opening=0.1))
+
+And what the same arrays answer about a scene itself: which objects stand on others, and whether it is possible at all.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision.configuration_kernel import CollisionQuery, Obstacles
-from planners.collision.geometry import BOX
-from planners.collision.path_kernel import many_hits, path_hits
-from planners.collision.robot_model import RobotArrays
+from planners.collision.gjk import BOX, are_within
+from planners.collision.hit_kernels import CollisionQuery, many_hits, path_hits
 from planners.collision.robot_pose_kernel import Attached, Scratch, make_scratch
-from planners.collision.scene_arrays import body_bound, body_core, obstacle_arrays, robot_of, with_object
-from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene
-from planners.scene.resting import release_pitch, up_axis
-
-__all__ = ["PADDING", "STEP", "CollisionWorld"]
+from planners.collision.scene_arrays import (
+    Obstacles,
+    RobotArrays,
+    body_bound,
+    body_core,
+    obstacle_arrays,
+    robot_of,
+    with_object,
+)
+from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene, SceneError
+from planners.scene.bodies import release_pitch, up_axis
 
 PADDING = 0.002
 """[m] Distance that the robot keeps from everything else."""
@@ -31,6 +38,14 @@ STEP = 0.006
 SUPPORT_SLACK = 0.0005
 """[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
 _ALL = (1 << 64) - 1
+_KEPT = 32
+"""Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""
+_CONTACT = 0.002
+"""[m] Objects nearer than this touch each other."""
+_LEAN = 0.005
+"""[m] that the lowest point of an object may be below the highest point of the one it stands on: one of them leans."""
+OVERLAP = 0.002
+"""[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
 
 
 class _Carried(NamedTuple):
@@ -128,6 +143,7 @@ class CollisionWorld:
         return known
 
     def _attach(self, held: HeldObject | None) -> Attached:
+        """Two solids for kernels: the held object, and a copy with its bottom raised; see `Attached`."""
         if held is None:
             nothing = np.zeros((2, 3))
             return Attached(-1, BOX, nothing, 0.0, nothing, np.zeros((2, 3, 3)), np.array(self.robot.reach))
@@ -223,3 +239,108 @@ class CollisionWorld:
         """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""
         special = (("a static obstacle", STATIC_BIT), ("the robot itself", SELF_BIT))
         return (*self.scene.names_of(mask), *(name for name, bit in special if int(mask) >> bit & 1))
+
+
+class CompiledScenes:
+    """Compiles scenes and remembers them: where only the robot or what it holds differs, the arrays are shared.
+
+    Created once in a solve and handed down. Two scenes have the same arrangement if they have the very same bodies.
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing compiled."""
+        self._worlds: dict[tuple[object, ...], CollisionWorld] = {}
+
+    def world(self, scene: Scene) -> CollisionWorld:
+        """The scene, compiled; its `scene` attribute is the one asked for."""
+        key = (scene.robot, *scene.supports, *scene.static_obstacles, *scene.objects, *scene.aside)
+        known = self._worlds.pop(key, None)
+        if known is None:
+            known = CollisionWorld.from_scene(scene)
+        elif known.scene is not scene:
+            known = replace(known, scene=scene)
+        self._worlds[key] = known
+        if len(self._worlds) > _KEPT:
+            del self._worlds[next(iter(self._worlds))]
+        return known
+
+
+def objects_on(world: CollisionWorld, name: str) -> int:
+    """Mask of the objects that stand on that one, directly or on each other.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    scene = world.scene
+    below = [scene.body(name)]
+    found = 0
+    for supporter in below:
+        for index, body in enumerate(scene.objects):
+            if not found >> index & 1 and _stands_on(world, body, supporter):
+                found |= 1 << index
+                below.append(body)
+    return found
+
+
+def with_clearance_below(world: CollisionWorld, name: str) -> CollisionWorld:
+    """The same world with the objects under that one lowered by the padding, so that it can be lifted from them.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    body = world.scene.body(name)
+    for other in world.scene.objects:
+        if _stands_on(world, body, other):
+            world = world.with_body(other.at(other.position - [0.0, 0.0, world.padding + SUPPORT_SLACK]))
+    return world
+
+
+def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
+    """Whether one object touches another that is under it; a held object stands on nothing."""
+    scene = world.scene
+    is_held = any(name in scene.held_names for name in (body.name, supporter.name))
+    if is_held or body.bottom < supporter.top - _LEAN:
+        return False
+    solids = world.obstacles.objects
+    return bool(
+        are_within(solids, scene.index(body.name), solids, scene.index(supporter.name), _CONTACT, np.empty((4, 3)))
+    )
+
+
+def validate(world: CollisionWorld) -> None:
+    """Check that the objects of a scene do not overlap and that the robot is not inside a static obstacle.
+
+    Raises:
+        SceneError: they do, or it is; the message names them.
+    """
+    scene = world.scene
+    pairs = [pair for pair in _overlaps(world) if not set(scene.held_names) & set(pair)]
+    if pairs:
+        raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
+    if _is_inside_static(world):
+        bare = replace(scene, objects=(), held=None, aside=(), static_obstacles=())
+        around = ["the ground"]
+        if not _is_inside_static(CollisionWorld.from_scene(bare)):
+            alone = ((one.name, replace(bare, static_obstacles=(one,))) for one in scene.static_obstacles)
+            around = [name for name, single in alone if _is_inside_static(CollisionWorld.from_scene(single))]
+        base = np.round(scene.state.base, 3).tolist()
+        raise SceneError(f"the robot is inside {' and '.join(around)} at base pose {base}")
+
+
+def _is_inside_static(world: CollisionWorld) -> bool:
+    """Whether the robot, where it stands, overlaps the ground or a static obstacle by more than `OVERLAP`."""
+    state, objects = world.scene.state, world.scene.mask(world.scene.names)
+    return bool(world.with_padding(-OVERLAP).hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)
+
+
+def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
+    """Pairs of objects that overlap by more than `OVERLAP`."""
+    obstacles, names = world.obstacles, world.scene.names
+    shrunk = obstacles.objects._replace(half=np.maximum(obstacles.objects.half - OVERLAP / 2, 1e-4))
+    simplex = np.empty((4, 3))
+    found: list[tuple[str, str]] = []
+    for i, j in combinations(range(len(names)), 2):
+        away = np.linalg.norm(shrunk.position[i, :2] - shrunk.position[j, :2])
+        if away < obstacles.radius[i] + obstacles.radius[j] and are_within(shrunk, i, shrunk, j, 0.0, simplex):
+            found.append((names[i], names[j]))
+    return found

@@ -10,14 +10,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.robot_model import robot_arrays
+from planners.collision.scene_arrays import robot_arrays
 from planners.contact import StepLabel
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, ExecutionStatus, Executor
@@ -31,6 +32,9 @@ from planners.planner import Planner
 from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
 from planners.strategies import Strategy, find_strategy
 from planners.tamp.solution import Infeasible, Solution, contacts
+
+if TYPE_CHECKING:
+    from planners.drawing.page.live import LivePage
 
 Array = NDArray[np.float64]
 
@@ -170,21 +174,38 @@ class TampExpert:
         """States, plans and deviations of the episode until now; raises `ExpertError` before `reset`."""
         return self._begun("recording").recorder.recording()
 
-    def to_html(self, path: str | Path) -> None:
+    def to_html(self, path: str | Path, rows: Mapping[str, str] | None = None, result: str = "") -> None:
         """Write the episode until now as one page for a browser, which needs no network: its motions on a time line.
 
         Beside the motions: the actions, negative goal regions and candidates of each clearance, base poses of the
         reachability map, planned paths of the gripper, plans after deviations, the report.
 
+        Args:
+            path: of the file.
+            rows: names and values of the report on the page; those of `report` if not given.
+            result: "success" or "failure"; that of `report` if not given.
+
         Raises:
             ExpertError: `reset` has not been called.
             OSError: the file cannot be written.
         """
-        from planners.drawing.page.page import write_page  # what draws an episode is not imported for planning
+        # Drawing is built on the expert's recordings, and planning must not import it.
+        from planners.drawing.page.page import write_page
 
         report = self.report
-        result = "success" if report.result == "success" else "failure"
-        write_page(Path(path), self.recording, {"result": report.result, **report.rows()}, result)
+        rows = {"result": report.result, **report.rows()} if rows is None else rows
+        write_page(Path(path), self.recording, rows, result or ("success" if report.result == "success" else "failure"))
+
+    def live_page(self, port: int = 0) -> LivePage:
+        """Serve the running episode to browsers of this machine; see `LivePage` for how it is kept up to date.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+            OSError: the port is taken.
+        """
+        from planners.drawing.page.live import LivePage
+
+        return LivePage(self.recording, port)
 
     def _begun(self, call: str) -> _Retrieval:
         if self._retrieval is None:

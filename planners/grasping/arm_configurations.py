@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
-from irm.arm.general.solutions import free_angles, solver_arrays
-from irm.arm.kinematics import ArmChain
-from planners.collision.robot_model import RobotArrays, robot_arrays
+from irm.chain import ArmChain, pose_of
+from irm.ik.solutions import free_angles, solver_arrays
 from planners.collision.robot_pose_kernel import make_scratch
+from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configuration_kernel import FIXED_HITS, many_gripper_hits, scan
-from planners.grasping.scan_memory import make_memory
+from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
 from planners.scene import SELF_BIT, HeldObject
-
-__all__ = ["ArmConfigurations", "ConfigurationGrid", "GripperPoses", "gripper_hits", "scan_configurations"]
+from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 
@@ -171,7 +168,7 @@ def gripper_hits(
 
 def _order_by_hits(known: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Indices (k,) of gripper poses, those that hit fewest objects first."""
-    return np.argsort(np.bitwise_count(known & ~FIXED_HITS), kind="stable")
+    return np.argsort(np.bitwise_count(known & ~np.uint64(FIXED_BITS)), kind="stable")
 
 
 def _rows(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Base poses for gripper poses, from the inverse reachability map and the free floor of a scene."""
+"""Base poses for gripper poses, from the inverse reachability map and the free ground of a scene."""
 
 from __future__ import annotations
 
@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
-from irm.floor.free_space import FreeSpace
-from irm.maps.cache import cached_map
-from irm.queries.inverse import InverseReachabilityMap
-from irm.visibility.map import VisibilityMap
-from planners.collision.robot_model import BASE, robot_arrays
+from irm.cache import cached_map
+from irm.chain import BASE, ArmChain
+from irm.free_space import FreeSpace
+from irm.inverse_map import InverseReachabilityMap
+from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.footprint import fits, inner_radius
 from planners.scene import Scene, StaticObstacle
-
-__all__ = ["MapPlacer", "farthest_reach", "free_floor", "inverse_map", "map_parameters"]
 
 Array = NDArray[np.float64]
 
@@ -34,7 +31,7 @@ _DOWNWARD = (0.0, math.pi / 6, math.pi / 3, math.pi / 2)
 FLOOR_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
 FLOOR_SIZE = 2.5
-"""[m] from the centre of the support to the edges of the floor that is used."""
+"""[m] from the centre of the support to the edges of the ground that is used."""
 _SPARE = 6
 """Base poses looked at for each one wanted, of a base that is not round."""
 WALL_HEIGHT = 0.5
@@ -54,10 +51,10 @@ def map_parameters(robot: RobotSpec) -> dict[str, Any]:
     return {"torso_margin": TORSO_MARGIN, "rolls": 1, "pitches": _DOWNWARD}
 
 
-def free_floor(scene: Scene, with_shadows: bool = False) -> FreeSpace:
-    """The floor around the support where the base may stand: clear of the outlines of static obstacles.
+def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
+    """The ground around the support where the base may stand: clear of the outlines of static obstacles.
 
-    Obstacles that are lower than the base, such as a slab that is the floor, and those above the robot do not count. Of
+    Obstacles lower than the base, such as a slab that is the ground, and those above the robot do not count. Of
     a base that is not round, the largest circle in its outline is clear of them; `fits` says whether all of it is.
 
     Args:
@@ -88,7 +85,7 @@ def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
 
 
 def _shadow(scene: Scene, obstacle: StaticObstacle) -> Array:
-    """The floor (v, 2) under and behind an obstacle, as seen from the centre of the support."""
+    """The ground (v, 2) under and behind an obstacle, as seen from the centre of the support."""
     away = obstacle.outline - scene.support.position[:2]
     far = away * (3 * FLOOR_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
     corners = scene.support.position[:2] + np.concatenate((away, far))
@@ -131,34 +128,40 @@ class MapPlacer:
 
     Attributes:
         map: of the robot.
-        floor: where the base may stand for a level gripper; the floors of the frozen suites rest on it.
-        open_floor: where it may stand for a tilted gripper: not behind walls.
+        ground: where the base may stand for a level gripper; the lower bounds of the frozen suites rest on it.
+        open_ground: where it may stand for a tilted gripper: not behind walls.
         per_gripper_pose: base poses returned for each gripper pose at most.
         yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
-        prefer: a visibility map by which base poses of about the same μ are ordered; None for μ alone.
         robot: whose outline must fit too, None for a round one.
         outlines: corners (v, 2) of the obstacles that it must fit between.
     """
 
     map: InverseReachabilityMap
-    floor: FreeSpace
-    open_floor: FreeSpace
+    ground: FreeSpace
+    open_ground: FreeSpace
     per_gripper_pose: int = 3
     yaw_tolerance: float = 1e-6
-    prefer: VisibilityMap | None = None
     robot: RobotSpec | None = None
     outlines: tuple[Array, ...] = ()
 
     @classmethod
     def of_scene(cls, inverse_map: InverseReachabilityMap, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
         """Base poses among the static obstacles of a scene."""
-        placer = cls(inverse_map, free_floor(scene), free_floor(scene, with_shadows=True), per_gripper_pose)
+        placer = cls(inverse_map, free_ground(scene), free_ground(scene, with_shadows=True), per_gripper_pose)
         if not scene.robot.base_outline:
             return placer
         return replace(placer, robot=scene.robot, outlines=tuple(one.outline for one in _beside_base(scene)))
 
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
-        """As `BasePlacer.bases`."""
+        """Base poses from which gripper poses can be reached.
+
+        Args:
+            gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
+            most: base poses for each gripper pose, if that is more than `per_gripper_pose`.
+
+        Returns:
+            base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
+        """
         bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
         for pitch in np.unique(gripper_poses[:, 4]):
             rows = np.flatnonzero(gripper_poses[:, 4] == pitch)
@@ -179,9 +182,8 @@ class MapPlacer:
             gripper_poses[:, :3],
             yaw_ranges=ranges,
             pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
-            free_space=self.open_floor if pitch else self.floor,
+            free_space=self.open_ground if pitch else self.ground,
             k=wanted if self.robot is None else _SPARE * wanted,
-            prefer=self.prefer,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)

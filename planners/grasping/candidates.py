@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import ArmChain
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.stacking import objects_on
+from irm.chain import ArmChain
+from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.base_placement import Arm
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, GraspFamily
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 
-__all__ = [
-    "BasePlacer",
-    "GraspCandidate",
-    "GraspCandidates",
-    "SamplingConfig",
-    "Stage",
-    "as_candidates",
-    "best_first",
-    "gripper_poses",
-]
-
 Array = NDArray[np.float64]
 Pair: TypeAlias = tuple[bytes, float, float]
 
 _BASES = (0, 8)
-"""Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a board, no
+"""Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
 _REFILLS = 8
 """Times that grasps are looked for again once all of one kind are refuted, before an object counts as without more."""
@@ -62,22 +51,6 @@ class SamplingConfig:
         return ConfigurationGrid.over(chain, self.torsos, self.rolls)
 
 
-class BasePlacer(Protocol):
-    """Says where the base may stand."""
-
-    def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
-        """Base poses from which gripper poses can be reached.
-
-        Args:
-            gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
-            most: base poses for each gripper pose, if that is more than the placer returns otherwise.
-
-        Returns:
-            base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
-        """
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class GraspCandidate:
     """One way to grasp one object.
@@ -90,7 +63,7 @@ class GraspCandidate:
         opening: of the gripper [m] before the fingers close.
         blockers: mask of the objects hit at the grasp, standing on the object, or known to be in the way to or from it.
         quality: larger is better.
-        drives: whether the base drives straight in and out with the arm rigid, as under a board; what is in the way of
+        drives: whether the base drives straight in and out with the arm rigid, as under a shelf; what is in the way of
             that is among the blockers.
         arm: name of the arm, "" for the only one of a robot.
     """
@@ -154,86 +127,112 @@ class _Known(NamedTuple):
 
 @dataclass
 class GraspCandidates:
-    """The grasps of a scene's objects, computed when first asked for.
+    """The grasps of a scene's objects through every arm that acts, computed when first asked for.
 
-    The families are looked at in their order until a grasp with nothing in its way is found: no other one can change
-    the minimum number of clearances then. If that grasp is removed later, the remaining families are looked at.
+    Each arm has its own, the others at home with what they hold; all are offered together. The families are looked at
+    in their order until a grasp with nothing in its way is found: no other one can change the minimum number of
+    clearances then. If that grasp is removed later, the remaining families are looked at.
 
     Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers, until the
     objects of the scene have moved. A scan keeps few of the grasps that hit the same objects, and none that hit more,
     so once all that hit the same are refuted, the object's other grasps are looked for.
 
     Attributes:
-        placer: base poses for gripper poses.
-        chain: the arm.
+        arms: the arms that act, by name.
         config: how finely grasps are sampled.
         compiled: the compiled scenes, shared with the other users in one solve.
         families: the grasp set.
     """
 
-    placer: BasePlacer
-    chain: ArmChain
+    arms: Mapping[str, Arm]
     config: SamplingConfig = field(default_factory=SamplingConfig)
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     families: tuple[GraspFamily, ...] = (SIDE,)
     _scene: Scene | None = None
-    _known: dict[str, _Known] = field(default_factory=dict)
+    _views: dict[str, Scene] = field(default_factory=dict)
+    _known: dict[tuple[str, str], _Known] = field(default_factory=dict)
+    _merged: dict[str, tuple[list[tuple[GraspCandidate, ...]], tuple[GraspCandidate, ...]]] = field(
+        default_factory=dict
+    )
 
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
-        self._forget_other_scenes(scene)
-        body = scene.body(name)
-        is_off_support = body.bottom < scene.support.top - OFF_TABLE
-        known = self._known.setdefault(name, _Known((), () if is_off_support else self._stages()))
-        while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
-            found = self._of_stage(scene, body, known.unseen[0])
-            known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
-            self._known[name] = known
-        return known.candidates
+        parts = [self._of_arm(view, name) for view in self._seen_by_arms(scene)]
+        if len(parts) == 1:
+            return parts[0]
+        before, merged = self._merged.get(name, ([], ()))
+        if len(before) != len(parts) or any(part is not other for part, other in zip(parts, before, strict=True)):
+            merged = best_first(grasp for part in parts for grasp in part)
+            self._merged[name] = parts, merged
+        return merged
 
     def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
-        """Grasps of that object from one base pose (3,), fewest blockers first; of the first family that has some."""
-        self.for_object(scene, name)
-        body = scene.body(name)
-        for grasps in (generate_grasps(body, scene.robot, (family,)) for family in self.families):
-            wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
-            poses = self._untried(body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-            found = self._scan(scene, body, poses, self.config.grid(self.chain), opening) if grasps else []
-            if found:
-                return best_first(found)
-        return ()
+        """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family with any."""
+        found: list[GraspCandidate] = []
+        for view in self._seen_by_arms(scene):
+            self._of_arm(view, name)
+            body, grid = view.body(name), self.config.grid(self.arms[view.robot.arm_name].chain)
+            for grasps in (generate_grasps(body, view.robot, (family,)) for family in self.families):
+                wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
+                poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
+                of_family = self._scan(view, body, poses, grid, opening) if grasps else []
+                if of_family:
+                    found += best_first(of_family)
+                    break
+        return best_first(found)
 
     def blank_copy(self) -> GraspCandidates:
-        """The same placer, arm and grasp set, with nothing known of any scene."""
-        return replace(self, _scene=None, _known={})
+        """The same arms and grasp set, with nothing known of any scene."""
+        return replace(self, _scene=None, _views={}, _known={}, _merged={})
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
-        self._keep(scene, grasp, [other for other in self.for_object(scene, grasp.object) if other.key != grasp.key])
+        known = self._of_arm(self._seen_by(scene, grasp.arm), grasp.object)
+        self._keep(scene, grasp, [other for other in known if other.key != grasp.key])
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
         worse = replace(grasp, blockers=grasp.blockers | blockers)
-        known = self.for_object(scene, grasp.object)
+        known = self._of_arm(self._seen_by(scene, grasp.arm), grasp.object)
         self._keep(scene, grasp, [worse if other.key == grasp.key else other for other in known])
+
+    def _of_arm(self, view: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """The grasps of one object by the active arm of a scene."""
+        key, body = (view.robot.arm_name, name), view.body(name)
+        is_off_support = body.bottom < view.support.top - OFF_TABLE
+        known = self._known.setdefault(key, _Known((), () if is_off_support else self._stages()))
+        while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
+            found = self._of_stage(view, body, known.unseen[0])
+            known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
+            self._known[key] = known
+        return known.candidates
 
     def _keep(self, scene: Scene, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
         """Remember the grasps that are left without one as it was; others, where it was the last that hits the same."""
-        known = self._known[grasp.object]
+        view, key = self._seen_by(scene, grasp.arm), (grasp.arm, grasp.object)
+        known = self._known[key]
         known = known._replace(candidates=best_first(candidates), tried=known.tried | {grasp.pair})
-        self._known[grasp.object] = known
+        self._known[key] = known
         if known.refills < _REFILLS and not any(other.blockers == grasp.blockers for other in candidates):
             kept = {other.key for other in candidates}
             stages = self._stages()[: len(self._stages()) - len(known.unseen)]
-            found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
+            found = [other for stage in stages for other in self._of_stage(view, view.body(grasp.object), stage)]
             new = [other for other in found if other.key not in kept]
             refilled = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
-            self._known[grasp.object] = refilled
+            self._known[key] = refilled
 
-    def _forget_other_scenes(self, scene: Scene) -> None:
-        if self._scene is None or not _same_objects(self._scene, scene):
-            self._scene = scene
-            self._known = {}
+    def _seen_by_arms(self, scene: Scene) -> list[Scene]:
+        """The scene with each arm active in turn; what is known of other arrangements of the objects is forgotten."""
+        return [self._seen_by(scene, arm) for arm in self.arms]
+
+    def _seen_by(self, scene: Scene, arm: str) -> Scene:
+        if self._scene is not scene:
+            if self._scene is None or not _same_objects(self._scene, scene):
+                self._known, self._merged = {}, {}
+            self._scene, self._views = scene, {}
+        if arm not in self._views:
+            self._views[arm] = scene.using(arm)
+        return self._views[arm]
 
     def _stages(self) -> tuple[Stage, ...]:
         """Where grasps are looked for, in this order."""
@@ -242,22 +241,22 @@ class GraspCandidates:
     def _of_stage(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
         """The grasps of one stage."""
         grasps = generate_grasps(body, scene.robot, (stage.family,))
-        covered = is_covered(scene, body.foot)
+        arm, covered = self.arms[scene.robot.arm_name], is_covered(scene, body.foot)
         candidates: list[GraspCandidate] = []
         for most in _BASES if grasps else ():
             wanted = gripper_poses(grasps)
-            bases, index = self.placer.bases(wanted, most)
-            poses = self._untried(body, GripperPoses(bases, wanted[index]))
+            bases, index = arm.placer.bases(wanted, most)
+            poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             opening = max(grasp.opening for grasp in grasps)
-            candidates = self._scan(scene, body, poses, self.config.grid(self.chain), opening)
+            candidates = self._scan(scene, body, poses, self.config.grid(arm.chain), opening)
             is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
             if is_enough:
                 break
         return candidates
 
-    def _untried(self, body: Body, poses: GripperPoses) -> GripperPoses:
+    def _untried(self, scene: Scene, body: Body, poses: GripperPoses) -> GripperPoses:
         """The pairs of base pose and gripper pose at which no grasp of the object was refuted."""
-        tried = self._known[body.name].tried
+        tried = self._known[scene.robot.arm_name, body.name].tried
         if not tried:
             return poses
         pairs = zip(poses.bases, *poses.gripper_poses.T[3:].tolist(), strict=True)
@@ -267,7 +266,7 @@ class GraspCandidates:
     def _scan(
         self, scene: Scene, body: Body, poses: GripperPoses, grid: ConfigurationGrid, opening: float
     ) -> list[GraspCandidate]:
-        """The grasps from these base poses; under a board those to which the base drives with the arm rigid."""
+        """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         covered, world, arm = is_covered(scene, body.foot), self.compiled.world(scene), scene.robot.arm_name
         ignore = scene.mask({body.name, *scene.held_names})
         if covered:
@@ -284,9 +283,9 @@ def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ..
 
 
 def _same_objects(one: Scene, other: Scene) -> bool:
-    """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
+    """Whether the objects have the same poses, and the same ones are held; the robot's state does not matter."""
     return (
-        one.held_names == other.held_names
+        set(one.held_names) == set(other.held_names)
         and len(one.objects) == len(other.objects)
         and all(
             a is b

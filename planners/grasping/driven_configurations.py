@@ -1,4 +1,4 @@
-"""Arm configurations under a board: the base drives straight in and out, the arm rigid; what is in the way counts."""
+"""Arm configurations under a shelf: the base drives straight in and out, the arm rigid; what is in the way counts."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from planners.grasping.arm_configurations import (
     scan_configurations,
 )
 from planners.scene import Body, HeldObject, Scene
-from planners.scene.cover import BACK, LEAST_LIFT, distance_out, objects_before, way_out
-
-__all__ = ["driven_configurations"]
+from planners.scene.cover import BACK, LEAST_LIFT, direction_out, distance_out, objects_before
 
 _SAME_WAY = 9
 """Decimals of yaws [rad] and directions that count as the same."""
@@ -69,7 +67,7 @@ def driven_configurations(
 
 def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
     """The straight drives out after backing off, and the rows of the pairs of base and gripper pose for each."""
-    yaws, directions = poses.gripper_poses[:, 3], way_out(scene.support, poses.bases)
+    yaws, directions = poses.gripper_poses[:, 3], direction_out(scene.support, poses.bases)
     ways = np.column_stack((yaws, directions)).round(_SAME_WAY)
     for way in np.unique(ways, axis=0):
         rows = np.flatnonzero((ways == way).all(axis=1))

@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-__all__ = ["GRASP_SETS", "SIDE", "TOP", "GraspFamily", "UnknownGraspSet", "find_grasp_set"]
-
 
 class UnknownGraspSet(ValueError):
     """There is no grasp set of that name; the message lists the valid ones."""

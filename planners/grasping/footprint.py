@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 
-__all__ = ["fits", "inner_radius"]
-
 Array = NDArray[np.float64]
 
 

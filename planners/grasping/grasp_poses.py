@@ -15,8 +15,6 @@ from planners.grasping.families import SIDE, GraspFamily
 from planners.grasping.gripper import FINGER_GAP, GripperClearances, gripper_clearances
 from planners.scene import Body
 
-__all__ = ["GraspPose", "even_yaws", "generate_grasps", "gripper_opening"]
-
 Array: TypeAlias = NDArray[np.float64]
 
 _STRAIGHT_DOWN = 1e-6

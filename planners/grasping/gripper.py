@@ -9,10 +9,8 @@ from functools import cache
 import numpy as np
 
 from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
-from planners.collision.robot_model import robot_arrays
-
-__all__ = ["FINGER_GAP", "GripperClearances", "gripper_clearances"]
+from irm.chain import pose_of
+from planners.collision.scene_arrays import robot_arrays
 
 FINGER_GAP = 0.012
 """[m] between each finger and the object before the fingers close."""

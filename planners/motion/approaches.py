@@ -1,7 +1,7 @@
 """Approach patterns: straight lines of the gripper to and from a grasp or release configuration.
 
 A pattern is traced from that configuration outwards. The question is whether the robot can follow it, without and with
-the object, and which objects are in the way. Under a board the base drives straight out with the arm rigid.
+the object, and which objects are in the way. Under a shelf the base drives straight out with the arm rigid.
 """
 
 from __future__ import annotations
@@ -12,28 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.stacking import with_room_below
-from planners.collision.world import CollisionWorld
-from planners.motion.arm import FIXED_BITS, on_base, tcp_pose
+from planners.collision.straight_lines import trace_by_torso, trace_straight
+from planners.collision.world import CollisionWorld, with_clearance_below
+from planners.motion.arm import on_base, tcp_pose
 from planners.motion.arm_query import ArmQuery
-from planners.motion.straight_lines import trace_by_torso, trace_straight
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
-
-__all__ = [
-    "APPROACH_PATTERNS",
-    "SIDE_CLEARANCE",
-    "Approach",
-    "ApproachPattern",
-    "GraspContext",
-    "approach_patterns",
-    "free_approach",
-    "grasp_context",
-    "likely_patterns",
-    "release_context",
-    "stand_off",
-    "trace",
-]
+from planners.scene.masks import FIXED_BITS
 
 SIDE_CLEARANCE = 0.012
 """[m] between each finger of the open gripper and the object."""
@@ -49,7 +34,7 @@ class ApproachPattern(NamedTuple):
         back, up: [m] The empty, open gripper moves `back` against its approach direction, then `up`.
         held_up, held_back: [m] With the object the gripper moves `held_up`, then `held_back`.
         by_torso: vertical lines are left to the torso: slow, but the arm then hits only what is above it.
-        drives: afterwards the base drives straight out from under the board, the arm rigid; see `stand_off`.
+        drives: afterwards the base drives straight out from under the shelf, the arm rigid; see `stand_off`.
     """
 
     name: str
@@ -70,14 +55,14 @@ APPROACH_PATTERNS = (
     ApproachPattern("front", back=0.10, up=0.0, held_up=0.19, held_back=0.0),
     ApproachPattern("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
 )
-"""Tried in this order: from above little more room is needed than at the grasp; from the front boards do not matter."""
+"""In this order: lines from above need little more clearance than the grasp, those from the front fit under shelves."""
 _DRIVES = (
     ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, by_torso=True, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, by_torso=True, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, drives=True),
 )
-"""Tried first under a board: the object is lifted where it stands, as high as counts as lifted if the board allows."""
+"""Tried first under a shelf: the object is lifted where it stands, as high as counts as lifted if the shelf allows."""
 
 
 class GraspContext(NamedTuple):
@@ -92,7 +77,7 @@ class GraspContext(NamedTuple):
         grip: [m] of the gripper closed on the object.
         held: the object, as it is held.
         ignore: mask of objects that are not obstacles.
-        is_covered: whether a board hangs over the object.
+        is_covered: whether a shelf hangs over the object.
     """
 
     empty: CollisionWorld
@@ -143,7 +128,7 @@ def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, i
     T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
     held = HeldObject.grasped(body, T_world_tcp)
     openings = _openings(world.scene.robot, body, T_world_tcp)
-    loaded, covered = with_room_below(world, name), is_covered(world.scene, body.foot)
+    loaded, covered = with_clearance_below(world, name), is_covered(world.scene, body.foot)
     return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore, covered)
 
 
@@ -169,18 +154,18 @@ def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, 
 
 
 def approach_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:
-    """All patterns, in the order in which they are tried: driving ones only under a board."""
+    """All patterns, in the order in which they are tried: driving ones only under a shelf."""
     return _DRIVES + APPROACH_PATTERNS if context.is_covered else APPROACH_PATTERNS
 
 
 def likely_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:
-    """The patterns worth tracing before any free path is planned: those from the front only under a board."""
+    """The patterns worth tracing before any free path is planned: those from the front only under a shelf."""
     patterns = approach_patterns(context)
     return patterns if context.is_covered else tuple(pattern for pattern in patterns if pattern.up > 0.0)
 
 
 def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
-    """The base pose (3,) outside from which the base drives straight in to one under a board; see `drive_out`."""
+    """The base pose (3,) outside from which the base drives straight in to one under a shelf; see `drive_out`."""
     return _drive(scene, np.asarray(base, dtype=float), np.asarray(q, dtype=float))[-1]
 
 

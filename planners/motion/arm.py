@@ -10,28 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain, forward
-from planners.collision.robot_model import RobotArrays
+from irm.chain import ArmChain
+from irm.kinematics import forward
+from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm_query import DEFAULT_EFFORT, ArmQuery, RRTConfig
-from planners.motion.sampling.rrt import rrt_connect
-from planners.motion.sampling.smoothing import blend_corners, shortcut
-from planners.scene import SELF_BIT, STATIC_BIT, HeldObject, RobotState
-
-__all__ = [
-    "ROOM",
-    "ArmPath",
-    "BlockedBy",
-    "NoPath",
-    "blocking_set",
-    "plan_arm",
-    "tcp_pose",
-]
+from planners.motion.rrt import blend_corners, rrt_connect, shortcut
+from planners.scene import SELF_BIT, HeldObject, RobotState
+from planners.scene.masks import FIXED_BITS
 
 ROOM = 0.01
 """[m] that free motions keep from everything where they can: the arm lags, and what is held sinks by some mm."""
-FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT
-"""Hits that no clearing can remove."""
 _PHASE = "transit"
 """The phase of a motion that this module plans, for messages."""
 _ROLL_RANGE = 2 * math.pi

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from planners.scene import HeldObject
 
-__all__ = ["DEFAULT_EFFORT", "ArmQuery", "RRTConfig"]
-
 
 @dataclass(frozen=True, eq=False)
 class ArmQuery:

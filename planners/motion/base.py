@@ -12,11 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm import ROOM, NoPath
 from planners.motion.arm_query import RRTConfig
-from planners.motion.sampling.rrt import rrt_connect
-from planners.motion.sampling.smoothing import shortcut
+from planners.motion.rrt import rrt_connect, shortcut
 from planners.scene import HeldObject
-
-__all__ = ["BasePath", "plan_base", "unwrap_yaw"]
 
 DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
 """Detours around static obstacles are far from the straight line: no share of the targets is drawn near it."""

@@ -23,8 +23,6 @@ from planners.motion.timing import finger_ramp, round_corners, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject, RobotState
 
-__all__ = ["ContactFree", "merge_phases", "phases_of"]
-
 Array = NDArray[np.float64]
 
 _KEPT = (0.4, 0.7, 1.0)

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import Approach, GraspContext
-from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath, plan_arm, tcp_pose, unwrap_joints
+from planners.motion.arm import ArmPath, BlockedBy, NoPath, plan_arm, tcp_pose, unwrap_joints
 from planners.motion.arm_query import ArmQuery, RRTConfig
 from planners.motion.base import BasePath, plan_base
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import RobotState
-
-__all__ = ["LIFTED", "SAME_BASE", "Task", "carry_configurations", "free_paths"]
+from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 

@@ -10,15 +10,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.validation import OVERLAP
-from planners.collision.world import CollisionWorld
+from planners.collision.straight_lines import trace_by_torso, trace_straight
+from planners.collision.world import OVERLAP, CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
-from planners.motion.arm import FIXED_BITS, ROOM, ArmPath, NoPath, on_base, plan_arm, unwrap_joints
+from planners.motion.arm import ROOM, ArmPath, NoPath, on_base, plan_arm, unwrap_joints
 from planners.motion.arm_query import ArmQuery
-from planners.motion.straight_lines import trace_by_torso, trace_straight
 from planners.scene import SELF_BIT, RobotState
-
-__all__ = ["is_among_objects", "is_at_home", "plan_home"]
+from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 

@@ -33,18 +33,6 @@ from planners.motion.free_paths import SAME_BASE, Task, free_paths
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import Body, HeldObject
 
-__all__ = [
-    "PickMotion",
-    "PlaceMotion",
-    "can_leave",
-    "can_put_down",
-    "can_take",
-    "fewest_blockers",
-    "plan_pick",
-    "plan_place",
-    "planned_approach",
-]
-
 Array = NDArray[np.float64]
 
 

@@ -15,8 +15,6 @@ from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP, Trajectory
 from planners.scene import HeldObject, RobotState
 
-__all__ = ["ON_THE_WAY", "PATIENCE", "PRECISE", "Followed", "TcpFollower", "follow", "is_behind"]
-
 Array = NDArray[np.float64]
 
 PATIENCE = 60

@@ -20,15 +20,6 @@ from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import HeldObject, RobotState
 
-__all__ = [
-    "drive_trajectory",
-    "finger_ramp",
-    "pick_trajectory",
-    "place_trajectory",
-    "round_corners",
-    "time_parametrise",
-]
-
 SETTLE_TIME = 0.15
 """[s] to wait after the fingers have closed or opened, before the arm moves on."""
 HEADROOM = 0.97

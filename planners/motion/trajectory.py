@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from planners.scene import HeldObject
 
-__all__ = ["CONTROL_STEP", "Phase", "Trajectory", "TrajectorySample", "is_contact", "join"]
-
 CONTROL_STEP = 0.05
 """[s] between commands."""
 

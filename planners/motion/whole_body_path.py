@@ -11,8 +11,6 @@ from planners.motion.arm import ArmPath
 from planners.motion.base import BasePath
 from planners.scene import HeldObject
 
-__all__ = ["WholeBodyPath"]
-
 Array = NDArray[np.float64]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.scene import Body, Scene, StaticObstacle
-from planners.scene.resting import up_axis
+from planners.scene.bodies import up_axis
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Boards above a support, and the way out from under them: straight across the side of the support before the robot."""
+"""Shelves above a support, and the drive out from under them: straight across the side next to the base."""
 
 from __future__ import annotations
 
@@ -9,33 +9,21 @@ from planners.scene.bodies import Body
 from planners.scene.scene import Scene
 from planners.scene.static_obstacle import StaticObstacle
 
-__all__ = [
-    "BACK",
-    "DRIVE_CLEARANCE",
-    "LEAST_LIFT",
-    "distance_out",
-    "drive_out",
-    "heading",
-    "is_covered",
-    "objects_before",
-    "way_out",
-]
-
 Array = NDArray[np.float64]
 
 DRIVE_CLEARANCE = 0.25
 """[m] beyond the side of the support at which the TCP ends a straight drive out: the gripper, what it holds and the arm
-that unfolds are then clear of the boards."""
+that unfolds are then clear of the shelves."""
 BACK = 0.10
 """[m] that the gripper backs off before it moves sideways: the fingertips are then clear of the object."""
 LEAST_LIFT = 0.03
-"""[m] that an object is lifted under a board at least before it is moved."""
-_GAP = 0.002
-"""[m] that an object keeps from others on the way out."""
+"""[m] that an object is lifted under a shelf at least before it is moved."""
+HELD_GAP = 0.002
+"""[m] that an object keeps from others while it is moved out."""
 _HEADROOM = 0.8
 """[m] A static obstacle higher above the support does not matter: the arm unfolds below it."""
 _REACH = 0.10
-"""[m] around a location within which a board is in the way of a gripper that comes from above."""
+"""[m] around a location within which a shelf is in the way of a gripper that comes from above."""
 
 
 def is_covered(scene: Scene, point: ArrayLike) -> bool:
@@ -48,7 +36,7 @@ def is_covered(scene: Scene, point: ArrayLike) -> bool:
     )
 
 
-def way_out(support: StaticObstacle, bases: ArrayLike) -> Array:
+def direction_out(support: StaticObstacle, bases: ArrayLike) -> Array:
     """Horizontal unit vectors (..., 2) out from a support, across the side before which base poses (..., 3) stand."""
     axes = support.rotation[:2, np.argsort(np.abs(support.rotation[2]))[:2]]
     half = [support.half_extent_along((*axis, 0.0)) for axis in axes.T]
@@ -59,10 +47,10 @@ def way_out(support: StaticObstacle, bases: ArrayLike) -> Array:
 
 
 def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> Array:
-    """Base poses (3, 3) of a drive out from under a board, the arm rigid: inside, backed off, outside.
+    """Base poses (3, 3) of a drive out from under a shelf, the arm rigid: inside, backed off, outside.
 
     The gripper first moves `BACK` against its own heading, so that the open fingers let go of the object, then straight
-    out of the support. The way in is the same in reverse.
+    out of the support. The drive in is the same in reverse.
 
     Args:
         support: what the object stands on.
@@ -70,14 +58,14 @@ def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> A
         T_world_tcp: (4, 4) of the gripper then; its y axis is level.
     """
     poses = np.tile(np.asarray(base, dtype=float), (3, 1))
-    direction, back = way_out(support, poses[0]), -BACK * heading(T_world_tcp)
+    direction, back = direction_out(support, poses[0]), -BACK * heading(T_world_tcp)
     poses[1:, :2] += back
     poses[2, :2] += distance_out(support, T_world_tcp[:2, 3] + back, direction) * direction
     return poses
 
 
 def heading(T_world_tcp: Array) -> Array:
-    """(2,) unit vector: where a gripper whose y axis is level points, seen from above."""
+    """Unit vector (2,) in which a gripper whose y axis is level points, seen from above."""
     return np.array([T_world_tcp[1, 1], -T_world_tcp[0, 1]])
 
 
@@ -90,7 +78,7 @@ def distance_out(support: StaticObstacle, tcp: ArrayLike, direction: Array) -> f
 def objects_before(scene: Scene, body: Body, direction: Array) -> int:
     """Mask of the objects that an object touches when it is moved along `direction` (2,) from where it stands."""
     across = np.array([-direction[1], direction[0], 0.0])
-    half, mask = body.half_extent_along(across) + _GAP, 0
+    half, mask = body.half_extent_along(across) + HELD_GAP, 0
     for index, other in enumerate(scene.objects):
         away = other.position - body.position
         is_ahead = away[:2] @ direction > 0.0 and other.bottom < body.top and body.bottom < other.top

@@ -8,12 +8,12 @@ import numpy as np
 
 from irm.compilation import njit
 
-__all__ = ["MAX_OBJECTS", "SELF_BIT", "STATIC_BIT", "Mask", "bit_count"]
-
 STATIC_BIT = 63
-"""Bit of a hit mask for static obstacles and the floor."""
+"""Bit of a hit mask for static obstacles and the ground."""
 SELF_BIT = 62
 """Bit of a hit mask for the robot itself."""
+FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT
+"""Hits that no clearing can remove."""
 MAX_OBJECTS = 60
 """Objects in one scene at most: one bit each in a 64-bit word, besides the two bits above."""
 

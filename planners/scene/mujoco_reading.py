@@ -1,11 +1,11 @@
-"""Reading the robot and the movable objects of a simulation, which is not written."""
+"""Read the robot, the movable objects and the static obstacles of a MuJoCo simulation, which is not written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeAlias
+from functools import cache, cached_property
+from typing import Any, NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -13,31 +13,30 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.scene.bodies import Body, RobotState, SceneError, Shape
-
-__all__ = [
-    "OBJECT_PREFIX",
-    "Movable",
-    "MovableBodies",
-    "RobotJoints",
-    "can_touch",
-    "is_object_name",
-    "robot_bodies",
-    "robot_state_of",
-]
+from planners.scene.static_obstacle import StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 Movable: TypeAlias = Collection[str] | Callable[[str], bool]
 """The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
-
 OBJECT_PREFIX = "object_"
 """Names of movable bodies begin so, unless told otherwise."""
 _ADVICE = "without it in `movable` it is a static obstacle"
 _ON_THE_FLOOR = 0.001
-"""[m] and rounding of a rotation matrix: how far the base may be off the floor, or tilted."""
+"""[m] and rounding of a rotation matrix: how far the base may be off the ground, or tilted."""
 _SHAPES: dict[int, Shape] = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
 }
+IsObstacle: TypeAlias = Callable[[Any], bool]
+"""Whether a geom counts; it is asked with MuJoCo's accessor `model.geom(id)`: `.name`, `.group`, `.contype`, …"""
+SUPPORTS_TUPLE = "supports"
+"""Name of the custom tuple in which a model declares the geoms on which objects may be put."""
+_AXIS_TOLERANCE = 1e-6
+"""Rounding of the entries of a rotation matrix: a box this near to the world's axes is taken to lie along them."""
+_GROUND_TOLERANCE = 0.001
+"""[m] An upward horizontal plane no higher than this is the ground, which every scene has."""
+_PLANE = np.array([50.0, 50.0, 0.5])
+"""[m] Half extents of the box that stands for a plane: wider than any scene, thicker than any step of a motion."""
 
 
 def is_object_name(name: str) -> bool:
@@ -69,14 +68,15 @@ def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
         raise SceneError(
             f"the model lacks {', '.join(missing)} of robot {robot.name!r}; attach the robot without a name prefix"
         )
-    return _with_descendants(model, model.body(robot.base_body).id)
+    return _with_attached(model, [model.body(robot.base_body).id])
 
 
-def _with_descendants(model: mujoco.MjModel, body: int) -> frozenset[int]:
-    found = {body}
-    for other in range(body + 1, model.nbody):
-        if int(model.body_parentid[other]) in found:
-            found.add(other)
+def _with_attached(model: mujoco.MjModel, bodies: Iterable[int]) -> frozenset[int]:
+    """These bodies and all that are attached to them; MuJoCo numbers parents before their children."""
+    found = set(bodies)
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in found:
+            found.add(body)
     return frozenset(found)
 
 
@@ -97,7 +97,7 @@ class RobotJoints:
         """Look them up.
 
         Raises:
-            SceneError: the base is attached to something that moves, or does not stand upright on the floor z = 0.
+            SceneError: the base is attached to something that moves, or does not stand upright on the ground z = 0.
         """
         columns = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
         body = model.body(robot.base_body).id
@@ -111,7 +111,7 @@ class RobotJoints:
         position, rotation = data.xpos[parent] + frame @ model.body_pos[body], frame @ local.reshape(3, 3)
         if abs(position[2]) > _ON_THE_FLOOR or 1 - rotation[2, 2] > _ON_THE_FLOOR:
             raise SceneError(
-                f"the base of robot {robot.name!r} must stand upright on the floor z = 0, not at {position}"
+                f"the base of robot {robot.name!r} must stand upright on the ground z = 0, not at {position}"
             )
         reference = model.qpos0[columns[:3]]
         yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) - reference[2]
@@ -203,27 +203,18 @@ class MovableBodies:
 
     def read(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Body, ...]:
         """The objects where they are now."""
-        return tuple(
-            Body(name, _SHAPES[int(model.geom_type[geom])], _half_extents(model, int(geom)), centre, quaternion)
-            for name, geom, centre, quaternion in zip(self.names, self.geoms, *self.poses(data), strict=True)
-        )
-
-
-def _half_extents(model: mujoco.MjModel, geom: int) -> Array:
-    size = model.geom_size[geom]
-    is_box = _SHAPES[int(model.geom_type[geom])] == "box"
-    return np.array(size) if is_box else np.array([size[0], size[0], size[1]])
-
-
-def _is_free(model: mujoco.MjModel, body: int) -> bool:
-    """Whether its one joint is a free joint."""
-    kind = int(model.jnt_type[model.body_jntadr[body]]) if model.body_jntnum[body] == 1 else -1
-    return kind == int(mujoco.mjtJoint.mjJNT_FREE)
+        bodies = []
+        for name, geom, centre, quaternion in zip(self.names, self.geoms, *self.poses(data), strict=True):
+            shape, size = _SHAPES[int(model.geom_type[geom])], model.geom_size[geom]
+            half = size if shape == "box" else size[[0, 0, 1]]
+            bodies.append(Body(name, shape, half, centre, quaternion))
+        return tuple(bodies)
 
 
 def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> list[int]:
-    robot_ids = robot_bodies(model, robot)
-    free = {str(model.body(i).name): i for i in range(model.nbody) if i not in robot_ids and _is_free(model, i)}
+    free_joints = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+    bodies, on_robot = model.jnt_bodyid[free_joints], robot_bodies(model, robot)
+    free = {str(model.body(body).name): int(body) for body in bodies if int(body) not in on_robot}
     if callable(movable):
         return [body for name, body in free.items() if movable(name)]
     if isinstance(movable, str):
@@ -236,30 +227,168 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
 
 def _object_geoms(model: mujoco.MjModel, bodies: Sequence[int]) -> list[int]:
     """The one geom of each movable body that can touch something."""
-    owner = {body: body for body in bodies}
-    for body in range(1, model.nbody):
-        parent = owner.get(int(model.body_parentid[body]))
-        if parent is not None and body not in owner:
-            owner[body] = parent
-    geoms: dict[int, list[int]] = {body: [] for body in bodies}
-    for geom in np.flatnonzero(can_touch(model)):
-        root = owner.get(int(model.geom_bodyid[geom]))
-        if root is not None:
-            geoms[root].append(int(geom))
-    for body, movable in owner.items():
-        if body != movable and model.body_jntnum[body]:
-            raise SceneError(f"movable body {model.body(movable).name!r} has joints besides its free joint; {_ADVICE}")
-    return [_the_geom(model, body, geoms[body]) for body in bodies]
+    touching, found = np.flatnonzero(can_touch(model)), []
+    for body in bodies:
+        name = model.body(body).name
+        if model.body_jntnum[model.body_rootid == body].sum() > 1:
+            raise SceneError(f"movable body {name!r} has joints besides its free joint; {_ADVICE}")
+        # A body with a free joint is a child of the world, so that it is the root of all that is attached to it.
+        geoms = [int(geom) for geom in touching[model.body_rootid[model.geom_bodyid[touching]] == body]]
+        if len(geoms) != 1 or int(model.geom_bodyid[geoms[0]]) != body:
+            raise SceneError(
+                f"movable body {name!r} must have one geom of its own that can touch, not {len(geoms)}; {_ADVICE}"
+            )
+        kind = int(model.geom_type[geoms[0]])
+        if kind not in _SHAPES:
+            shape = mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
+            raise SceneError(f"movable body {name!r} is a {shape}, not a cylinder or a box; {_ADVICE}")
+        found.append(geoms[0])
+    return found
 
 
-def _the_geom(model: mujoco.MjModel, body: int, geoms: Sequence[int]) -> int:
-    name = model.body(body).name
-    if len(geoms) != 1 or int(model.geom_bodyid[geoms[0]]) != body:
-        raise SceneError(
-            f"movable body {name!r} must have one geom of its own that can touch, not {len(geoms)}; {_ADVICE}"
-        )
-    kind = int(model.geom_type[geoms[0]])
-    if kind not in _SHAPES:
-        shape = mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
-        raise SceneError(f"movable body {name!r} is a {shape}, not a cylinder or a box; {_ADVICE}")
-    return geoms[0]
+class FoundObstacle(NamedTuple):
+    """A static obstacle and the name of the body that it belongs to in the model."""
+
+    obstacle: StaticObstacle
+    body: str
+
+
+def static_obstacles_of(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    robot: RobotSpec,
+    movable: Iterable[int],
+    is_obstacle: IsObstacle | None = None,
+) -> tuple[FoundObstacle, ...]:
+    """Every geom that is neither on the robot nor on a movable body, where it is now, with the name of its body.
+
+    Args:
+        model: horizontal planes at ground height or below are the ground and are left out, other planes become boxes.
+        data: after a step or `mj_forward`.
+        robot: which robot it is.
+        movable: ids of the movable bodies; what is attached to them goes with them.
+        is_obstacle: which geoms count; by default those that can touch something.
+
+    Raises:
+        SceneError: a geom that cannot be represented, something deformable, or a geom on the robot that is not its own.
+    """
+    if model.nflex:
+        flexes = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or f"flex_{i}" for i in range(model.nflex)]
+        raise SceneError(f"deformable bodies cannot be represented: {', '.join(flexes)}")
+    on_robot, touches = robot_bodies(model, robot), can_touch(model)
+    _check_robot(model, robot, on_robot, touches)
+    elsewhere = on_robot | _with_attached(model, movable)
+    found: list[FoundObstacle] = []
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        if body in elsewhere or _is_ground(model, data, geom):
+            continue
+        if touches[geom] if is_obstacle is None else is_obstacle(model.geom(geom)):
+            found.append(FoundObstacle(_obstacle(model, data, geom), str(model.body(body).name)))
+    return tuple(found)
+
+
+def _check_robot(model: mujoco.MjModel, robot: RobotSpec, on_robot: frozenset[int], touches: NDArray[np.bool_]) -> None:
+    """Refuse geoms on the robot that can touch something but are not in its own MJCF: no check would see them."""
+    for geom in np.flatnonzero(touches):
+        body = int(model.geom_bodyid[geom])
+        if body not in on_robot:
+            continue
+        name = str(model.body(body).name)
+        if (name, str(model.geom(geom).name)) not in _own_geoms(robot):
+            geom_name = _geom_name(model, int(geom))
+            raise SceneError(
+                f"geom {geom_name!r} on body {name!r} moves with the robot, but is not in the MJCF of {robot.name!r}"
+            )
+
+
+@cache
+def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
+    """Names of body and geom of every geom of the robot's own MJCF."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    bodies = (model.body(model.geom_bodyid[geom]).name for geom in range(model.ngeom))
+    return frozenset((str(body), str(model.geom(geom).name)) for geom, body in enumerate(bodies))
+
+
+def _geom_name(model: mujoco.MjModel, geom: int) -> str:
+    """Of the geom; of one without a name, its body's and its number."""
+    return str(model.geom(geom).name) or f"{model.body(model.geom_bodyid[geom]).name}/geom_{geom}"
+
+
+def _is_ground(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> bool:
+    is_plane = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE)
+    faces_up = data.geom_xmat[geom][8] > 1 - _AXIS_TOLERANCE
+    return bool(is_plane and faces_up and data.geom_xpos[geom][2] <= _GROUND_TOLERANCE)
+
+
+def _obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> StaticObstacle:
+    name, kind, size = _geom_name(model, geom), mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
+    position, rotation = np.array(data.geom_xpos[geom]), data.geom_xmat[geom].reshape(3, 3)
+    kinds = mujoco.mjtGeom
+    if kind == kinds.mjGEOM_BOX:
+        return _box(name, position, size, rotation)
+    if kind == kinds.mjGEOM_PLANE:
+        return _box(name, position - _PLANE[2] * rotation[:, 2], _PLANE, rotation)
+    if kind == kinds.mjGEOM_CYLINDER:
+        return StaticObstacle(name, position, size[[0, 0, 1]], "cylinder", rotation)
+    if kind == kinds.mjGEOM_CAPSULE:
+        return StaticObstacle(name, position, size[[0, 0, 1]] + [0, 0, size[0]], "capsule", rotation)
+    if kind == kinds.mjGEOM_SPHERE:
+        return StaticObstacle(name, position, size[[0, 0, 0]], "sphere", rotation)
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return StaticObstacle(name, position, size, "ellipsoid", rotation)
+    if kind == kinds.mjGEOM_MESH:
+        return StaticObstacle.hull(name, _mesh_points(model, int(model.geom_dataid[geom])), position, rotation)
+    shape, body = kind.name.removeprefix("mjGEOM_").lower(), model.body(model.geom_bodyid[geom]).name
+    raise SceneError(
+        f"geom {name!r} of body {body!r} is of type {shape!r}, which cannot be represented; replace it by meshes or "
+        "primitives, or leave it out with `obstacles`"
+    )
+
+
+def _box(name: str, position: Array, half: Array, rotation: Array) -> StaticObstacle:
+    """A box along the world's axes is written as one without rotation."""
+    absolute = np.abs(rotation)
+    if np.abs(absolute - absolute.round()).max() <= _AXIS_TOLERANCE:
+        return StaticObstacle(name, position, absolute @ half)
+    return StaticObstacle(name, position, half, "box", rotation)
+
+
+def _mesh_points(model: mujoco.MjModel, mesh: int) -> Array:
+    """(n, 3) [m] vertices of a mesh in its geom's frame; those of its convex hull where MuJoCo has worked them out."""
+    first, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
+    points = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=float)
+    if graph < 0:
+        return points
+    count = int(model.mesh_graph[graph])
+    return points[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
+
+
+def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the geoms on which objects may be put, by the model's custom tuple "supports"; none without it."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TUPLE, SUPPORTS_TUPLE)
+    if index < 0:
+        return ()
+    entries = slice(model.tuple_adr[index], model.tuple_adr[index] + model.tuple_size[index])
+    is_geom = model.tuple_objtype[entries] == int(mujoco.mjtObj.mjOBJ_GEOM)
+    return tuple(_geom_name(model, int(geom)) for geom in model.tuple_objid[entries][is_geom])
+
+
+def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tuple[str, ...]:
+    """Names of the obstacles on which objects can be put: each the geom of that name, or the highest level one of that
+    body; without duplicates.
+
+    Raises:
+        SceneError: there is none of a name; the message lists what objects can stand on.
+    """
+    level = [one for one in found if one.obstacle.has_level_top]
+    names: list[str] = []
+    for name in wanted:
+        tops = [one.obstacle for one in level if name == one.obstacle.name]
+        tops = tops or [one.obstacle for one in level if name == one.body]
+        if not tops:
+            both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
+            known = ", ".join(dict.fromkeys(both)) or "none"
+            raise SceneError(f"no support {name!r}; geoms and bodies with a level top face: {known}")
+        names.append(max(tops, key=lambda top: (top.top, float(np.prod(top.extent[:2])))).name)
+    return tuple(dict.fromkeys(names))

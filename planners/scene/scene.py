@@ -1,6 +1,6 @@
 """The world as the planner sees it: one immutable snapshot of robot, movable objects and static obstacles.
 
-World frame: z up, the floor at z = 0.
+World frame: z up, the ground at z = 0.
 """
 
 from __future__ import annotations
@@ -15,11 +15,17 @@ import numpy as np
 from assets.robots import RobotSpec
 from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS
-from planners.scene.mujoco_obstacles import IsObstacle, declared_supports, find_supports, static_obstacles_of
-from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name, robot_state_of
+from planners.scene.mujoco_reading import (
+    IsObstacle,
+    Movable,
+    MovableBodies,
+    declared_supports,
+    find_supports,
+    is_object_name,
+    robot_state_of,
+    static_obstacles_of,
+)
 from planners.scene.static_obstacle import StaticObstacle
-
-__all__ = ["SUPPORT", "Scene"]
 
 SUPPORT = "table_top"
 """Name of the support in the scenes of this package."""
@@ -33,7 +39,7 @@ class Scene:
         robot: which robot it is.
         state: where it is.
         objects: what may be moved: cylinders and boxes.
-        static_obstacles: what may not be touched, the support among it; the floor z = 0 is always there.
+        static_obstacles: what may not be touched, the support among it; the ground z = 0 is always there.
         held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever finger
             position `state` was given with.
         aside: objects that idle arms hold in their home configuration, by arm; they move with the robot.

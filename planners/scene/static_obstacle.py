@@ -13,8 +13,6 @@ from scipy.spatial import ConvexHull, QhullError
 
 from planners.scene.bodies import SceneError, frozen
 
-__all__ = ["StaticObstacle", "StaticShape"]
-
 Array = NDArray[np.float64]
 StaticShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 

@@ -14,12 +14,11 @@ from planners.clearing.commitments import ClearingProblem, Commitments, NoCommit
 from planners.clearing.lookahead import ClearancePlan, commitments_for
 from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
-from planners.collision.compiled_scenes import CompiledScenes
-from planners.collision.world import CollisionWorld
+from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import stand_off
-from planners.motion.arm import FIXED_BITS, ArmPath, BlockedBy, NoPath
+from planners.motion.arm import ArmPath, BlockedBy, NoPath
 from planners.motion.base import plan_base
 from planners.motion.contact_free import ContactFree, merge_phases, phases_of
 from planners.motion.homing import is_among_objects, is_at_home, plan_home
@@ -40,6 +39,7 @@ from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
+from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 from planners.tamp.solution import BoundAction
 
@@ -131,7 +131,7 @@ class MotionLayer:
             found = self._usable_commitments(problem)
         if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
             return found
-        provisional = strategy.second_moves - (len(cleared) - len(set(cleared)))
+        provisional = strategy.non_monotone - (len(cleared) - len(set(cleared)))
         return non_monotone_plan(problem, provisional) or found
 
     def _usable_commitments(self, problem: ClearingProblem) -> ClearancePlan | NoCommitment:

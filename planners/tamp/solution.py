@@ -204,6 +204,17 @@ class Solution:
 
         return draw_overview(self, ax)
 
+    def plot_clearances(self, path: str | Path) -> None:
+        """Draw the choice of each clearance location (Figs. 8-10 of Lee & Kim 2019) from above, as one image file.
+
+        Raises:
+            ValueError: the plan has no actions.
+            OSError: the file cannot be written.
+        """
+        from planners.drawing.clearances import draw_plan
+
+        draw_plan(self, Path(path))
+
     def to_html(self, path: str | Path) -> None:
         """Write the plan as one page for a browser, which needs no network: its motions in 3-D on a time line.
 
@@ -215,7 +226,7 @@ class Solution:
             OSError: the file cannot be written.
         """
         # As for `plot`: the page is built on this package.
-        from planners.drawing.page.planned import write_plan_page
+        from planners.drawing.page.page import write_plan_page
 
         write_plan_page(self, Path(path))
 

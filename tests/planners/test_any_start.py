@@ -9,9 +9,8 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Solution, clearance_floor, solve
-from planners.collision.robot_model import robot_arrays
-from planners.collision.stacking import objects_on
-from planners.collision.world import CollisionWorld
+from planners.collision.scene_arrays import robot_arrays
+from planners.collision.world import CollisionWorld, objects_on
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.scene import Body, RobotState, Scene
 from tests.planners.scenes import cylinder, random_scene, table_scene

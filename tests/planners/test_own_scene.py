@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners import Solution, solve
-from planners.grasping.base_placement import free_floor
+from planners.grasping.base_placement import free_ground
 from planners.placing.negative_goal_region import SupportGrid
 from planners.placing.surfaces import static_mask
 from planners.scene import Scene, SceneError, StaticObstacle
@@ -114,7 +114,7 @@ def test_the_base_keeps_off_the_outlines_at_its_own_height() -> None:
         '<geom name="ceiling" type="box" size="5 5 0.05" pos="0 0 2.6"/>'
     )
     scene = read(model, data)
-    floor = free_floor(scene)
+    floor = free_ground(scene)
     assert floor.is_free(0.0, 0.0)
     assert not floor.is_free(TABLE_X, 0.4)
     assert not floor.is_free(0.0, 0.7)

@@ -10,9 +10,9 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import PR2
-from irm.arm.chain import ArmChain
+from irm.chain import BASE, ArmChain
 from planners import Planner, Solution
-from planners.collision.robot_model import BASE, robot_arrays
+from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.expert.config import ExpertConfig
 from planners.expert.expert import TampExpert

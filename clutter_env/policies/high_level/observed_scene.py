@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.observation_layout import OBSERVATION_LAYOUT
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.parsed_observation import Observation, parse_observation, planar_pose, pose_of_quaternion
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.table_scene import object_name

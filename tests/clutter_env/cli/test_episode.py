@@ -1,35 +1,27 @@
-"""Running the expert: what is printed, what a plan's picture says, and one whole demonstration."""
+"""`clutter-env episode`: what is printed, what is written, and whole demonstrations."""
 
 from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from clutter_env.evaluation.clearance_table import Attempt
-from clutter_env.experiments.episodes.episode import (
-    EpisodeResult,
-    EpisodeSettings,
-    draw_episode,
-    episode_figures,
+from clutter_env.cli.episode import Arguments
+from clutter_env.cli.expert_episodes import (
+    Played,
+    counts_text,
     episode_text,
+    plan_text,
+    replanning_text,
+    report_rows,
+    write_plan,
 )
-from clutter_env.experiments.episodes.many import Episode, counts_text
-from clutter_env.experiments.episodes.text import plan_text, replanning_text, report_text
-from clutter_env.rendering.film import Film
-from planners.cause import Cause
-from planners.drawing.page.planned import plan_recording
-from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance
-from planners.expert.report import EpisodeReport
-from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
-from planners.scene import Body
-from planners.tamp.solution import Infeasible, ReplanRecord, Solution
+from clutter_env.cli.main import main
+from clutter_env.evaluation.clearance_table import Attempt
+from planners import Cause, EpisodeReport, Infeasible, Solution
+from planners.tamp.solution import ReplanRecord, SolveStats
 from tests.planners.plans import solved
 from tests.planners.scenes import table_scene
 
@@ -38,122 +30,95 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def test_replanning_marks_what_held_and_what_was_refuted() -> None:
     plan = ("MoveBase(a, b, t)", "PickUp(object_01, g)", "MoveBase(b, c, u)")
-    text = replanning_text([ReplanRecord(plan, 1, plan[1], ("(obstacle object_02)",))])
-    lines = text.splitlines()
-    assert lines[1] == "  + MoveBase(a, b, t)"
-    assert lines[2] == "  x PickUp(object_01, g)"
-    assert lines[3] == "    MoveBase(b, c, u)"
+    stats = SolveStats(history=(ReplanRecord(plan, 1, plan[1], ("(obstacle object_02)",)),))
+    lines = replanning_text(Infeasible(Cause.MOTION, "", stats=stats)).splitlines()
+    marked = ["  + MoveBase(a, b, t)", "  x PickUp(object_01, g)", "    MoveBase(b, c, u)"]
+    assert lines[1:4] == marked
     assert "    (obstacle object_02)" in lines
 
 
 def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
     plan = Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02", target="object_01")
-    settings = EpisodeSettings("clutter_env/Retrieve-o5-v0", strategy="ngr")
     report = EpisodeReport(failure="no clearance location: nowhere for object_02")
-    text = episode_text(
-        EpisodeResult(settings, 0, table_scene(), plan, report, False, False, None, plan_recording(solved()))
-    )
+    text = episode_text(Arguments(strategy="ngr"), Played(0, table_scene(), plan, report, False, False))
     assert "No plan takes object_01" in text
     assert "Cause: no clearance location" in text
-    assert "Evidence: nowhere for object_02" in text
     assert "Replanning of ngr (as in Fig. 11)\n\nnone" in text
     assert "no: no clearance location: nowhere for object_02" in text
 
 
 def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
     plan = solved()
-    settings = EpisodeSettings("clutter_env/Retrieve-o25-v0")
-    result = EpisodeResult(
-        settings, 3, plan.actions[0].scene, plan, EpisodeReport(), True, True, None, plan_recording(plan)
-    )
-    files = draw_episode(result, tmp_path)
-    assert [path.name for path in files] == ["episode.html", "plan.png", "overview.png", "plan.npz"]
+    files = write_plan(plan, tmp_path)
+    assert [path.name for path in files] == ["plan.png", "overview.png", "plan.npz"]
     assert Solution.load(tmp_path / "plan.npz") == plan
     assert all(path.stat().st_size > 10_000 for path in files)
-    figures = json.loads(json.dumps(episode_figures(result)))
-    assert figures["target"] == plan.target
-    assert len(figures["plan"]) == len(plan.actions)
-    assert plan_text(plan).count("PUTDOWNFORCLEARANCE_FETCH") == len(plan.clearances)
     assert plan_text(plan, "pr2").count("PUTDOWNFORCLEARANCE_PR2") == len(plan.clearances)
 
 
 def test_the_report_believes_the_environment() -> None:
     report = EpisodeReport(planned=True, executed=True, scored=True, clearances=("object_02",), floor=1)
-    assert "yes, by the environment" in report_text(report, is_success=True, lifted=True)
-    assert "no: the target was not held up" in report_text(report, is_success=False, lifted=False)
-    assert "no: an object has fallen or been disturbed" in report_text(report, is_success=False, lifted=True)
+    assert report_rows(report, is_success=True, lifted=True)["success"] == "yes, by the environment"
+    assert report_rows(report, is_success=False, lifted=False)["success"] == "no: the target was not held up"
+    assert "no: an object has fallen" in report_rows(report, is_success=False, lifted=True)["success"]
 
 
 def test_counts_keep_crashes_apart_from_failures() -> None:
-    solved = Attempt(15, 1, "lookahead", solved=True, clearances=("object_02",), deviations=("object_03: toppled",))
+    success = Attempt(15, 1, "lookahead", solved=True, clearances=("object_02",), deviations=("object_03: toppled",))
     failed = Attempt(15, 2, "lookahead", cause="no clearance location")
     crashed = Attempt(15, 3, "lookahead", cause="crash", detail="Traceback")
-    text = counts_text([Episode(1, solved), Episode(2, failed), Episode(None, crashed)])
-    assert "1 of 2: 0.50" in text
-    assert "1 CRASHED" in text
-    assert "1 x no clearance location" in text
-    assert "1 x toppled" in text
-
-
-def test_a_clearance_picture_draws_every_object_and_rank() -> None:
-    grid = SupportGrid(-0.35, -0.5, 0.005, (140, 200), 0.75)
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
-    bodies = [
-        Body(f"object_{i:02d}", "cylinder", np.array([0.03, 0.03, 0.08]), np.array([0.0, 0.1 * i, 0.83]), upright)
-        for i in range(3)
-    ]
-    surface = DrawnSurface(grid, NegativeGoalRegion(grid.empty(), grid.empty()))
-    spots = np.array([[0.2, 0.2], [0.1, -0.2]])
-    picture = ClearancePicture(
-        [surface], bodies, "object_00", candidates=spots, ordered=spots[:1], chosen=spots[0], moved="object_01"
-    )
-    axes = Figure().subplots()
-    draw_clearance(axes, picture, "title")
-    assert {text.get_text() for text in axes.texts} == {"00", "01", "02", "1"}
-    assert [picture.kind(body) for body in bodies] == ["target", "moved", "object"]
-
-
-def test_a_film_without_ffmpeg_becomes_a_gif(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    film = object.__new__(Film)
-    film.frames = [np.full((64, 96, 3), 60 * k, np.uint8) for k in range(4)]
-    film.moments = [(f"moment {k}", frame) for k, frame in enumerate(film.frames)]
-    assert film.save_film(tmp_path / "film") == tmp_path / "film.gif"
-    film.save_strip(tmp_path / "strip.png")
-    assert (tmp_path / "strip.png").stat().st_size > 500
+    text = counts_text([success, failed, crashed], {1: 1, 2: 2, 3: None})
+    for part in ("1 of 2: 0.50", "1 CRASHED", "1 x no clearance location", "1 x toppled"):
+        assert part in text
 
 
 @pytest.mark.parametrize(
     "wrong", [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"], ["--robot", "r2"]]
 )
-def test_wrong_arguments_are_named(wrong: list[str]) -> None:
-    command = [sys.executable, "scripts/run_episode.py", *wrong]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert result.returncode != 0
-    assert "Traceback" not in result.stderr
-    assert wrong[1] in result.stderr
+def test_wrong_arguments_are_named(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["episode", *wrong])
+    assert ended.value.code == 2
+    assert wrong[1] in capsys.readouterr().err
+
+
+def test_an_error_of_a_users_own_is_not_swallowed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("in a user's robot")
+
+    monkeypatch.setattr("clutter_env.cli.expert_episodes.warmup", broken)
+    with pytest.raises(ZeroDivisionError, match="in a user's robot"):
+        main(["episode", "--objects", "1", "--out", str(tmp_path), "--no-film"])
+
+
+def test_ctrl_c_ends_with_its_own_code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("clutter_env.cli.expert_episodes.warmup", interrupted)
+    with pytest.raises(SystemExit) as ended:
+        main(["episode", "--objects", "1", "--out", str(tmp_path), "--no-film"])
+    assert ended.value.code == 130
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["fetch", "pr2"])
-def test_the_demonstration_takes_the_target_out_of_fifteen_objects(tmp_path: Path, robot: str) -> None:
-    command = [sys.executable, "scripts/run_episode.py", "--objects", "15", "--robot", robot, "--out", str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
-    assert result.returncode == 0, result.stderr
-    assert f"PUTDOWNFORCLEARANCE_{robot.upper()}" in result.stdout
+def test_the_demonstration_takes_the_target_out_of_fifteen_objects(
+    tmp_path: Path, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["episode", "--objects", "15", "--robot", robot, "--out", str(tmp_path)])
+    assert f"PUTDOWNFORCLEARANCE_{robot.upper()}" in capsys.readouterr().out
     figures = json.loads((tmp_path / "report.json").read_text())
     assert figures["is_success"]
+    assert all(Path(path).is_file() for path in figures["files"])
     assert (tmp_path / "plan.png").stat().st_size > 20_000
 
 
 @pytest.mark.slow
-def test_many_episodes_are_counted(tmp_path: Path) -> None:
-    command = [sys.executable, "scripts/run_episode.py", "--objects", "5", "--episodes", "2", "--workers", "1"]
-    command += ["--no-obstructed", "--out", str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=900)
-    assert result.returncode == 0, result.stderr
-    assert len((tmp_path / "episodes.jsonl").read_text().splitlines()) == 2
-    assert "success" in result.stdout
+def test_many_episodes_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["episode", "--objects", "5", "--episodes", "2", "--workers", "1", "--no-obstructed", "--out", str(tmp_path)])
+    assert len(json.loads((tmp_path / "report.json").read_text())["episodes"]) == 2
+    assert "clean success" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ RETRIEVE = Task("clutter_env/Retrieve-o1-v0")
 def recorded(task: Task, expert: str, seed: int) -> Episode:
     env = task.make()
     try:
-        return record(task, env, make_expert(task.env_id, expert), seed)
+        return record(task, env, make_expert(expert), seed)
     finally:
         env.close()
 

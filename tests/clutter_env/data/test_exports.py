@@ -7,27 +7,22 @@ import os
 import subprocess
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from clutter_env.cli.main import main
 from clutter_env.data.dataset import Dataset, Job
 from clutter_env.data.episode import Episode, record
-from clutter_env.data.replay import replay
-from clutter_env.errors import DatasetError, LearningError, RenderingUnavailable
-from clutter_env.policies.experts import make_expert
-from clutter_env.rendering.renderer import make_context
-from clutter_env.task import Task
-
-pytest.importorskip("h5py")
-import h5py
-
-from clutter_env.cli.main import main
 from clutter_env.data.episode_file import read_episode, write_episode
 from clutter_env.data.hdf5 import export_hdf5
 from clutter_env.data.lerobot import export_lerobot
 from clutter_env.data.minari import export_minari
-from clutter_env.data.replay import with_images
-from clutter_env.learning.exports.robomimic import export_robomimic
+from clutter_env.data.replay import replay, with_images
+from clutter_env.errors import DatasetError, LearningError, RenderingUnavailable
+from clutter_env.policies.experts import make_expert
+from clutter_env.rendering.renderer import make_context
+from clutter_env.task import Task
 
 TASK = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"})
 SEEDS = (0, 1)
@@ -50,8 +45,7 @@ needs_rendering = pytest.mark.skipif(not can_render(), reason="this machine cann
 def make_dataset(episodes: list[Episode], job: Job, folder: Path) -> Dataset:
     dataset = Dataset.open_for(job, folder / "demos")
     for episode in episodes:
-        write_episode(folder / "episode.hdf5", episode)
-        dataset.put(episode.seed, (folder / "episode.hdf5").read_bytes())
+        write_episode(dataset.episode_path(episode.seed), episode)
     dataset.finish([episode.seed for episode in episodes])
     return dataset
 
@@ -59,7 +53,7 @@ def make_dataset(episodes: list[Episode], job: Job, folder: Path) -> Dataset:
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
     env = TASK.make()
-    return [record(TASK, env, make_expert(env, "scripted"), seed) for seed in SEEDS]
+    return [record(TASK, env, make_expert("scripted"), seed) for seed in SEEDS]
 
 
 @pytest.fixture(scope="module")
@@ -69,14 +63,13 @@ def dataset(episodes: list[Episode], tmp_path_factory: pytest.TempPathFactory) -
 
 @pytest.fixture(scope="module")
 def seen(episodes: list[Episode]) -> list[Episode]:
-    """The same episodes with images."""
-    return [with_images(episode, SIZE) for episode in episodes]
+    """The first episode with images."""
+    return [with_images(episodes[0], SIZE)]
 
 
 @pytest.fixture(scope="module")
 def seen_dataset(seen: list[Episode], tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    job = Job(TASK, "scripted", len(SEEDS), image_size=SIZE)
-    return make_dataset(seen, job, tmp_path_factory.mktemp("rgbd"))
+    return make_dataset(seen, Job(TASK, "scripted", 1, image_size=SIZE), tmp_path_factory.mktemp("rgbd"))
 
 
 def expected(episodes: list[Episode]) -> dict[str, np.ndarray]:
@@ -124,11 +117,11 @@ def test_lerobot_tables_hold_the_episodes(dataset: Dataset, episodes: list[Episo
 @needs_rendering
 @pytest.mark.slow
 @pytest.mark.skipif(not LEROBOT, reason="LEROBOT_PYTHON names no interpreter that has LeRobot")
-def test_lerobot_loads_what_was_exported(dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
-    """Exported with images that are rendered on the way; LeRobot itself reads every item."""
+def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
+    """LeRobot itself reads every item."""
     pytest.importorskip("pyarrow")
     pytest.importorskip("av")
-    root = export_lerobot(dataset, tmp_path / "lerobot", SIZE)
+    root = export_lerobot(seen_dataset, tmp_path / "lerobot")
     rows = expected(seen)
     chosen = np.arange(0, len(rows["action"]), 25)
     rows["video/rows"] = chosen
@@ -184,7 +177,7 @@ def test_a_collection_with_images_is_another_one(seen_dataset: Dataset) -> None:
 
 
 @needs_rendering
-def test_minari_reads_images_too(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
+def test_minari_reads_images_and_labels(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
     minari = pytest.importorskip("minari")
     folder = export_minari(seen_dataset, tmp_path)
     loaded = minari.MinariDataset(str(folder / "data"))
@@ -192,10 +185,16 @@ def test_minari_reads_images_too(seen_dataset: Dataset, seen: list[Episode], tmp
     for found, episode in zip(loaded.iterate_episodes(), seen, strict=True):
         np.testing.assert_array_equal(found.observations["head_rgb"], episode.observations["head_rgb"])
         np.testing.assert_array_equal(found.actions, episode.actions)
+        np.testing.assert_array_equal(found.infos["state"], episode.states)
+        assert len(found.infos["phase"]) == len(episode) + 1
+    metadata = json.loads((folder / "data" / "metadata.json").read_text())
+    assert (metadata["total_episodes"], metadata["total_steps"]) == (1, len(seen[0]))
+    assert metadata["provenance"]["version"]
+    assert metadata["columns"]["actions"]["names"] == list(seen[0].columns["actions"].names)
 
 
 def test_robomimic_has_its_layout(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
-    path = export_robomimic(dataset, tmp_path / "demo.hdf5")
+    path = export_hdf5(dataset, tmp_path / "demo.hdf5", robomimic=True)
     with h5py.File(path, "r") as file:
         assert json.loads(file["data"].attrs["env_args"])["env_kwargs"] == {"control_mode": "ee"}
         assert file["data"].attrs["total"] == sum(map(len, episodes))
@@ -222,7 +221,8 @@ def test_one_hdf5_file_has_all_episodes(dataset: Dataset, episodes: list[Episode
 def test_nothing_is_written_over(dataset: Dataset, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     (tmp_path / "there.hdf5").touch()
-    for export, path in ((export_lerobot, "there"), (export_hdf5, "there.hdf5"), (export_robomimic, "there.hdf5")):
+    export_minari(dataset, tmp_path)
+    for export, path in ((export_lerobot, "there"), (export_hdf5, "there.hdf5"), (export_minari, "")):
         with pytest.raises(DatasetError, match="exists"):
             export(dataset, tmp_path / path)
 
@@ -241,5 +241,5 @@ def test_the_command_exports(dataset: Dataset, tmp_path: Path, capsys: pytest.Ca
     assert f"2 episodes in {out}" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="collect --obs-mode rgbd"):
         main(["export", "--to", "hdf5", "--image-size", "64", "--demos", str(dataset.directory)])
-    with pytest.raises(SystemExit, match="no complete dataset"):
+    with pytest.raises(SystemExit, match="holds no dataset"):
         main(["export", "--to", "hdf5", "--demos", str(tmp_path)])

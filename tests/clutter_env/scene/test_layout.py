@@ -10,35 +10,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
-from clutter_env.scene.object_sets import MAX_OBJECTS, OBJECT_GAP, OBJECT_SETS, SHAPE_SETS, capacity
-from clutter_env.scene.random_scene import sample_scene
+from clutter_env.scene.object_sets import MAX_OBJECTS, SHAPE_SETS, capacity
 from planners.scene import Scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
 FRONT_NAMES = {"counter_left", "counter_right", "wall"}
 SHELF_NAMES = {"shelf_left", "shelf_right", "shelf_board"}
-
-
-@pytest.mark.parametrize("name", LAYOUTS)
-@pytest.mark.parametrize("shapes", SHAPE_SETS)
-def test_full_tables_keep_objects_apart_and_on_the_table(name: str, shapes: str) -> None:
-    layout = LAYOUTS[name]
-    count = capacity(layout, shapes)
-    for seed in range(5):
-        scene = sample_scene(np.random.default_rng(seed), layout, count, shapes)
-        radii = np.where(scene.is_box, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
-        apart = np.linalg.norm(scene.positions[:, None] - scene.positions, axis=-1) - radii[:, None] - radii
-        in_same_row = scene.levels[:, None] == scene.levels
-        assert apart[in_same_row & ~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
-        assert set(scene.levels) == set(layout.levels)
-        assert (
-            np.abs(scene.positions) <= np.array([layout.depth, layout.width]) / 2 - OBJECT_SETS["standard"].edge_margin
-        ).all()
-        assert 0 <= scene.target < count
 
 
 def test_every_promised_count_fits_the_default_table() -> None:
@@ -85,13 +65,12 @@ def test_a_layout_of_its_own_with_a_support_of_its_own_goes_through_json() -> No
     assert supports_of(find_layout(json.loads(json.dumps(asdict(layout))))) == layout.supports
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-@pytest.mark.parametrize("shapes", SHAPE_SETS)
+@pytest.mark.parametrize(("name", "shapes"), [(name, SHAPE_SETS[i % 3]) for i, name in enumerate(LAYOUTS)])
 def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> None:
     env = RetrieveEnv(num_objects=20, layout=name, shapes=shapes)
     rest = np.zeros(env.action_space.shape)
     rest[-1] = 1.0
-    for seed in range(12):
+    for seed in range(3):
         env.reset(seed=seed)
         assert env.data.ncon == 0, "robot and objects touch nothing at the start"
         assert (env.data.tree_asleep[1:] >= 0).all()
@@ -100,16 +79,6 @@ def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> N
         assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
         scene = env.world.scene
         assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2])
-
-
-def test_objects_would_stand_by_themselves() -> None:
-    env = RetrieveEnv(num_objects=30, shapes="mixed")
-    env.reset(seed=2)
-    env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    mujoco.mj_step(env.model, env.data, nstep=500)
-    measured = env.world.measure()
-    assert np.abs(measured.poses[:, :2] - env.world.scene.positions).max() < 1e-4
-    assert not measured.is_fallen.any()
 
 
 def test_refitted_bodies_are_those_of_a_compiled_model() -> None:
@@ -153,20 +122,6 @@ def test_constants_of_the_objects_are_those_that_mujoco_derives(object_set: str,
         assert np.allclose(ours[name], getattr(model, name), rtol=1e-14, atol=0, equal_nan=True), name
 
 
-def test_start_poses_stay_in_front() -> None:
-    env = RetrieveEnv(num_objects=1)
-    bases = []
-    for seed in range(50):
-        env.reset(seed=seed)
-        bases.append(env.data.qpos[:3].copy())
-    x, y, yaw = np.array(bases).T
-    assert (x < -0.35 - 0.6 + 1e-9).all()
-    assert x.std() > 0.05
-    assert y.std() > 0.1
-    assert yaw.std() > 0.1
-    assert np.allclose(env.data.qpos[env.world.index.drive_qpos[3:]], FETCH.home)
-
-
 def test_colours_are_distinct_and_only_the_target_is_red() -> None:
     env = RetrieveEnv(num_objects=60)
     env.reset(seed=0)
@@ -201,8 +156,3 @@ def test_described_objects_stand_in_the_row_that_is_asked_for() -> None:
         env.reset(options={"objects": [can, can]})
     with pytest.raises(OptionError, match="valid rows: 0, 1"):
         env.reset(options={"objects": [can | {"row": 2}]})
-
-
-def test_a_second_board_needs_a_first() -> None:
-    with pytest.raises(ConfigError, match="board_height"):
-        Layout("floating", depth=0.7, width=1.0, second_board_height=0.35)

@@ -19,23 +19,24 @@ pytest.importorskip("resource")
 ROOT = Path(__file__).resolve().parents[3]
 TRAIN = """
 from pathlib import Path
-from clutter_env.learning.task import Task
-from clutter_env.learning.training.run import Run
-from clutter_env.learning.training.training import train
+from clutter_env.task import Task
+from clutter_env.training.run import Run
+from clutter_env.training.settings import SAC
+from clutter_env.training.train import train
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
-task = Task("clutter_env/Reach-v0")
+settings = SAC(steps=30, checkpoint_every=30, evaluation_episodes=1, evaluation_steps=5)
 try:
-    train(Run(task, "sac", 30, Path(sys.argv[1]), checkpoint_every=30, evaluation_episodes=1, evaluation_steps=5))
+    train(Run(Task("clutter_env/Reach-v0"), settings, Path(sys.argv[1])))
 except ValueError as problem:
     print(type(problem).__name__, problem)
 """
 POLICY = """
 from pathlib import Path
-from clutter_env.learning.policies.policy import Policy
+from clutter_env.policies.cloning import ClonedPolicy
 import resource, sys
 path = Path(sys.argv[1]) / "policy.pt"
-small, large = Policy(4, 2, 4), Policy(30, 12)
+small, large = ClonedPolicy(4, 2, 4), ClonedPolicy(30, 12)
 small.save(path)
 before = path.read_bytes()
 resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
@@ -44,12 +45,6 @@ try:
 except OSError as problem:
     print(problem)
 print(path.read_bytes() == before)
-"""
-MAP = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
-from clutter_env.cli.map import main
-main(["build", "--voxel", "0.2", "--orientations", "6", "--no-check", "--out", sys.argv[1] + "/map.npz"])
 """
 
 
@@ -65,6 +60,7 @@ def left_in(directory: Path) -> set[str]:
     return {entry.name for entry in directory.iterdir() if entry.is_file()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "named", "left"), [(100, "run.json", set()), (20_000, "replay_buffer.pkl", {"run.json"})]
 )
@@ -75,17 +71,9 @@ def test_training_stops_with_a_message(size: int, named: str, left: set[str], tm
     assert left_in(tmp_path) == left
 
 
+@pytest.mark.slow
 def test_a_policy_is_complete_or_the_old_one_stays(tmp_path: Path) -> None:
     result = run_with_limit(POLICY, 5000, tmp_path)
     assert "policy.pt" in result.stdout, result.stderr
     assert "True" in result.stdout
     assert left_in(tmp_path) == {"policy.pt"}
-
-
-def test_a_map_that_does_not_fit_is_named(tmp_path: Path) -> None:
-    result = run_with_limit(MAP, 3000, tmp_path)
-    assert result.returncode == 1
-    assert "Traceback" not in result.stderr, result.stderr
-    assert "clutter-env map: " in result.stderr
-    assert "map.npz" in result.stderr
-    assert left_in(tmp_path) == set()

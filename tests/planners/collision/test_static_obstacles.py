@@ -10,12 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.collision.scene_arrays import obstacle_arrays
-from planners.collision.validation import validate
-from planners.collision.world import CollisionWorld
+from planners.collision.world import CollisionWorld, validate
 from planners.motion.arm import ArmPath
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import STATIC_BIT, HeldObject, Scene, SceneError, StaticObstacle
-from tests.planners.collision.slow_geometry import project, slow_hits
+from tests.planners.collision.slow_gjk import project, slow_hits
 from tests.planners.motion_scenes import mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 

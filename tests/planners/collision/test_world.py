@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners.collision.path_kernel import edge_samples
+from planners.collision.hit_kernels import edge_samples
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import ArmPath, tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import STATIC_BIT, HeldObject, RobotState, UnknownObject
-from tests.planners.collision.slow_geometry import slow_hits
+from tests.planners.collision.slow_gjk import slow_hits
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.cause import Cause
-from planners.clearing.commitments import Commitments, NoCommitment, grasped, greedy_commitments, smallest_commitments
-from planners.clearing.lookahead import keep_clear
+from planners.clearing.commitments import NoCommitment, smallest_commitments
 from planners.clearing.lower_bound import minimum_clearances
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext, map_placer
+from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
-from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
+from planners.strategies import UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << STATIC_BIT | 1 << SELF_BIT
@@ -62,51 +61,6 @@ def test_no_candidate_is_dominated_by_another(scene: Scene) -> None:
     for name in scene.names[:6]:
         masks = {grasp.blockers for grasp in source.for_object(scene, name)}
         assert not any(one != other and one & ~other == 0 for one in masks for other in masks)
-
-
-def test_commitments_can_be_carried_out_in_their_order(scene: Scene) -> None:
-    source = candidates(scene)
-    for target in scene.names[:6]:
-        smallest, greedy = next(smallest_commitments(source, scene, target)), greedy_commitments(source, scene, target)
-        if isinstance(smallest, NoCommitment) or isinstance(greedy, NoCommitment):
-            assert isinstance(smallest, NoCommitment)
-            continue
-        assert len(smallest.order) <= len(greedy.order)
-        for commitments in (smallest, greedy):
-            assert_can_be_carried_out(scene, commitments)
-
-
-def assert_can_be_carried_out(scene: Scene, commitments: Commitments) -> None:
-    removed = 0
-    for name in (*commitments.order, commitments.target):
-        assert commitments.grasps[name].blockers & ~removed == 0
-        removed |= scene.mask([name])
-    assert set(commitments.grasps) == {*commitments.order, commitments.target}
-
-
-@pytest.mark.parametrize("name", STRATEGIES)
-def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
-    source, search = candidates(scene), PlanningContext.of(scene, grasps="side").placements()
-    target = next(
-        name
-        for name in scene.names
-        if isinstance(c := next(smallest_commitments(source, scene, name)), Commitments) and c.order
-    )
-    commitments = next(smallest_commitments(source, scene, target))
-    assert isinstance(commitments, Commitments)
-    first = commitments.order[0]
-    in_hand = grasped(scene, commitments.grasps[first])
-    guarded = keep_clear(find_strategy(name), commitments, first)
-    placement = next(
-        search.find(CollisionWorld.from_scene(in_hand), guarded, find_strategy(name), np.random.default_rng(0))
-    )
-    assert np.all(np.abs(placement.location - scene.support.position[:2]) < scene.support.half_extents[:2])
-    world = CollisionWorld.from_scene(in_hand)
-    assert world.hits(placement.base, placement.q, placement.opening, held=in_hand.held) == 0
-    after = CollisionWorld.from_scene(scene.with_body(placement.body))
-    bit = scene.mask([first])
-    for grasp in filter(None, (guarded.target, *guarded.obstacles)):
-        assert not after.hits(grasp.base, grasp.q, grasp.opening) & bit
 
 
 def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
@@ -162,7 +116,7 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
 
 def all_of(scene: Scene, name: str) -> list[int]:
     """The blocker masks of an object's grasps of all families, each looked at alone."""
-    sources = (GraspCandidates(map_placer(scene), CHAIN, families=(family,)) for family in GRASP_SETS["all"])
+    sources = (GraspCandidates(PlanningContext.of(scene).arms, families=(family,)) for family in GRASP_SETS["all"])
     return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
 
 

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain, forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
+from planners.collision.straight_lines import trace_straight
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
 from planners.motion.arm import (
@@ -25,7 +27,6 @@ from planners.motion.arm import (
 )
 from planners.motion.arm_query import ArmQuery, RRTConfig
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
-from planners.motion.straight_lines import trace_straight
 from planners.scene import Body, RobotState
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from assets.robots import FETCH
-from clutter_env.simulation.ee_control import TcpFollower
+from clutter_env.simulation.end_effector import TcpFollower
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate

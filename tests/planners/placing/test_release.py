@@ -9,7 +9,7 @@ import pytest
 
 from planners.placing.locations import put_down, rotated
 from planners.scene import Body, HeldObject
-from planners.scene.resting import release_pitch
+from planners.scene.bodies import release_pitch
 from tests.planners.scenes import HEIGHT, table_scene
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

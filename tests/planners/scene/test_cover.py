@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.scene.cover import BACK, DRIVE_CLEARANCE, drive_out, heading, is_covered, objects_before, way_out
+from planners.scene.cover import BACK, DRIVE_CLEARANCE, direction_out, drive_out, heading, is_covered, objects_before
 from tests.planners.scenes import DEPTH, HEIGHT, cylinder, shelf_scene, table_scene
 
 
@@ -27,10 +27,10 @@ def test_only_what_stands_under_the_board_is_covered() -> None:
 @pytest.mark.parametrize(
     ("base", "direction"), [((-1.0, 0.3), (-1, 0)), ((0.1, 1.2), (0, 1)), ((0.9, 0.0), (1, 0)), ((0.0, -2.0), (0, -1))]
 )
-def test_the_way_out_leads_across_the_side_before_which_the_base_stands(
+def test_the_direction_out_leads_across_the_side_before_which_the_base_stands(
     base: tuple[float, float], direction: tuple[float, float]
 ) -> None:
-    assert np.allclose(way_out(table_scene().support, (*base, 0.3)), direction)
+    assert np.allclose(direction_out(table_scene().support, (*base, 0.3)), direction)
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.7, np.pi / 2])
@@ -48,7 +48,7 @@ def test_a_drive_out_backs_off_and_ends_beyond_the_edge() -> None:
     assert tcp == pytest.approx(-DEPTH / 2 - DRIVE_CLEARANCE)
 
 
-def test_objects_before_another_are_those_that_it_meets_on_the_way_out() -> None:
+def test_objects_before_another_are_those_that_it_meets_on_the_direction_out() -> None:
     moved = cylinder("object_00", 0.1, 0.0)
     others = (
         cylinder("object_01", -0.1, 0.05),  # partly before it

@@ -1,0 +1,359 @@
+"""Episodes of the expert in physics behind `clutter-env episode`: one shown in full, or many counted."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from matplotlib.figure import Figure
+
+import clutter_env
+from clutter_env.errors import RenderingUnavailable, UsageError
+from clutter_env.evaluation.clearance_table import CRASH, Attempt, Table, Trial, Variant
+from clutter_env.rendering.film import Film
+from clutter_env.reporting.intervals import times, wilson
+from clutter_env.reporting.progress import progress_bar, shown_compilation
+from planners import (
+    EpisodeReport,
+    GroundAction,
+    Infeasible,
+    Planner,
+    Scene,
+    Solution,
+    TampExpert,
+    find_strategy,
+    format_plan,
+    warmup,
+)
+
+if TYPE_CHECKING:
+    from clutter_env.cli.episode import Arguments
+
+assert clutter_env  # registers the environments
+
+_MOST_SEEDS = 1000
+"""Seeds tried until the target of a scene is obstructed."""
+_PLANNING_S = 30.0
+"""[s] of wall time for one solve."""
+_FACTS = 8
+"""Maximum number of new facts printed for one replanning step."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """One episode that has been played.
+
+    Attributes:
+        seed: of the scene.
+        scene: at the start.
+        plan: the first plan, or the reason why there is none.
+        report: of the expert.
+        is_success: clean success, as the environment says.
+        lifted: whether the target was lifted, whatever else moved.
+    """
+
+    seed: int
+    scene: Scene
+    plan: Solution | Infeasible
+    report: EpisodeReport
+    is_success: bool
+    lifted: bool
+
+
+def show_one(arguments: Arguments) -> dict[str, Any]:
+    """Find a scene, plan, execute, draw, and print one episode.
+
+    Returns:
+        The results as JSON values.
+
+    Raises:
+        UsageError: no seed has an obstructed target, or the scene cannot be planned in.
+    """
+    mode = {"viewer": "human", "film": "rgb_array"}.get(_display(arguments))
+    env = gym.make(
+        arguments.environment,
+        robot=arguments.robot,
+        layout=arguments.layout,
+        control_mode=arguments.control_mode,
+        render_mode=mode,
+        disable_env_checker=True,
+    )
+    inner: Any = env.unwrapped
+    _log("loading the planner; its first run on a machine compiles kernels, which takes about a minute")
+    started = time.perf_counter()
+    with shown_compilation():
+        warmup(inner.robot)
+    seed, scene, target = _find_scene(arguments, env)
+    _log(f"ready after {time.perf_counter() - started:.0f} s\n")
+    where = f"{arguments.environment}, robot {arguments.robot}, layout {arguments.layout}, grasp set {arguments.grasps}"
+    _log(f"{where}, seed {seed}: take {target} out of {len(scene.objects)} objects")
+    expert = TampExpert(env, arguments.strategy, grasps=arguments.grasps)
+    with _filmed(arguments, env) as film:
+        expert.reset(target)
+        plan = expert.solution
+        if plan is None:
+            raise UsageError(expert.report.failure)
+        is_success, lifted = _execute(arguments, env, expert, film)
+        played = Played(seed, scene, plan, expert.report, is_success, lifted)
+        if arguments.viewer:
+            _log("the episode is over; close the window to go on")
+            inner.wait_for_window()
+        files = _write_files(arguments, expert, played, film)
+    env.close()
+    print(f"\n{episode_text(arguments, played)}")
+    print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
+    return {
+        "environment": arguments.environment,
+        "robot": arguments.robot,
+        "seed": seed,
+        "target": plan.target,
+        "strategy": arguments.strategy,
+        "grasps": arguments.grasps,
+        "is_success": is_success,
+        "lifted": lifted,
+        "report": asdict(played.report),
+        "plan": [str(action) for action in getattr(plan, "actions", ())],
+        "replanning": [asdict(entry) for entry in plan.stats.history],
+        "files": list(map(str, files)),
+    }
+
+
+def _log(text: str) -> None:
+    print(text, flush=True)
+
+
+def _display(arguments: Arguments) -> str:
+    return "viewer" if arguments.viewer else "live" if arguments.live else "film" if arguments.film else "none"
+
+
+def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
+    """Reset to the scene wanted: its seed, its state, and the target."""
+    inner: Any = env.unwrapped
+    planner = Planner(inner.robot, grasps="side")
+    for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
+        _, info = env.reset(seed=seed)
+        scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+        if not arguments.obstructed or planner.clearance_floor(scene, info["target"]).count:
+            return seed, scene, info["target"]
+    raise UsageError(f"none of the seeds from {arguments.seed} to {seed} has an obstructed target; try --no-obstructed")
+
+
+@contextmanager
+def _filmed(arguments: Arguments, env: gym.Env) -> Iterator[Film | None]:
+    """A film, if wanted and possible, whose graphics are freed afterwards."""
+    film: Film | None = None
+    if _display(arguments) == "film":
+        try:
+            film = Film(env.unwrapped)
+        except RenderingUnavailable as problem:
+            _log(f"no film: {problem}")
+    try:
+        yield film
+    finally:
+        if film is not None:
+            film.close()
+
+
+def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
+    """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
+    is_success = lifted = False
+    page = expert.live_page() if _display(arguments) == "live" else None
+    if page is not None:
+        _log(f"the episode in a browser of this machine: {page.address}")
+    is_over = expert.done
+    step_s = 1 / env.metadata["render_fps"]
+    with progress_bar(bar_format="{n:.0f} s simulated{postfix}") as bar:
+        while not is_over:
+            action = expert.act()
+            phase = expert.phase
+            _, _, terminated, truncated, info = env.step(action)
+            is_success = bool(info["is_success"])
+            lifted |= info["lifted"]
+            if film is not None:
+                film.watch(phase)
+            if page is not None:
+                page.update(expert.recording)
+                time.sleep(step_s)
+            bar.update(step_s)
+            bar.set_postfix_str(phase, refresh=False)
+            is_over = terminated or truncated or expert.done
+    if film is not None:
+        film.finish(f"{expert.target} taken" if is_success else f"ended: {expert.report.failure}")
+    if page is not None:
+        result = "success" if is_success else "failure"
+        page.finish(expert.recording, report_rows(expert.report, is_success, lifted), result)
+        page.close()
+    return is_success, lifted
+
+
+def _write_files(arguments: Arguments, expert: TampExpert, played: Played, film: Film | None) -> list[Path]:
+    """Write the page, the plan and its pictures, and the film if there is one; the files written."""
+    out, plan = arguments.out, played.plan
+    files = [arguments.html or out / "episode.html"]
+    rows = {
+        "environment": arguments.environment,
+        "robot": arguments.robot,
+        "seed": str(played.seed),
+        "layout": arguments.layout,
+        "grasp set": arguments.grasps,
+        **report_rows(played.report, played.is_success, played.lifted),
+    }
+    expert.to_html(files[0], rows, "success" if played.is_success else "failure")
+    if isinstance(plan, Solution) and plan.actions:
+        files += write_plan(plan, out)
+    if film is not None:
+        files.append(out / "strip.png")
+        film.save_strip(files[-1])
+        files.append(film.save_film(out / "film"))
+    return files
+
+
+def write_plan(plan: Solution, out: Path) -> list[Path]:
+    """Write the pictures of a plan's clearances, its overview and the plan itself; the files written."""
+    files = [out / "plan.png", out / "overview.png", out / "plan.npz"]
+    plan.plot_clearances(files[0])
+    figure = Figure(figsize=(6.4, 7.2), layout="constrained")
+    plan.plot(figure.subplots())
+    figure.savefig(files[1], dpi=130)
+    plan.save(files[2])
+    return files
+
+
+def episode_text(arguments: Arguments, played: Played) -> str:
+    """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and report."""
+    plan, name = played.plan, arguments.strategy
+    parts, shown = [plan.summary()], plan
+    if isinstance(plan, Solution):
+        parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, arguments.robot)}")
+    if not plan.stats.history and name != "ngr":
+        planner = Planner(played.scene.robot, grasps=arguments.grasps)
+        shown = planner.solve(played.scene, plan.target, "ngr", np.random.default_rng(0), _PLANNING_S)
+        end = f"clears {len(shown.clearances)}" if isinstance(shown, Solution) else f"fails: {shown.cause}"
+        parts.append(
+            f"{name} needed no replanning. For comparison, ngr, the strategy of Lee & Kim 2019, on the same scene:\n"
+            f"ngr replans {len(shown.stats.history)} times and {end}; "
+            f"{name} cleared {len(played.report.clearances)}."
+        )
+        name = "ngr"
+    parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(shown) or 'none'}")
+    rows = report_rows(played.report, played.is_success, played.lifted)
+    parts.append(f"Report, grasp set {arguments.grasps}\n\n{_aligned(rows)}")
+    return "\n\n".join(parts)
+
+
+def plan_text(solution: Solution, robot: str = "fetch") -> str:
+    """The plan F as the paper prints it, one action a line, with the robot's name."""
+    by = f" (obstructed by {', '.join(solution.clearances)})" if solution.clearances else ""
+    actions = (GroundAction(action.name, action.args) for action in solution.actions)
+    return f"Goal: grasp the {solution.target}{by}\n\n{format_plan(actions, robot)}"
+
+
+def replanning_text(outcome: Solution | Infeasible) -> str:
+    """For each task plan: its actions, the verified ones (+), the refuted one (x), and the facts learnt from it."""
+    parts = []
+    for number, entry in enumerate(outcome.stats.history, start=1):
+        lines = [f"Task plan {number}"]
+        for index, action in enumerate(entry.plan):
+            mark = "+" if index < entry.verified else "x" if index == entry.verified else " "
+            lines.append(f"  {mark} {action}")
+        lines.append("  refuted; new facts in the initial state:" if entry.new_facts else "  refuted")
+        lines += [f"    {fact}" for fact in entry.new_facts[:_FACTS]]
+        if len(entry.new_facts) > _FACTS:
+            lines.append(f"    ... and {len(entry.new_facts) - _FACTS} more")
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts)
+
+
+def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[str, str]:
+    """The results of the episode by name; `is_success` and `lifted` are what the environment says."""
+    reason = "an object has fallen or been disturbed" if lifted else "the target was not held up"
+    return {
+        "success": "yes, by the environment" if is_success else f"no: {report.failure or reason}",
+        "target lifted": "yes" if lifted else "no",
+        **report.rows(),
+    }
+
+
+def _aligned(rows: dict[str, str]) -> str:
+    """Names and values, one pair a line."""
+    width = max(map(len, rows))
+    return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
+
+
+def count_many(arguments: Arguments) -> dict[str, Any]:
+    """Play the scenes from a seed on in parallel, and print the success rate.
+
+    Scenes and episodes are written to episodes.jsonl as they end, one JSON object a line.
+
+    Returns:
+        The records as JSON values.
+    """
+    objects, strategy, path = arguments.objects, arguments.strategy, arguments.out / "episodes.jsonl"
+    common = Trial(
+        objects,
+        arguments.seed,
+        strategy,
+        arguments.layout,
+        arguments.control_mode,
+        physics=True,
+        time_limit=_PLANNING_S,
+        grasps=arguments.grasps,
+        robot=arguments.robot,
+    )
+    mode = f"{arguments.control_mode} mode, {strategy}, grasp set {arguments.grasps}"
+    print(f"{arguments.episodes} episodes of {arguments.environment}, robot {arguments.robot}, {mode}")
+    path.unlink(missing_ok=True)
+    variants = {strategy: Variant(find_strategy(strategy))}
+    table = Table(common, (objects,), variants, arguments.episodes, arguments.obstructed, path)
+    table.run(arguments.workers)
+    attempts, scenes = table.attempts(objects, strategy), table.assessments(objects)
+    floors = {seed: scenes[seed].floor if scenes[seed].proved else None for seed in attempts}
+    print(f"\n{counts_text(list(attempts.values()), floors)}\n\nevery episode: {path}")
+    episodes = [{"floor": floors[seed], "attempt": asdict(attempt)} for seed, attempt in attempts.items()]
+    return {"settings": asdict(common), "episodes": episodes}
+
+
+def counts_text(played: Sequence[Attempt], floors: Mapping[int, int | None]) -> str:
+    """Rates of both kinds of success with 95% intervals, clearances, times, causes of failure and deviations.
+
+    Args:
+        played: the episodes.
+        floors: by seed the minimum number of clearances, None if not proved.
+    """
+    ended = [attempt for attempt in played if attempt.cause != CRASH]
+    solved = [attempt for attempt in ended if attempt.solved]
+    lifted = sum(attempt.lifted for attempt in ended)
+    known = [floor for attempt in solved if (floor := floors.get(attempt.seed)) is not None]
+    simulated, planning = times([one.sim_s for one in solved]), times([one.total_s for one in ended])
+    rows = {
+        "episodes": f"{len(ended)}, and {len(played) - len(ended)} CRASHED",
+        "clean success": f"{len(solved)} of {len(ended)}: {wilson(len(solved), len(ended))}",
+        "target lifted": f"{lifted} of {len(ended)}: {wilson(lifted, len(ended))}",
+        "objects cleared": f"{_mean([len(attempt.clearances) for attempt in solved]):.2f} on average",
+        "minimum number of clearances": f"{_mean(known):.2f} on average",
+        "cleared twice or more": f"{sum(attempt.duplicated for attempt in ended)} objects",
+        "replans after deviations": f"{sum(attempt.replans for attempt in ended)}",
+        "toppled or off the table": f"{sum(attempt.fallen for attempt in ended)} objects",
+        "disturbed": f"{sum(attempt.disturbed for attempt in ended)} objects",
+        "planning": f"{planning.median:.2f} s of CPU time (median), {planning.p95:.2f} s (95th percentile)",
+        "simulated time of a success": f"{simulated.median:.1f} s (median), {simulated.p95:.1f} s (95th percentile)",
+    }
+    lines = [_aligned(rows)]
+    causes = Counter(attempt.cause for attempt in played if attempt.cause)
+    # Deviations are counted without the names of their objects.
+    deviations = Counter(text.rpartition(": ")[2] for attempt in ended for text in attempt.deviations)
+    for title, counts in (("causes of failure", causes), ("deviations", deviations)):
+        if counts:
+            lines += [f"  {title}:", *(f"    {number} x {name}" for name, number in counts.most_common())]
+    return "\n".join(lines)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")

@@ -1,0 +1,243 @@
+"""Which obstacles do a configuration, a straight motion and a whole path hit? Compiled, callable from other kernels.
+
+    checks = pointer_to(query)                                # once, outside the loop
+    hits = configuration_hits(checks, query.active, base, q)
+
+`query` is a `CollisionQuery`; `CollisionWorld.query` makes it. A result is a 64-bit mask: bit i for object i,
+`STATIC_BIT` for static obstacles and the ground, `SELF_BIT` for the robot itself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.chain import BASE
+from irm.compilation import njit
+from planners.collision.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
+from planners.collision.leaf_kernels import leaf_kernel
+from planners.collision.robot_pose_kernel import Attached, Scratch, place_robot
+from planners.collision.scene_arrays import Obstacles, RobotArrays
+from planners.collision.struct_pointers import pointer_to
+from planners.scene import SELF_BIT, STATIC_BIT
+
+Array = NDArray[np.float64]
+_ONE = np.uint64(1)
+_NONE = np.uint64(0)
+_STATIC = np.uint64(1 << STATIC_BIT)
+_SELF = np.uint64(1 << SELF_BIT)
+
+
+class CollisionQuery(NamedTuple):
+    """What is checked against what, for kernels.
+
+    Attributes:
+        robot: the robot's primitives.
+        obstacles: objects and static obstacles.
+        attached: the held object, or none; it moves with the TCP and is never an obstacle.
+        scratch: memory that every check writes to, made for this robot and held object.
+        opening: of the gripper [m].
+        active: mask of the bits to look for; all others stay 0.
+        padding: [m] Nearer counts as a hit.
+        first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
+    """
+
+    robot: RobotArrays
+    obstacles: Obstacles
+    attached: Attached
+    scratch: Scratch
+    opening: float
+    active: np.uint64
+    padding: float
+    first_only: bool
+
+
+@leaf_kernel
+def _object_hits(
+    solids: Solids,
+    count: int,
+    obstacles: Obstacles,
+    wanted: np.uint64,
+    padding: float,
+    first_only: bool,
+    simplex: Array,
+) -> np.uint64:
+    """The wanted objects that the first `count` solids come nearer to than `padding` [m]."""
+    objects, radius, bottom, top = obstacles.objects, obstacles.radius, obstacles.bottom, obstacles.top
+    lower, upper = obstacles.lower, obstacles.upper
+    position, bounds, centre = solids.position, solids.bound, objects.position
+    hits = _NONE
+    for i in range(count):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        bound = bounds[i] + padding
+        if z - bound >= upper[2] or z + bound <= lower[2] or x - bound >= upper[0] or x + bound <= lower[0]:
+            continue
+        if y - bound >= upper[1] or y + bound <= lower[1]:
+            continue
+        for j in range(radius.shape[0]):
+            dx, dy = x - centre[j, 0], y - centre[j, 1]
+            reach = bound + radius[j]
+            if dx * dx + dy * dy >= reach * reach or z - bound >= top[j] or z + bound <= bottom[j]:
+                continue
+            bit = _ONE << np.uint64(j)
+            if wanted & bit & ~hits != _NONE and are_within(solids, i, objects, j, padding, simplex):
+                hits |= bit
+                if first_only:
+                    return np.uint64(hits)
+    return np.uint64(hits)
+
+
+@leaf_kernel
+def _hits_static(
+    solids: Solids,
+    count: int,
+    held: int,
+    obstacles: Obstacles,
+    link: NDArray[np.int64],
+    padding: float,
+    simplex: Array,
+) -> bool:
+    """Whether the robot's `count` solids, or the held object, come nearer than `padding` [m] to an obstacle.
+
+    These are the static obstacles and the ground; what is fixed to the base may be near the ground.
+    """
+    static, extent = obstacles.static, obstacles.extent
+    position, bounds, centre, core = solids.position, solids.bound, static.position, static.core
+    for k in range(count + 1):
+        if k == count and held < 0:
+            break
+        i = k if k < count else count + 1
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        bound = bounds[i] + padding
+        if z < bound and (k == count or link[i] != BASE) and z < height(solids, i) + padding:
+            return True
+        for j in range(core.shape[0]):
+            if z - bound >= centre[j, 2] + extent[j, 2]:
+                break
+            dx = max(abs(x - centre[j, 0]) - extent[j, 0], 0.0)
+            dy = max(abs(y - centre[j, 1]) - extent[j, 1], 0.0)
+            dz = max(abs(z - centre[j, 2]) - extent[j, 2], 0.0)
+            is_near = dx * dx + dy * dy + dz * dz < bound * bound
+            if not is_near:
+                continue
+            if core[j] <= CYLINDER:
+                if are_within(solids, i, static, j, padding, simplex):
+                    return True
+            elif are_any_within(solids, i, static, j, padding, simplex):
+                return True
+    return False
+
+
+@leaf_kernel
+def _hits_itself(
+    solids: Solids, pairs: NDArray[np.int64], held: int, held_from: int, count: int, padding: float, simplex: Array
+) -> bool:
+    """Whether distant links, or the held object and links other than the gripper, come nearer than `padding` [m]."""
+    position, bounds, radius = solids.position, solids.bound, solids.radius
+    if held >= 0:
+        for i in range(held_from, count):
+            distance = core_distance(solids, count, position[i, 0], position[i, 1], position[i, 2])
+            if distance < bounds[i] + padding and are_within(solids, i, solids, count, padding, simplex):
+                return True
+    for pair in range(pairs.shape[0]):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
+        is_near = distance < bounds[i] + radius[j] + padding
+        if is_near and are_within(solids, i, solids, j, padding, simplex):
+            return True
+    return False
+
+
+@leaf_kernel
+def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
+    """What the robot and the held object come nearer to than the query's padding, as a mask.
+
+    Args:
+        query: a pointer to it.
+        active: mask of the bits to look for; the query's, or some of them.
+        base: (3,) x [m], y [m], yaw [rad].
+        q: (n,) torso [m] and arm [rad].
+    """
+    robot, obstacles, padding = query.robot, query.obstacles, query.padding
+    scratch = query.scratch
+    place_robot(robot, query.attached, scratch, base, q, query.opening)
+    solids, simplex, held, count = scratch.solids, scratch.simplex, query.attached.bit, robot.core.shape[0]
+    hits, wanted = _NONE, active & ~(_STATIC | _SELF)
+    if held >= 0:
+        wanted &= ~(_ONE << np.uint64(held))
+    if wanted != _NONE:
+        hits = _object_hits(solids, count + (held >= 0), obstacles, wanted, padding, query.first_only, simplex)
+    if query.first_only and hits != _NONE:
+        return np.uint64(hits)
+    if active & _STATIC != _NONE and _hits_static(solids, count, held, obstacles, robot.link, padding, simplex):
+        hits |= _STATIC
+    if query.first_only and hits != _NONE:
+        return np.uint64(hits)
+    if active & _SELF != _NONE and _hits_itself(
+        solids, robot.self_pairs, held, robot.held_from, count, padding, simplex
+    ):
+        hits |= _SELF
+    return np.uint64(hits)
+
+
+@njit(cache=True)
+def many_hits(query: CollisionQuery, base: Array, Q: Array) -> NDArray[np.uint64]:
+    """`configuration_hits` of each row of `Q` (k, n) at one base pose (3,): (k,)."""
+    checks, hits = pointer_to(query), np.empty(Q.shape[0], np.uint64)
+    for row in range(Q.shape[0]):
+        hits[row] = configuration_hits(checks, query.active, base, Q[row])
+    return hits
+
+
+@leaf_kernel
+def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
+    """Into how many parts a straight motion must be cut so that no point moves more than `step` [m] in one.
+
+    `reach` (3 + n,) is that of `Attached`; `start` and `end` (3 + n,) are whole-body configurations.
+    """
+    length = math.hypot(end[0] - start[0], end[1] - start[1])
+    for joint in range(2, start.shape[0]):
+        length += abs(end[joint] - start[joint]) * reach[joint]
+    return max(1, math.ceil(length / step))
+
+
+@leaf_kernel
+def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
+    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
+
+    `query` is a pointer to it. No point of the robot moves more than `step` [m] between two checks, so nothing deeper
+    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
+    early.
+    """
+    parts = edge_samples(query.attached.reach, start, end, step)
+    x = query.scratch.x
+    for joint in range(x.shape[0]):
+        x[joint] = end[joint]
+    hits = configuration_hits(query, query.active, x[:3], x[3:])
+    stride = 1
+    while 2 * stride < parts:
+        stride *= 2
+    while stride >= 1 and not (query.first_only and hits != _NONE):
+        for i in range(stride, parts, 2 * stride):
+            for joint in range(x.shape[0]):
+                x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
+            hits |= configuration_hits(query, query.active, x[:3], x[3:])
+            if query.first_only and hits != _NONE:
+                return np.uint64(hits)
+        stride //= 2
+    return np.uint64(hits)
+
+
+@njit(cache=True)
+def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
+    """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included."""
+    checks = pointer_to(query)
+    hits = configuration_hits(checks, query.active, X[0, :3], X[0, 3:])
+    for row in range(1, X.shape[0]):
+        if query.first_only and hits != _NONE:
+            break
+        hits |= edge_hits(checks, X[row - 1], X[row], step)
+    return np.uint64(hits)

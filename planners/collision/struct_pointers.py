@@ -1,0 +1,105 @@
+"""Named tuples passed to kernels by pointer, like a `const struct *` in C.
+
+Numba passes a tuple as separate arguments, seven for each of its arrays: some 500 for a `CollisionQuery`. Copying them
+takes a third of a collision check, and a kernel with so many arguments takes seconds to compile. A pointer is one
+argument: the address of the tuple. Its attributes are read as those of the tuple.
+
+    @njit(cache=True)
+    def outer(query: CollisionQuery, X: Array) -> int:      # called from Python, with the tuple
+        return inner(pointer_to(query), X)                   # `inner` reads query.robot.offsets and so on
+
+A pointer does not keep what it points to: it may only be passed on to kernels that are called, never be returned, and
+the tuple must be an argument of the kernel that makes it.
+
+This is the one module that rests on internals of numba and llvmlite (`numba.core`, code generation); its tests fail
+where a new version of theirs changes them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.datamodel import models, register_default
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.types.containers import BaseNamedTuple
+from numba.core.typing.templates import AttributeTemplate, Signature
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic
+
+_BYTE = ir.IntType(8)
+
+
+class StructPointer(types.Type):
+    """The address of a named tuple, for numba.
+
+    Attributes:
+        target: numba's type of the tuple.
+    """
+
+    def __init__(self, target: BaseNamedTuple) -> None:
+        """The name is short: it becomes a part of the names of all compiled kernels."""
+        self.target = target
+        layout = hashlib.sha256(str(target).encode()).hexdigest()[:12]
+        super().__init__(name=f"StructPointer({target.instance_class.__name__}, {layout})")
+
+    @property
+    def key(self) -> types.Type:
+        """The value by which numba tells whether two pointers have the same type."""
+        return self.target
+
+
+@register_default(StructPointer)
+class _StructPointerModel(models.PrimitiveModel):  # type: ignore[misc]  # numba has no type hints
+    """Numba's model of the data: a pointer to bytes."""
+
+    def __init__(self, manager: Any, pointer: StructPointer) -> None:
+        super().__init__(manager, pointer, _BYTE.as_pointer())
+
+
+@infer_getattr
+class _StructPointerAttributes(AttributeTemplate):  # type: ignore[misc]  # numba has no type hints
+    """The attributes of a pointer are those of the tuple; of tuples in it there are pointers."""
+
+    key = StructPointer
+
+    def generic_resolve(self, pointer: StructPointer, name: str) -> types.Type | None:
+        """The type of an attribute; None if the tuple has none of that name."""
+        if name not in pointer.target.fields:
+            return None
+        field = pointer.target[pointer.target.fields.index(name)]
+        return StructPointer(field) if isinstance(field, BaseNamedTuple) else field
+
+
+@lower_getattr_generic(StructPointer)
+def _read_attribute(context: Any, builder: Any, pointer: StructPointer, address: Any, name: str) -> Any:
+    """Emit code that reads an attribute: one load at the address of the tuple and the offset of the field."""
+    index = pointer.target.fields.index(name)
+    offset = ir.Constant(ir.IntType(64), _offset(context, pointer.target, index))
+    place = builder.gep(address, [offset], inbounds=True)
+    field = pointer.target[index]
+    if isinstance(field, BaseNamedTuple):
+        return place
+    value = builder.load(builder.bitcast(place, context.get_value_type(field).as_pointer()))
+    return impl_ret_borrowed(context, builder, field, value)
+
+
+@cache
+def _offset(context: Any, target: BaseNamedTuple, index: int) -> int:
+    """[bytes] from the beginning of a tuple to a field."""
+    layout = context.get_value_type(target)
+    return int(layout.get_element_offset(context.target_data, index))
+
+
+@intrinsic
+def pointer_to(_typing_context: Any, value: types.Type) -> tuple[Signature, Any]:
+    """The address of a named tuple, for kernels that this one calls; see the text above."""
+
+    def store(context: Any, builder: Any, _signature: Signature, values: Any) -> Any:
+        """Emit code that stores the tuple on the stack of the kernel that makes the pointer."""
+        del context
+        return builder.bitcast(cgutils.alloca_once_value(builder, values[0]), _BYTE.as_pointer())
+
+    return StructPointer(value)(value), store

@@ -1,0 +1,315 @@
+"""Paths among obstacles, compiled: random trees, then shortcuts and parabolic blends.
+
+RRT-Connect: Kuffner & LaValle, "RRT-Connect: An efficient approach to single-query path planning", ICRA 2000. Nodes
+are whole-body configurations (d,): base, torso and arm. Joints whose limits coincide stay fixed. Distances weigh each
+joint by how far it can move a point of the robot, so they are in metres.
+
+Shortcuts: Geraerts & Overmars, "Creating high-quality paths for motion planning", IJRR 2007.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.compilation import njit
+from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits, edge_samples
+from planners.collision.leaf_kernels import copy_row, copy_rows, leaf_kernel
+from planners.collision.struct_pointers import pointer_to
+
+Array = NDArray[np.float64]
+_NONE = np.uint64(0)
+_FROM_START, _FROM_GOAL, _NO_PARENT = np.int64(0), np.int64(1), np.int64(-1)
+"""Row of each tree, and the parent of its roots; typed, so that kernels are not compiled once more for constants."""
+_EXTENSION = 0.5
+"""[m] that a tree grows towards a random target at once."""
+_LEAST_PROGRESS = 3
+"""Steps that a blocked extension must have made to be kept."""
+_NEAR_SPREAD = 0.4
+"""[m] Standard deviation of targets drawn about the straight line, each joint weighed by its reach."""
+_ARC_PIECES = 8
+"""Straight segments by which a blend is approximated."""
+
+
+@leaf_kernel
+def squared_distance(a: Array, b: Array, weights: Array) -> float:
+    """[m²] between two whole-body configurations (d,), each joint weighed by `weights` (d,)."""
+    total = 0.0
+    for joint in range(a.shape[0]):
+        difference = (a[joint] - b[joint]) * weights[joint]
+        total += difference * difference
+    return total
+
+
+@leaf_kernel
+def _nearest(nodes: Array, count: int, target: Array, weights: Array) -> int:
+    """Index of the node nearest to `target` among the first `count`."""
+    best, index = math.inf, 0
+    for i in range(count):
+        distance = squared_distance(nodes[i], target, weights)
+        if distance < best:
+            best, index = distance, i
+    return index
+
+
+@leaf_kernel
+def _advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
+    """Move from `start` towards `target` until something is hit; write the last free configuration to `reached`.
+
+    Returns:
+        0 when blocked at once, 1 on the way, 2 when the target was reached.
+    """
+    parts = edge_samples(query.attached.reach, start, target, step)
+    for i in range(1, parts + 1):
+        for joint in range(start.shape[0]):
+            reached[joint] = start[joint] + (target[joint] - start[joint]) * i / parts
+        if configuration_hits(query, query.active, reached[:3], reached[3:]) != _NONE:
+            for joint in range(start.shape[0]):
+                reached[joint] = start[joint] + (target[joint] - start[joint]) * (i - 1) / parts
+            return 1 if i > _LEAST_PROGRESS else 0
+    return 2
+
+
+@njit(cache=True)
+def _trace(nodes: Array, parents: NDArray[np.int64], leaf: int) -> Array:
+    """The branch from the root to a leaf, (k, d)."""
+    length, node = 0, leaf
+    while node >= 0:
+        length, node = length + 1, parents[node]
+    branch, node = np.empty((length, nodes.shape[1])), leaf
+    for i in range(length - 1, -1, -1):
+        copy_row(nodes[node], branch[i])
+        node = parents[node]
+    return branch
+
+
+@njit(cache=True)
+def _joined(first: Array, second: Array) -> Array:
+    """A branch (k, d) from its root to its leaf, then another (j, d) from its leaf to its root."""
+    path = np.empty((first.shape[0] + second.shape[0], first.shape[1]))
+    copy_rows(first, path[: first.shape[0]])
+    for i in range(second.shape[0]):
+        copy_row(second[second.shape[0] - 1 - i], path[first.shape[0] + i])
+    return path
+
+
+@leaf_kernel
+def _grow(
+    nodes: Array, parents: NDArray[np.int64], counts: NDArray[np.int64], tree: int, parent: int, node: Array
+) -> int:
+    """Add a node to a tree; its index."""
+    index = counts[tree]
+    copy_row(node, nodes[tree, index])
+    parents[tree, index] = parent
+    counts[tree] += 1
+    return int(index)
+
+
+@njit(cache=True)
+def _draw(
+    start: Array,
+    goal: Array,
+    lower: Array,
+    upper: Array,
+    weights: Array,
+    near: float,
+    rng: np.random.Generator,
+    target: Array,
+) -> None:
+    """Write a random target within the bounds, with probability `near` about the straight line to the goal."""
+    if rng.random() < near:
+        share = rng.random()
+        for joint in range(target.shape[0]):
+            middle = start[joint] + (goal[joint] - start[joint]) * share
+            drawn = middle + rng.standard_normal() * _NEAR_SPREAD / weights[joint]
+            target[joint] = min(max(drawn, lower[joint]), upper[joint])
+        return
+    for joint in range(target.shape[0]):
+        target[joint] = lower[joint] + (upper[joint] - lower[joint]) * rng.random()
+
+
+@njit(cache=True)
+def rrt_connect(
+    query: CollisionQuery,
+    start: Array,
+    goals: Array,
+    lower: Array,
+    upper: Array,
+    step: float,
+    iterations: int,
+    near: float,
+    rng: np.random.Generator,
+) -> Array:
+    """A free path from one whole-body configuration to one of several.
+
+    Args:
+        query: what counts as a hit; `first_only` must be set.
+        start: (d,), free.
+        goals: (g, d), free.
+        lower, upper: (d,) bounds of the random targets; where they coincide the joint does not move.
+        step: [m] No point of the robot moves more between two checks.
+        iterations: random targets at most.
+        near: share of them drawn about the straight line from start to goal: small detours are then found sooner.
+        rng: the same generator state gives the same path.
+
+    Returns:
+        the path (k, d); (0, d) when none was found.
+    """
+    checks, weights = pointer_to(query), query.attached.reach
+    d, capacity = start.shape[0], goals.shape[0] + 1 + 2 * iterations
+    nodes, parents, counts = np.empty((2, capacity, d)), np.empty((2, capacity), np.int64), np.zeros(2, np.int64)
+    _grow(nodes, parents, counts, _FROM_START, _NO_PARENT, start)
+    for i in range(goals.shape[0]):
+        _grow(nodes, parents, counts, _FROM_GOAL, _NO_PARENT, goals[i])
+        if edge_hits(checks, start, goals[i], step) == _NONE:
+            path = np.empty((2, d))
+            copy_row(start, path[0])
+            copy_row(goals[i], path[1])
+            return path
+    target, reached, link = np.empty(d), np.empty(d), np.empty(d)
+    tree = _FROM_START
+    for _ in range(iterations):
+        goal = goals[int(rng.random() * goals.shape[0])]
+        _draw(start, goal, lower, upper, weights, near, rng, target)
+        stem = _nearest(nodes[tree], counts[tree], target, weights)
+        distance = math.sqrt(squared_distance(nodes[tree, stem], target, weights))
+        share = min(1.0, _EXTENSION / max(distance, 1e-12))
+        for joint in range(d):
+            target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
+        if _advance(checks, nodes[tree, stem], target, step, reached):
+            leaf = _grow(nodes, parents, counts, tree, stem, reached)
+            other = 1 - tree
+            stem = _nearest(nodes[other], counts[other], reached, weights)
+            outcome = _advance(checks, nodes[other, stem], reached, step, link)
+            if outcome == 2:
+                first = _trace(nodes[tree], parents[tree], leaf)
+                second = _trace(nodes[other], parents[other], stem)
+                return _joined(first, second) if tree == _FROM_START else _joined(second, first)
+            if outcome == 1:
+                _grow(nodes, parents, counts, other, stem, link)
+        tree = 1 - tree
+    return np.empty((0, d))
+
+
+@njit(cache=True)
+def _splice(path: Array, i: int, a: Array, j: int, b: Array) -> Array:
+    """The path with all between point `a` on segment i and point `b` on segment j replaced by a straight line."""
+    shorter = np.empty((i + 1 + 2 + path.shape[0] - j - 1, path.shape[1]))
+    copy_rows(path[: i + 1], shorter[: i + 1])
+    copy_row(a, shorter[i + 1])
+    copy_row(b, shorter[i + 2])
+    copy_rows(path[j + 1 :], shorter[i + 3 :])
+    return shorter
+
+
+@njit(cache=True)
+def _without(path: Array, first: int, last: int) -> Array:
+    """The path (k, d) without the waypoints from `first` up to `last`, which is kept."""
+    shorter = np.empty((first + path.shape[0] - last, path.shape[1]))
+    copy_rows(path[:first], shorter[:first])
+    copy_rows(path[last:], shorter[first:])
+    return shorter
+
+
+@leaf_kernel
+def _interpolate(path: Array, segment: int, share: float, point: Array) -> None:
+    """Write the point (d,) at that share of a segment of the path."""
+    for i in range(point.shape[0]):
+        point[i] = path[segment, i] + (path[segment + 1, i] - path[segment, i]) * share
+
+
+@njit(cache=True)
+def _without_repeats(path: Array, weights: Array) -> Array:
+    """The path without waypoints equal to the one before."""
+    kept, count, last = np.empty(path.shape), 0, path.shape[0] - 1
+    for i in range(path.shape[0]):
+        if i in (0, last) or squared_distance(path[i - 1], path[i], weights) > 1e-12:
+            copy_row(path[i], kept[count])
+            count += 1
+    return kept[:count].copy()
+
+
+@njit(cache=True)
+def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng: np.random.Generator) -> Array:
+    """Cut detours of a free path: first between waypoints, then between random points on it.
+
+    Args:
+        query: what counts as a hit; `first_only` must be set.
+        path: (k, d) whole-body configurations.
+        step: [m] No point of the robot moves more between two checks.
+        attempts: random shortcuts tried.
+        rng: for these.
+
+    Returns:
+        a free path (j, d) with the same ends.
+    """
+    checks, first = pointer_to(query), 0
+    while first < path.shape[0] - 2:
+        for last in range(path.shape[0] - 1, first + 1, -1):
+            if edge_hits(checks, path[first], path[last], step) == _NONE:
+                path = _without(path, first + 1, last)
+                break
+        first += 1
+    a, b = np.empty(path.shape[1]), np.empty(path.shape[1])
+    for _ in range(attempts):
+        segments = path.shape[0] - 1
+        if segments < 2:
+            break
+        u, v = rng.random() * segments, rng.random() * segments
+        if u > v:
+            u, v = v, u
+        i, j = int(u), int(v)
+        if i == j:
+            continue
+        _interpolate(path, i, u - i, a)
+        _interpolate(path, j, v - j, b)
+        if edge_hits(checks, a, b, step) == _NONE:
+            path = _without_repeats(_splice(path, i, a, j, b), query.attached.reach)
+    return path
+
+
+@njit(cache=True)
+def _arc(before: Array, corner: Array, after: Array, share: float) -> Array:
+    """A parabola (pieces + 1, d) tangent to both segments at a corner, over that share of each."""
+    arc = np.empty((_ARC_PIECES + 1, corner.shape[0]))
+    for k in range(_ARC_PIECES + 1):
+        t = k / _ARC_PIECES
+        for joint in range(corner.shape[0]):
+            into, out = (before[joint] - corner[joint]) * share, (after[joint] - corner[joint]) * share
+            arc[k, joint] = corner[joint] + (1.0 - t) * (1.0 - t) * into + t * t * out
+    return arc
+
+
+@njit(cache=True)
+def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
+    """Replace the corners of a free path by parabolas where these are free, so that the robot need not stop there.
+
+    Args and result as for `shortcut`.
+    """
+    checks = pointer_to(query)
+    corners = path.shape[0] - 2
+    if corners < 1:
+        return path
+    rounded = np.empty((2 + corners * (_ARC_PIECES + 1), path.shape[1]))
+    copy_row(path[0], rounded[0])
+    count = 1
+    for i in range(1, corners + 1):
+        share, found = 0.5, False
+        while not found and share > 0.05:
+            arc = _arc(path[i - 1], path[i], path[i + 1], share)
+            found = True
+            for k in range(_ARC_PIECES):
+                if edge_hits(checks, arc[k], arc[k + 1], step) != _NONE:
+                    found = False
+                    break
+            share *= 0.5
+        if found:
+            copy_rows(arc, rounded[count : count + _ARC_PIECES + 1])
+            count += _ARC_PIECES + 1
+        else:
+            copy_row(path[i], rounded[count])
+            count += 1
+    copy_row(path[corners + 1], rounded[count])
+    return _without_repeats(rounded[: count + 1], query.attached.reach)

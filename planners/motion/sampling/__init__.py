@@ -1,1 +1,0 @@
-"""Paths among obstacles from random trees, and how they are shortened and smoothed."""

@@ -1,0 +1,89 @@
+"""End-effector control: the TCP goes where the action says, within the joints' limits; failures are counted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mink
+import numpy as np
+import pytest
+
+from assets import FETCH
+from clutter_env.config import EnvConfig
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ConfigError
+from clutter_env.simulation.control import CONTROL_STEP
+from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
+
+LOWER = np.array([max(link.lower, -50.0) for link in FETCH.chain])
+UPPER = np.array([min(link.upper, 50.0) for link in FETCH.chain])
+MOST_CHANGE = np.array(FETCH.max_acceleration[3:]) * CONTROL_STEP
+
+
+def test_joints_keep_their_limits_from_every_state() -> None:
+    rng, controller = np.random.default_rng(0), EndEffectorController(FETCH)
+    for case in range(300):
+        q = rng.uniform(LOWER, UPPER)
+        if case % 3 == 0:  # some joints at their limits
+            q = np.where(rng.random(len(q)) < 0.4, np.where(rng.random(len(q)) < 0.5, LOWER, UPPER), q)
+        qd = np.zeros_like(q)
+        controller.reset(q)
+        twist = rng.uniform(-1, 1, 6)
+        for _ in range(20):
+            velocity = controller.joint_velocity(twist, q, qd)
+            assert (np.abs(velocity - qd) <= MOST_CHANGE + 1e-6).all()
+            assert (np.abs(velocity) <= np.array(FETCH.max_velocity[3:]) + 1e-6).all()
+            step = velocity * CONTROL_STEP
+            beyond = np.maximum(q + step - UPPER, LOWER - q - step)
+            assert beyond.max() < 2e-3, "a joint brakes before its limit; the joint controller clips the rest"
+            q, qd = np.clip(q + step, LOWER, UPPER), velocity
+    assert controller.failures == 0
+
+
+def test_the_follower_reaches_a_pose_near_home() -> None:
+    follower, home = TcpFollower(FETCH), np.array(FETCH.home)
+    controller = EndEffectorController(FETCH)
+    controller.reset(home)
+    goal = mink.SE3(np.array(controller.wanted)).as_matrix()
+    goal[:3, 3] += (-0.1, 0.05, 0.05)
+    follower.reset(home)
+    for _ in range(60):
+        q = follower.step(goal)
+    controller.reset(q)
+    reached = mink.SE3(np.array(controller.wanted)).as_matrix()
+    assert np.abs(reached - goal).max() < 0.005
+
+
+@pytest.fixture
+def no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits that contradict each other: every solve of mink's fails."""
+
+    def contradiction(self: Any, configuration: mink.Configuration, dt: float) -> mink.Constraint:  # noqa: ARG001
+        rows = np.eye(configuration.nv)
+        return mink.Constraint(np.vstack((rows, -rows)), -np.ones(2 * configuration.nv))
+
+    monkeypatch.setattr("clutter_env.simulation.end_effector._MotionLimit.compute_qp_inequalities", contradiction)
+
+
+@pytest.mark.usefixtures("no_solution")
+def test_failures_of_the_inverse_kinematics_are_counted_saved_and_reset() -> None:
+    env = RetrieveEnv(num_objects=1, control_mode="ee")
+    assert env.reset(seed=0)[1]["ik_failures"] == 0
+    for count in (1, 2, 3):
+        assert env.step(np.full(10, 0.5))[4]["ik_failures"] == count
+    state = env.save_state()
+    assert env.reset(seed=1)[1]["ik_failures"] == 0
+    env.restore_state(state)
+    assert env.info["ik_failures"] == 3
+
+
+def test_without_failures_the_count_is_zero_in_both_modes() -> None:
+    for mode in ("joint", "ee"):
+        env = RetrieveEnv(num_objects=1, control_mode=mode)
+        env.reset(seed=0)
+        assert env.step(np.full(env.action_size, 0.3))[4]["ik_failures"] == 0
+
+
+def test_mink_is_the_one_route() -> None:
+    with pytest.raises(ConfigError, match="unknown keyword argument 'ik'"):
+        EnvConfig.from_keywords({"ik": "mink"})

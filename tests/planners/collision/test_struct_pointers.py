@@ -1,0 +1,82 @@
+"""Tuples passed to kernels as pointers are read as the tuples themselves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from irm.compilation import njit
+from planners.collision.leaf_kernels import leaf_kernel
+from planners.collision.struct_pointers import pointer_to
+
+
+class Inner(NamedTuple):
+    """Fields of several sizes: the address of each depends on those before it."""
+
+    is_set: bool
+    rows: NDArray[np.float64]
+    count: int
+
+
+class Outer(NamedTuple):
+    """A tuple in a tuple."""
+
+    mask: np.uint64
+    first_only: bool
+    inner: Inner
+    scale: float
+    numbers: NDArray[np.int64]
+
+
+@leaf_kernel
+def summary(outer: Outer) -> float:
+    """A number that depends on all fields."""
+    inner = outer.inner
+    total = outer.scale * inner.rows[1, 2] + outer.numbers[2] + 1000.0 * inner.count
+    if inner.is_set and not outer.first_only:
+        total += float(outer.mask)
+    return total
+
+
+@njit
+def both_ways(outer: Outer) -> tuple[float, float]:
+    return summary(outer), summary(pointer_to(outer))
+
+
+@leaf_kernel
+def fill(inner: Inner, value: float) -> None:
+    inner.rows[0, 0] = value
+
+
+@njit
+def fill_through_pointer(outer: Outer, value: float) -> None:
+    fill(pointer_to(outer).inner, value)
+
+
+@njit
+def read_another(outer: Outer) -> float:
+    return pointer_to(outer).another
+
+
+OUTER = Outer(np.uint64(1 << 40), False, Inner(True, np.arange(6.0).reshape(2, 3), 7), 0.5, np.arange(3))
+
+
+@pytest.mark.parametrize("first_only", [False, True])
+@pytest.mark.parametrize("is_set", [False, True])
+def test_all_fields_are_those_of_the_tuple(is_set: bool, first_only: bool) -> None:
+    by_value, by_address = both_ways(OUTER._replace(first_only=first_only, inner=OUTER.inner._replace(is_set=is_set)))
+    assert by_address == by_value == 0.5 * 5.0 + 2 + 7000 + (1 << 40) * (is_set and not first_only)
+
+
+def test_arrays_are_shared() -> None:
+    fill_through_pointer(OUTER, 9.0)
+    assert OUTER.inner.rows[0, 0] == 9.0
+
+
+def test_another_attribute_is_refused_when_a_kernel_is_compiled() -> None:
+    with pytest.raises(numba.core.errors.TypingError, match="another"):
+        read_another(OUTER)
