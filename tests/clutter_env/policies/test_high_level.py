@@ -20,7 +20,6 @@ from clutter_env.policies.weights import shipped_path  # noqa: E402
 from clutter_env.scene.layout import find_layout  # noqa: E402
 from clutter_env.training.high_level_examples import scene_of  # noqa: E402
 from clutter_env.training.high_level_rollouts import after_contact, as_observed  # noqa: E402
-from planners.grasping.base_placement import free_floor  # noqa: E402
 
 Env = gym.Env[Any, Any]
 RULE = CandidateRule(FETCH, find_layout("paper"))
@@ -41,14 +40,14 @@ def test_an_observation_shows_the_scene_in_the_world(env: Env) -> None:
     assert seen.is_standing.all()
 
 
-def test_bases_face_the_gripper_and_stand_on_free_ground(env: Env) -> None:
+def test_bases_face_the_gripper_and_keep_off_the_table(env: Env) -> None:
     env.reset(seed=3)
     scene = scene_of(env)
     picks = RULE.picks(scene.objects)
     away = picks.tcp[:, :2] - picks.base[:, :2]
     assert np.allclose(np.arctan2(away[:, 1], away[:, 0]), picks.base[:, 2])
     assert np.linalg.norm(away, axis=1).min() >= MIN_STANDOFF - 1e-9
-    assert free_floor(scene).are_free(picks.base[:, 0], picks.base[:, 1]).all()
+    assert picks.base[:, 0].max() < -RULE.layout.depth / 2 - FETCH.base_radius
     assert len(np.unique(picks.index)) == len(scene.objects)
 
 
@@ -91,8 +90,8 @@ def test_it_picks_an_object_and_places_it_with_clearance(env: Env, policy: Learn
     assert place is not None
     assert (place.skill, place.object) == ("place", pick.object)
     placed = after_contact(holding, place).body(pick.object)
-    gaps = [np.linalg.norm(body.position[:2] - placed.position[:2]) for body in scene.objects if body.name != placed.name]
-    assert min(gaps) > 0.06
+    others = [body.position[:2] for body in scene.objects if body.name != placed.name]
+    assert np.linalg.norm(np.array(others) - placed.position[:2], axis=1).min() > 0.06
     assert policy.choose(as_observed(holding, pick.object)) is None
     assert not policy.failure
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 torch = pytest.importorskip("torch")
 
 from assets import FETCH  # noqa: E402
-from clutter_env.envs.observation_layout import OBSERVATION_LAYOUT  # noqa: E402
+from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
 from clutter_env.policies.motion.arm import (  # noqa: E402
     ArmKinematics,
     nearest_home,

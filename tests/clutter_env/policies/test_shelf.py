@@ -11,7 +11,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from assets import FETCH  # noqa: E402
-from clutter_env.envs.observation_layout import OBSERVATION_LAYOUT  # noqa: E402
+from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
 from clutter_env.policies.motion.arm import is_wrist_flipped, with_wrist_flipped  # noqa: E402
 from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
 from clutter_env.policies.motion.network_input import ELSEWHERE, SHELF_PHASES, contact_in_base  # noqa: E402

@@ -94,6 +94,7 @@ def test_a_line_that_begins_while_the_base_still_drives_is_no_drive_under_a_shel
     assert is_driven(dataclasses.replace(motion, seen=dataclasses.replace(driving, q=rigid)))
 
 
+@pytest.mark.slow
 def test_a_fitted_network_brings_the_gripper_where_demonstrations_do(in_the_open: list[Motion]) -> None:
     examples = keyframe_examples(FETCH, in_the_open)
     network = fit_keyframes(FETCH, examples, KeyframeFitConfig(steps=700, batch=128))

@@ -116,6 +116,7 @@ def test_the_order_of_the_objects_does_not_matter(scenes: LabelledScenes) -> Non
     torch.testing.assert_close(permuted[:, -1], logits[:, -1], rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_network_learns_its_examples(examples: SkillExamples) -> None:
     torch.manual_seed(0)
     network = SkillNetwork(10)
