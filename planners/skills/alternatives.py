@@ -1,7 +1,7 @@
 """All choices that are as good as a plan's: several valid labels for learning high-level policies.
 
-A grasp or release is free if nothing is hit there nor on a straight line to it and from it. To take an object is as good as what
-the plan does if afterwards as few clearances are left.
+A grasp or release is free if nothing is hit there nor on a straight line to it and from it. To take an object is as
+good as what the plan does if afterwards as few clearances are left.
 """
 
 from __future__ import annotations
