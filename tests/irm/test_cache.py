@@ -38,7 +38,7 @@ def test_a_damaged_file_is_replaced(content, caplog):
     file.write_bytes(file.read_bytes()[:500] if content is None else content)
     with caplog.at_level(logging.WARNING):
         again = cached_map(FETCH, **SMALL)
-    assert "building the map again" in caplog.text
+    assert "built again" in caplog.text
     np.testing.assert_array_equal(again.cells, first.cells)
     assert len(ReachabilityMap.load(file, FETCH)) == len(first)
 

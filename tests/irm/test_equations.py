@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from irm.equations import inverse_reachability, inverse_reachability_on_floor, reachability_index, reachability_map
+from irm.equations import inverse_reachability, inverse_reachability_on_floor, reachability_map
 from irm.rotations import rotation, rotations
 
 
@@ -10,10 +10,6 @@ def pose(R, p):
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, p
     return T
-
-
-def test_equation_1_is_a_share_in_percent():
-    np.testing.assert_allclose(reachability_index(np.array([0, 31, 62]), 62), [0.0, 50.0, 100.0])
 
 
 def test_equation_3_keeps_the_reachable_cells_with_their_best_value():

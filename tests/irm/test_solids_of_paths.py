@@ -35,11 +35,6 @@ def test_a_wrist_above_the_table_changes_nothing(inverse_map):
     np.testing.assert_array_equal(plain.certain, high.certain)
 
 
-def test_solids_that_are_far_away_change_nothing(inverse_map):
-    far = SolidBoxes.of(FETCH, [(9.0, 0.0, 0.73, 0.7, 1.0, 0.04)])
-    np.testing.assert_array_equal(ask(inverse_map, 0.07, None).poses, ask(inverse_map, 0.07, far).poses)
-
-
 def test_waypoints_in_the_world_are_tested_too(inverse_map):
     points = [(0.0, 0.0, 0.82), (0.0, 0.0, 0.87)]
     how = {"pitch": -0.2, "yaw_range": (-0.1, 0.1), "free_space": FLOOR}

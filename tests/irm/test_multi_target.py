@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.free_space import FreeSpace
 from irm.grid import nearest_orientation
 from irm.rotations import rotation
 from irm.status import Status
@@ -47,13 +46,6 @@ def test_the_score_of_a_path_is_its_worst_waypoint(level_map, level_inverse, tab
     assert found > 40
 
 
-def test_a_path_of_one_point_is_a_single_query(level_inverse, table_floor, cups):
-    for cup in cups[:10]:
-        keywords = {"yaw_range": (-1.0, 1.0), "free_space": table_floor, "k": 3}
-        path, single = level_inverse.query_path([cup], **keywords), level_inverse.query(cup, **keywords)
-        np.testing.assert_allclose(path.manipulability, single.manipulability)
-
-
 def test_waypoints_in_the_world_and_offsets_at_a_target_agree_at_one_yaw(level_inverse, table_floor, cups):
     for yaw in (0.0, 0.7):
         keywords = {"yaw_range": (yaw, yaw), "free_space": table_floor}
@@ -75,32 +67,6 @@ def test_every_one_of_several_targets_is_reached(level_map, level_inverse, table
             assert all(low - 1e-4 <= yaw <= high + 1e-4 for yaw, (low, high) in zip(yaws, windows, strict=True))
             found += 1
     assert found > 10
-
-
-def test_the_best_base_for_two_targets_is_the_best_of_a_full_scan(level_map, level_inverse):
-    """Every base of the map of the first target, scored by the slow reference, against the search that ends early."""
-    targets = np.array([(0.0, 0.0, 0.83), (0.1, 0.25, 0.88)])
-    yaw = 0.3
-    placement = level_inverse.query_multi(targets, yaw_ranges=(yaw, yaw))
-    tiles, first = level_inverse.tiles, level_inverse.tiles.base_first
-    layers = [level_map.grid.layer(z) for z in targets[:, 2]]
-    rarest_key = int(np.argmin([first[layer + 1] - first[layer] for layer in layers]))
-    c, s = np.cos(yaw), np.sin(yaw)
-    best = 0.0
-    for k in range(first[layers[rarest_key]], first[layers[rarest_key] + 1]):
-        x = targets[rarest_key, 0] + c * tiles.x[k] - s * tiles.y[k]
-        y = targets[rarest_key, 1] + s * tiles.x[k] + c * tiles.y[k]
-        best = max(best, min(tiles.mu[k], mu_at(level_map, (x, y, yaw + tiles.yaw[k]), targets[1 - rarest_key], yaw)))
-    assert placement.manipulability[0] == pytest.approx(best)
-
-
-def test_targets_too_far_apart_have_no_common_base(level_inverse, table_floor):
-    placement = level_inverse.query_multi([(0, -3.0, 0.9), (0, 3.0, 0.9)], free_space=table_floor)
-    assert len(placement) == 0
-    assert placement.status is not Status.YES
-    walled = FreeSpace.from_boxes([(0, 0, 9, 9)], 0.3, (-3, -3, 3, 3))
-    assert level_inverse.query_multi([(0, 0, 0.9), (0, 0.2, 0.9)], free_space=walled).status is Status.NO
-    assert level_inverse.query_path(PATH, target=(0, 0, 0.9), free_space=walled).status is Status.NO
 
 
 def test_certain_paths_are_certain_at_every_waypoint(coarse_inverse, level_inverse, table_floor, cups):

@@ -5,15 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
-from irm.chain import PRISMATIC, ArmChain
+from irm.chain import ArmChain
 from irm.ik.exact import GeneralSolver
 from irm.ik.numerical import random_seeds, solve
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
-from irm.keyed_bases import wrist_disc
 from irm.kinematics import forward
 from irm.rotations import rotation
-from tests.irm.arm.arms import APPROACH, arm_chain
+from tests.irm.arms import APPROACH, arm_chain
 
 NO, OPEN, YES = 0, 1, 2
 
@@ -41,6 +39,7 @@ def random_poses(chain, count, rng):
     return T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", APPROACH)
 @pytest.mark.parametrize("near_limits", [False, True])
 def test_a_pose_of_the_arm_is_never_called_out_of_reach(name, near_limits):
@@ -63,6 +62,7 @@ def test_every_yes_comes_with_a_configuration_within_the_limits_that_reaches(nam
         assert np.all((configuration >= chain.lower) & (configuration <= chain.upper))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", APPROACH)
 def test_no_is_confirmed_by_numerical_inverse_kinematics_and_little_is_open(name):
     chain, rng = arm_chain(name), np.random.default_rng(2)
@@ -85,6 +85,7 @@ def test_structures():
     assert kinds["gen3"].slack > 1e-3  # its wrist axes pass each other at 0.2 mm
 
 
+@pytest.mark.slow
 def test_without_a_structure_no_is_by_length_alone(lift_arm):
     chain = ArmChain.from_robot(lift_arm)
     no_axes_meet = chain.offsets + [
@@ -108,6 +109,7 @@ def test_without_a_structure_no_is_by_length_alone(lift_arm):
     assert np.all(status[40:] == NO)
 
 
+@pytest.mark.slow
 def test_parallel_axes_on_a_lift(lift_arm):
     chain, rng = ArmChain.from_robot(lift_arm), np.random.default_rng(5)
     assert isinstance(find_structure(chain), ParallelArm)
@@ -116,18 +118,3 @@ def test_parallel_axes_on_a_lift(lift_arm):
     assert np.all(status == YES)
     for pose, configuration in zip(T, q, strict=True):
         np.testing.assert_allclose(forward(chain, configuration), pose, atol=3e-5)
-
-
-def test_a_sliding_joint_of_the_arm_adds_to_its_reach():
-    fetch = ArmChain.from_robot(FETCH)
-    axes = fetch.axes.copy()
-    axes[4] = PRISMATIC  # the elbow slides along the arm
-    chain = dataclasses.replace(fetch, axes=axes, links=np.empty(0))
-    q = np.zeros(chain.size)
-    q[4] = chain.upper[4]
-    T = forward(chain, q)
-    status, _ = solver_of(chain).solve(T[None])
-    assert status[0] != NO
-    disc = wrist_disc(chain, (float(chain.lower[0]), float(chain.upper[0])), T[2, 3], 0.0)
-    assert disc is not None
-    assert disc.farthest >= np.hypot(T[0, 3], T[1, 3])

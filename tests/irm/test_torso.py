@@ -5,7 +5,6 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.errors import ReachabilityError
 from irm.grid import MapGrid, MapParameters
 from irm.ik.exact import exact_solver
 from irm.rotations import rotations
@@ -21,16 +20,6 @@ def test_torso_heights_reach_both_ends_of_the_lift(voxel):
     assert 0.0 < grid.thickness <= voxel + 1e-12
     np.testing.assert_allclose(np.diff(grid.torsos), grid.thickness)
     assert grid.top == pytest.approx(grid.bottom + grid.layers * grid.thickness)
-
-
-def test_a_margin_keeps_the_torso_off_the_ends():
-    grid = MapGrid.of(CHAIN, MapParameters(torso_margin=0.02375))
-    assert grid.torsos[0] == pytest.approx(CHAIN.lower[0] + 0.02375)
-    assert grid.torsos[-1] == pytest.approx(CHAIN.upper[0] - 0.02375)
-    assert len(MapGrid.of(CHAIN, MapParameters(torso_margin=1.0)).torsos) == 1
-    for bad in (-0.1, np.nan, "none"):
-        with pytest.raises(ReachabilityError):
-            MapParameters(torso_margin=bad)
 
 
 def test_nearly_all_centres_in_reach_are_in_the_map(coarse_map):

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.chain import ArmChain, has_free_roll
+from irm.chain import ArmChain
 from irm.errors import ChainError
 from irm.kinematics import forward, jacobian
-from tests.irm.arm.arms import APPROACH, FOLDER, arm_chain, arm_model
+from tests.irm.arms import APPROACH, FOLDER, arm_chain, arm_model
 
 ODD_ARM = """
 <mujoco model="odd">
@@ -109,11 +109,6 @@ def test_fetch_from_its_own_file_is_fetch():
     for _ in range(20):
         q = rng.uniform(fetch.lower, fetch.upper)
         np.testing.assert_allclose(forward(chain, q), forward(fetch, q), atol=1e-9)
-
-
-def test_wrists_that_roll_freely():
-    assert [has_free_roll(arm_chain(name)) for name in APPROACH] == [False, True, True, True]
-    assert not has_free_roll(ArmChain.from_mjcf(arm_model("gen3"), "base", "tcp"))
 
 
 def test_a_lift_is_a_joint_and_an_arm_without_one_has_one_that_does_not_move():

@@ -74,11 +74,6 @@ def test_numbers_of_numpy_are_numbers(coarse_inverse):
     np.testing.assert_array_equal(plain.poses, numpy.poses)
 
 
-def test_options_of_one_call_do_not_leak_into_the_next(coarse_inverse, table_floor):
-    counts = [len(coarse_inverse.query(POSITION, free_space=table_floor, k=k)) for k in (1, 3, 1, 2)]
-    assert counts == [1, 3, 1, 2]
-
-
 def test_yaw_ranges_that_are_no_pairs_are_refused(coarse_inverse):
     for query in (coarse_inverse.query_batch, coarse_inverse.query_multi):
         for bad in ((0.0, 1.0, 2.0), [[0.0], [1.0]], "all", [[(0.0, 1.0)]]):

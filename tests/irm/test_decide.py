@@ -11,7 +11,6 @@ from irm.errors import QueryError
 from irm.ik.closed_form import ik_pan
 from irm.ik.exact import exact_solver
 from irm.ik.numerical import random_seeds, solve
-from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation
 from irm.status import Status
 
@@ -80,6 +79,7 @@ def test_yes_comes_with_a_configuration_that_reaches_in_mujoco(tcp_of):
         np.testing.assert_allclose(tcp_of(configurations[k]), T[k], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_no_is_said_where_neither_a_scan_nor_numerical_ik_finds_a_configuration():
     rng = np.random.default_rng(1)
     T = poses_in_ball(1500, rng)
@@ -90,6 +90,7 @@ def test_no_is_said_where_neither_a_scan_nor_numerical_ik_finds_a_configuration(
     assert not any(len(solve(CHAIN, T[k], seeds)) for k in refused[:400])
 
 
+@pytest.mark.slow
 def test_reachable_configurations_are_never_refused(tcp_of):
     """Also with joints at their limits and at singular configurations."""
     rng = np.random.default_rng(2)
@@ -123,15 +124,6 @@ def test_poses_that_a_map_does_not_cover_are_decided(level_map, coarse_map):
     below = below[below[:, 2, 3] < 0]
     assert np.any(decide(coarse_map, below) == YES)
     assert not np.any(classify(coarse_map, below) == NO)
-
-
-def test_a_fixed_torso_reaches_less():
-    whole = ReachabilityMap.build(FETCH, voxel=0.2, orientations=6)
-    fixed = ReachabilityMap.build(FETCH, voxel=0.2, orientations=6, lift=False)
-    T = poses_in_ball(2000, np.random.default_rng(6))
-    moving, still = decide(whole, T) == YES, decide(fixed, T) == YES
-    assert np.all(moving[still])
-    assert still.sum() < moving.sum()
 
 
 def test_matrices_that_are_no_poses_are_refused(coarse_map):

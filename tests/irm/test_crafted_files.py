@@ -9,9 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.cache import cache_file, cached_map
-from irm.chain import ArmChain
-from irm.errors import ChainError, MapFileError, ReachabilityError
-from irm.grid import MapParameters
+from irm.errors import MapFileError, ReachabilityError
 from irm.reachability_map import ReachabilityMap
 
 SMALL = {"voxel": 0.25, "orientations": 6}
@@ -106,59 +104,6 @@ def test_a_crafted_grid_is_refused(extent, tmp_path):
         ReachabilityMap.load(path)
 
 
-def test_a_small_file_that_claims_much_memory_is_refused(members, tmp_path):
-    with zipfile.ZipFile(tmp_path / "map.npz", "w", zipfile.ZIP_DEFLATED) as file:
-        for name, content in (members | {"flags.npy": npy(np.zeros(2**27, np.uint8))}).items():
-            file.writestr(name, content)
-    assert (tmp_path / "map.npz").stat().st_size < 10**6
-    with pytest.raises(MapFileError, match="claim"):
-        ReachabilityMap.load(tmp_path / "map.npz", FETCH)
-
-
-def test_an_unknown_compression_is_refused(members, tmp_path):
-    with zipfile.ZipFile(tmp_path / "map.npz", "w", zipfile.ZIP_LZMA) as file:
-        for name, content in members.items():
-            file.writestr(name, content)
-    with pytest.raises(MapFileError, match="compression"):
-        ReachabilityMap.load(tmp_path / "map.npz", FETCH)
-
-
 def test_a_map_that_no_memory_holds_is_refused_before_it_is_built():
     with pytest.raises(ReachabilityError, match=r"needs .* GiB; at most"):
         ReachabilityMap.build(FETCH, voxel=0.005)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"heights": (1,)},
-        {"heights": 1.0},
-        {"heights": None},
-        {"pitches": 0.0},
-        {"voxel": None},
-        {"voxel": "5 cm"},
-        {"orientations": 62.5},
-        {"rolls": -1},
-        {"rolls": 10**9},
-        {"samples": 0},
-    ],
-)
-def test_parameters_of_the_wrong_kind_are_refused(wrong):
-    with pytest.raises(ReachabilityError):
-        MapParameters(**wrong)
-
-
-def test_numpy_numbers_are_numbers():
-    given = MapParameters(
-        voxel=np.float32(0.25), orientations=np.int64(6), heights=np.array([0, 1]), pitches=[np.float64(0)]
-    )
-    assert given == MapParameters(voxel=0.25, orientations=6, heights=(0.0, 1.0), pitches=(0.0,))
-
-
-def test_robots_by_name(tmp_path, monkeypatch):
-    monkeypatch.setenv("CLUTTER_ENV_CACHE", str(tmp_path))
-    assert cached_map("fetch", **SMALL).key == cached_map(FETCH, **SMALL).key
-    with pytest.raises(ChainError, match=r"known robots: .*fetch"):
-        cached_map("fetsch", **SMALL)
-    with pytest.raises(ChainError, match="RobotSpec such as"):
-        ArmChain.of(3)

@@ -50,6 +50,7 @@ def random_arm(scene, rng):
     return q, T, depths
 
 
+@pytest.mark.slow
 def test_what_is_said_agrees_with_the_simulator(table, scene):
     hand = {"gripper_link", "wrist_roll_link", "r_gripper_finger_link", "l_gripper_finger_link"}
     wrist = {"wrist_flex_link", "forearm_roll_link"}

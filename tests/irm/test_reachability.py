@@ -9,10 +9,10 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.errors import MapFileError, MapMismatchError, ReachabilityError
+from irm.errors import MapFileError, ReachabilityError
 from irm.grid import MapParameters, Orientations, nearest_orientation
 from irm.ik.closed_form import ik_pan, inverse
-from irm.kinematics import forward, jacobian, manipulability
+from irm.kinematics import jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, yaw_pitch_roll
@@ -123,16 +123,6 @@ def test_damaged_and_foreign_files_are_refused(coarse_map, tmp_path):
         ReachabilityMap.load(tmp_path / "none.npz", FETCH)
 
 
-def test_the_map_of_another_robot_is_refused(coarse_map, tmp_path, lift_arm):
-    file = tmp_path / "map.npz"
-    coarse_map.save(file)
-    with pytest.raises(MapMismatchError, match="'fetch', not of 'lift_arm'"):
-        ReachabilityMap.load(file, lift_arm)
-    longer = dataclasses.replace(FETCH, tcp_offset=(0.2, 0.0, 0.0))
-    with pytest.raises(MapMismatchError, match="other joints, limits or lengths"):
-        ReachabilityMap.load(file, longer)
-
-
 def test_parameters_that_make_no_sense_are_refused():
     with pytest.raises(ReachabilityError, match="there are sets of 6, 26, 62"):
         MapParameters(orientations=60)
@@ -155,14 +145,6 @@ def test_a_fixed_torso_reaches_less_and_keeps_its_height():
     np.testing.assert_allclose(fixed.torso, FETCH.home[0])
     assert free.torso.min() >= CHAIN.lower[0]
     assert free.torso.max() <= CHAIN.upper[0]
-
-
-def test_forward_kinematics_of_home_lies_in_a_reachable_cell(level_map):
-    T = forward(CHAIN, FETCH.home)
-    grid = level_map.grid
-    x, y = (int(np.floor((T[k, 3] - grid.centre[k]) / grid.voxel)) + grid.half for k in (0, 1))
-    o = nearest_orientation(grid.orientations, T[None, :3, :3])[0]
-    assert level_map.reachable[grid.layer(T[2, 3]), o, x, y]
 
 
 def test_progress_is_shown_by_the_callers_function() -> None:

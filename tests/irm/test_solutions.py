@@ -11,7 +11,7 @@ from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.ik.solutions import arm_solutions, free_angles, solver_arrays
 from irm.kinematics import forward
-from tests.irm.arm.arms import APPROACH, arm_chain
+from tests.irm.arms import APPROACH, arm_chain
 
 CHAINS = {**{name: arm_chain(name) for name in APPROACH}, "fetch": ArmChain.from_robot(FETCH)}
 
@@ -36,6 +36,7 @@ def test_the_configuration_behind_a_pose_is_among_its_solutions(name: str) -> No
     assert np.mean(np.array(away) < tolerance) >= share
 
 
+@pytest.mark.slow
 def test_an_arm_without_a_closed_form_is_solved_by_iteration() -> None:
     chain = arm_chain("ur5e")
     offsets = chain.offsets.copy()

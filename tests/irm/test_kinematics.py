@@ -91,14 +91,6 @@ def test_solving_for_the_pan_agrees_with_solving_for_the_roll():
             np.testing.assert_allclose(forward(CHAIN, [q[0], q[1], *row, 0.0])[:3, 0], approach, atol=1e-6)
 
 
-def test_out_of_reach_has_no_solution():
-    T = np.eye(4)
-    T[:3, 3] = 3.0, 0.0, 1.0
-    assert inverse(CHAIN, T, [0.2], ROLLS).shape == (0, 8)
-    T[0, 3] = np.nan
-    assert inverse(CHAIN, T, [0.2], ROLLS).shape == (0, 8)
-
-
 def test_manipulability_is_the_ratio_of_singular_values():
     rng = np.random.default_rng(4)
     for _ in range(200):
@@ -107,15 +99,6 @@ def test_manipulability_is_the_ratio_of_singular_values():
         assert manipulability(J) == pytest.approx(singular[-1] / singular[0], abs=1e-7)
     assert manipulability(np.diag([1.0, 1, 1, 1, 1, 0])) == 0.0
     assert manipulability(np.eye(6)) == pytest.approx(1.0)
-
-
-def test_manipulability_does_not_see_pan_torso_and_wrist_roll():
-    rng = np.random.default_rng(5)
-    for _ in range(20):
-        q, other = random_configuration(rng), random_configuration(rng)
-        moved = q.copy()
-        moved[[0, 1, 7]] = other[[0, 1, 7]]
-        assert manipulability(jacobian(CHAIN, moved)) == pytest.approx(manipulability(jacobian(CHAIN, q)), abs=1e-7)
 
 
 def test_a_chain_that_does_not_fit_is_refused():

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from irm import multi_target
+from irm import inverse_map, multi_target
 from irm.free_space import FreeSpace
-from irm.ik.closed_form import inverse
 from irm.multi_target_kernel import best_common_bases
 from irm.query_kernels import best_bases_batch, best_bases_in_window
 from irm.status import Status
@@ -39,7 +38,7 @@ def test_a_search_that_pauses_gives_the_same_bases(level_inverse, table_floor, y
         return single.poses, batch.poses, path.poses
 
     whole = answers()
-    monkeypatch.setattr(inverse, "_ROWS_AT_A_TIME", 3)
+    monkeypatch.setattr(inverse_map, "_ROWS_AT_A_TIME", 3)
     monkeypatch.setattr(multi_target, "_BASES_AT_A_TIME", 3)
     for one, other in zip(whole, answers(), strict=True):
         np.testing.assert_array_equal(one, other)

@@ -6,7 +6,7 @@ import pytest
 from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, Status, decide
 from irm.classification import classify
 from irm.kinematics import forward
-from tests.irm.arm.arms import FOLDER
+from tests.irm.arms import FOLDER
 
 
 @pytest.fixture(scope="module")
@@ -19,6 +19,7 @@ def ur5e_map(ur5e):
     return ReachabilityMap.build(ur5e, voxel=0.1, orientations=26, samples=50_000)
 
 
+@pytest.mark.slow
 def test_from_the_file_to_a_query(ur5e_map):
     placement = InverseReachabilityMap(ur5e_map).query((0.5, 0.0, 0.4), pitch=np.pi / 2, k=3)
     assert placement.status is not Status.NO
@@ -26,6 +27,7 @@ def test_from_the_file_to_a_query(ur5e_map):
     assert np.hypot(*(placement.poses[:, :2] - (0.5, 0.0)).T).max() < 1.2
 
 
+@pytest.mark.slow
 def test_poses_of_the_arm_are_decided_and_right(ur5e, ur5e_map):
     rng = np.random.default_rng(0)
     T = np.array([forward(ur5e, q) for q in rng.uniform(ur5e.lower, ur5e.upper, (300, ur5e.size))])
@@ -35,6 +37,7 @@ def test_poses_of_the_arm_are_decided_and_right(ur5e, ur5e_map):
     assert decide(ur5e_map, far)[0] == Status.NO.value
 
 
+@pytest.mark.slow
 def test_what_a_sampled_map_says_no_to_is_asked_again(ur5e, ur5e_map):
     rng = np.random.default_rng(1)
     T = np.array([forward(ur5e, q) for q in rng.uniform(ur5e.lower, ur5e.upper, (200, ur5e.size))])
@@ -42,10 +45,3 @@ def test_what_a_sampled_map_says_no_to_is_asked_again(ur5e, ur5e_map):
     above = T[T[:, 2, 3] > 0]
     assert np.all(classify(empty, above) == Status.NO.value)
     assert np.all(decide(empty, above) == Status.YES.value)
-
-
-def test_it_is_saved_and_loaded_with_its_chain(ur5e, ur5e_map, tmp_path):
-    ur5e_map.save(tmp_path / "ur5e.npz")
-    loaded = ReachabilityMap.load(tmp_path / "ur5e.npz", ur5e)
-    assert loaded.key == ur5e_map.key
-    np.testing.assert_array_equal(loaded.cells, ur5e_map.cells)

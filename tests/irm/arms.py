@@ -8,7 +8,7 @@ import mujoco
 
 from irm.chain import ArmChain
 
-FOLDER = Path(__file__).resolve().parents[2] / "data" / "arms"
+FOLDER = Path(__file__).resolve().parents[1] / "data" / "arms"
 
 APPROACH = {"panda": "z", "ur5e": "z", "gen3": "z", "pr2_arm": "x"}
 """Axis of the site `tcp` along which each gripper approaches."""

@@ -1,11 +1,10 @@
 """Maps of other projects: poses become cells, and are saved, loaded, inverted and queried."""
 
-import sys
-
 import numpy as np
 import pytest
 
 from examples.import_pose_tables import read_pose_table, read_reuleaux
+from assets import FETCH
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.reachability_map import ReachabilityMap
@@ -95,7 +94,7 @@ def test_a_foreign_map_and_a_robots_map_are_told_apart(foreign, coarse_map, tmp_
     foreign.save(tmp_path / "foreign.npz")
     coarse_map.save(tmp_path / "fetch.npz")
     with pytest.raises(MapMismatchError, match="load it without a robot"):
-        ReachabilityMap.load(tmp_path / "foreign.npz", "fetch")
+        ReachabilityMap.load(tmp_path / "foreign.npz", FETCH)
     with pytest.raises(MapMismatchError, match=r"of the robot 'fetch'; load it together with"):
         ReachabilityMap.load(tmp_path / "fetch.npz")
 
@@ -114,17 +113,6 @@ def test_what_are_no_poses_is_refused():
         ReachabilityMap.from_poses(below, [0.1])
     with pytest.raises(ReachabilityError, match="none of the poses has one of these pitches"):
         ReachabilityMap.from_poses(good, [0.1], pitches=(np.pi / 2,))
-
-
-def test_what_is_no_table_is_refused(tmp_path):
-    np.save(tmp_path / "narrow.npy", np.zeros((3, 5)))
-    (tmp_path / "text.npy").write_text("no table")
-    (tmp_path / "text.csv").write_text("a,b\n1,x\n")
-    for name, reason in (("narrow.npy", "7 columns"), ("text.npy", "no table"), ("text.csv", "no table")):
-        with pytest.raises(MapFileError, match=reason):
-            read_pose_table(tmp_path / name)
-    with pytest.raises(FileNotFoundError):
-        read_pose_table(tmp_path / "none.npy")
 
 
 def reuleaux_file(path, h5py):
@@ -159,9 +147,3 @@ def test_maps_of_reuleaux(tmp_path):
             read_reuleaux(tmp_path / name)
     with pytest.raises(FileNotFoundError):
         read_reuleaux(tmp_path / "none.h5")
-
-
-def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(MapFileError, match=r"clutter-env\[maps\]"):
-        read_reuleaux(tmp_path / "map.h5")

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.errors import QueryError
-from irm.free_space import FreeSpace
 from irm.robot_outline import robot_radius
 
 BANDS = [(0.0, 0.7), (0.0, 0.3), (0.36, 0.82), (0.9, 1.2)]
@@ -57,21 +55,6 @@ def test_the_torso_extends_farther_than_the_base():
     assert robot_radius(FETCH, 3.0, 4.0) == 0.0
 
 
-def test_every_outline_may_have_a_radius_of_its_own():
-    boxes = [(0.0, 0.0, 0.2, 0.2), (2.0, 0.0, 0.2, 0.2)]
-    space = FreeSpace.from_boxes(boxes, radius=[0.1, 0.5])
-    for x, free in ((0.21, True), (0.19, False), (1.41, False), (1.39, True)):
-        assert space.is_free(x, 0.0) == free
-    with pytest.raises(QueryError, match="one for each of 2 outlines"):
-        FreeSpace.from_boxes(boxes, radius=[0.1, 0.5, 0.2])
-
-
-def test_heights_that_are_none_are_refused():
-    for low, high in ((0.5, 0.5), (1.0, 0.0), (np.nan, 1.0), (None, 1.0), ("0", 1.0)):
-        with pytest.raises(QueryError, match="heights of an obstacle"):
-            robot_radius(FETCH, low, high)
-
-
 BAD_FLOORS = [
     ({"radius": "wide"}, "radius"),
     ({"radius": None}, "radius"),
@@ -81,14 +64,3 @@ BAD_FLOORS = [
     ({"radius": 0.3, "resolution": None}, "resolution"),
     ({"radius": 0.3, "resolution": 1e-9}, "too many"),
 ]
-
-
-@pytest.mark.parametrize(("keywords", "message"), BAD_FLOORS, ids=str)
-def test_floors_without_meaning_are_refused(keywords, message):
-    with pytest.raises(QueryError, match=message):
-        FreeSpace.from_boxes([(0, 0, 1, 1)], **keywords)
-
-
-def test_points_that_are_none_are_refused():
-    with pytest.raises(QueryError, match="two numbers"):
-        FreeSpace.from_boxes([(0, 0, 1, 1)], 0.3).is_free("a", 1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from irm.verification import SelfCollision
-from tests.irm.arm.arms import arm_chain, arm_model
+from tests.irm.arms import arm_chain, arm_model
 
 
 def test_a_folded_arm_touches_itself_and_a_stretched_one_does_not():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.free_space import EVERYWHERE, FREE, MIXED, FreeSpace, distance_to_seeds, floor_kind
+from irm.free_space import EVERYWHERE, FreeSpace, distance_to_seeds
 
 BOXES = [(0.0, 0.0, 0.7, 1.0), (0.6, 1.2, 0.4, 0.8, 0.5), (-1.2, -0.9, 0.1, 1.5, -1.1)]
 RADIUS = 0.3
@@ -82,15 +82,3 @@ def test_misuse_is_refused():
         FreeSpace.from_polygons([[(0, 0), (1, 1)]], 0.3)
     with pytest.raises(QueryError, match="at least 3 corners"):
         FreeSpace.from_polygons([[(0, 0), (1, 1), (1,)]], 0.3)
-
-
-def test_cells_say_what_they_hold(points):
-    space = FreeSpace.from_boxes(BOXES[:1], RADIUS, (-2, -2.2, 2.1, 2), 0.1)
-    for x, y in points.T[:800]:
-        kind = floor_kind(space.raster, x, y)
-        distance = distance_to_box(x, y, BOXES[0])
-        if kind == FREE:
-            assert distance > RADIUS
-        elif kind != MIXED:
-            assert distance <= RADIUS or not (-2 <= x <= 2.1 and -2.2 <= y <= 2)
-        assert kind in (FREE, MIXED) or not space.is_free(x, y)

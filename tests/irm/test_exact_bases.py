@@ -8,7 +8,6 @@ from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.exact import exact_solver
-from irm.inverse_map import ClassicalInverseReachabilityMap
 from irm.rotations import rotation
 from irm.status import Status
 from irm.verification import NotVerified, tcp_poses, verify
@@ -63,6 +62,7 @@ def test_bases_that_do_not_reach_are_dropped(coarse_inverse):
     assert kept > 50
 
 
+@pytest.mark.slow
 def test_a_batch_decides_exactly_too(coarse_inverse, table_floor, cups):
     how = {"pitch": 0.37, "free_space": table_floor, "k": 3, "exact": True}
     batch = coarse_inverse.query_batch(cups, yaw_ranges=(-0.9, 0.4), **how)
@@ -75,6 +75,7 @@ def test_a_batch_decides_exactly_too(coarse_inverse, table_floor, cups):
             assert answer == (Status.YES if batch.certain[k, rank] else Status.UNKNOWN).value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", PITCHES)
 def test_narrow_windows_of_paths_say_yes_and_are_right(coarse_inverse, table_floor, cups, pitch):
     """Off the rings too: every waypoint is reached, and small steps connect them."""
@@ -98,6 +99,7 @@ def test_narrow_windows_of_paths_say_yes_and_are_right(coarse_inverse, table_flo
     assert said >= 10
 
 
+@pytest.mark.slow
 def test_a_certain_path_is_continuous(coarse_inverse, table_floor, cups):
     for cup in cups[:10]:
         placement = coarse_inverse.query_path(
@@ -121,8 +123,6 @@ def test_targets_of_several_are_decided_on_request(coarse_inverse, table_floor):
         assert torso.shape == (2,)
 
 
-def test_exact_is_refused_if_it_is_no_answer(coarse_map, coarse_inverse):
-    with pytest.raises(QueryError, match="queries of InverseReachabilityMap"):
-        ClassicalInverseReachabilityMap(coarse_map).query((0.0, 0.0, 0.9), exact=True)
+def test_exact_is_refused_if_it_is_no_answer(coarse_inverse):
     with pytest.raises(QueryError, match="exact is True, False or None"):
         coarse_inverse.query((0.0, 0.0, 0.9), exact="yes")
