@@ -10,9 +10,9 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
-from planners.collision.world import CollisionWorld, CompiledScenes
+from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel
-from planners.context import ArmsError, PlanningContext, map_placer
+from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.execute import ExecutionResult, execute
 from planners.expert.executor import Command, ExecutionStatus, Executor, follow
@@ -22,14 +22,13 @@ from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import map_parameters
-from planners.grasping.candidates import GraspCandidates, gripper_poses
+from planners.grasping.candidates import gripper_poses
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, find_grasp_set
 from planners.grasping.grasp_poses import generate_grasps, gripper_opening
 from planners.motion.arm import NoPath, tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
-from planners.placing.placements import PlacementSearch
 from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
 from planners.scene.bodies import release_pitch
@@ -71,7 +70,6 @@ __all__ = [
     "ClearanceFloor",
     "CollisionWorld",
     "Command",
-    "CompiledScenes",
     "ConfigurationGrid",
     "Contact",
     "ControlledEnv",
@@ -82,7 +80,6 @@ __all__ = [
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
-    "GraspCandidates",
     "GripperPoses",
     "GroundAction",
     "HeldObject",
@@ -91,7 +88,6 @@ __all__ = [
     "MotionLayer",
     "NoPath",
     "NoPlan",
-    "PlacementSearch",
     "PlanFileError",
     "Planner",
     "PlanningContext",
@@ -134,7 +130,6 @@ __all__ = [
     "is_covered",
     "label_of",
     "map_parameters",
-    "map_placer",
     "plan_contact",
     "release_pitch",
     "robot_arrays",

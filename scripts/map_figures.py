@@ -27,7 +27,7 @@ from clutter_env.cli.map_report import best_manipulability, draw_slice
 from clutter_env.cli.named_robot import robot_by_name
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
-from clutter_env.simulation.meshes import add_meshes, has_visuals
+from clutter_env.simulation.model import add_meshes, has_visuals
 from irm.cache import cached_map
 from irm.chain import ArmChain
 from irm.equations import inverse_reachability, inverse_reachability_on_floor

@@ -13,16 +13,13 @@ The scripts `map_figures.py`, `map_speed.py` and `map_accuracy.py` draw and meas
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from clutter_env.reporting.command import run_command
-from irm import MapParameters
+from clutter_env.errors import UsageError
 
 if TYPE_CHECKING:
     from assets import RobotSpec
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Arguments:
-    """Command line."""
+    """Build a map."""
 
     mjcf: tyro.conf.Positional[Path | None] = None
     """MJCF file of an arm; it needs --base and --tip."""
@@ -45,21 +42,21 @@ class Arguments:
     """Name of a robot, or module:NAME of a RobotSpec."""
     out: Path | None = None
     """File of the map; outputs/NAME.npz if not given."""
-    voxel: float = MapParameters.voxel
+    voxel: float = 0.05
     """Edge of the position cells [m]."""
-    orientations: int = MapParameters.orientations
+    orientations: int = 62
     """Number of approach axes: 6, 26, 62, 114, 182, 266, ..."""
-    rolls: int = MapParameters.rolls
+    rolls: int = 0
     """Roll samples for each approach axis; 0 stands for 1 if the wrist rolls freely, and for 4 otherwise."""
-    pitches: tuple[float, ...] = MapParameters.pitches
+    pitches: tuple[float, ...] = ()
     """Rings of pitch to keep [degrees]; all if not given."""
-    heights: tuple[float, float] = MapParameters.heights
+    heights: tuple[float, float] = (0.0, 10.0)
     """Lowest and highest TCP position [m]."""
-    lift: bool = MapParameters.lift
+    lift: bool = True
     """Whether the torso may move; if not, it stays at its height in the home configuration."""
-    samples: int = MapParameters.samples
+    samples: int = 400_000
     """Random configurations, for arms without a closed form."""
-    seed: int = MapParameters.seed
+    seed: int = 0
     """Random seed of these configurations."""
     check: bool = True
     """Whether to compare the chain with the robot's MJCF file first."""
@@ -71,7 +68,7 @@ def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""
     from clutter_env.cli.map_report import build_map
     from clutter_env.reporting.files import write_json
-    from irm import ArmChain
+    from irm import ArmChain, MapParameters
 
     robot = _robot(arguments)
     parameters = MapParameters(
@@ -105,15 +102,9 @@ def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
             compare_with_model(ArmChain.from_robot(robot), model, robot.base_body, robot.tcp_site)
         return robot
     if not (arguments.base and arguments.tip):
-        raise ValueError("an MJCF file needs --base, a body, and --tip, a site or a body")
+        raise UsageError("an MJCF file needs --base, a body, and --tip, a site or a body")
     names = arguments.base, arguments.tip, arguments.approach
     chain = ArmChain.from_mjcf(arguments.mjcf, *names)
     if arguments.check:
         compare_with_model(chain, mujoco.MjModel.from_xml_path(str(arguments.mjcf)), *names)
     return chain
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    given = list(sys.argv[1:] if words is None else words)
-    run_command("map", Arguments, run, __doc__, given[1:] if given[:1] == ["build"] else given)

@@ -198,7 +198,7 @@ def _field_types(kind: type) -> dict[str, Any]:
     if issubclass(kind, Enum):
         return {"value": Any}
     hints = typing.get_type_hints(kind)
-    names = [entry.name for entry in fields(kind)] if is_dataclass(kind) else kind._fields  # type: ignore[attr-defined]
+    names = [entry.name for entry in fields(kind)] if is_dataclass(kind) else kind._fields  # type: ignore[attr-defined]  # tuple
     return {name: hints[name] for name in names}
 
 

@@ -1,6 +1,7 @@
 """The command `clutter-env map` and its sub-commands."""
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import mujoco
@@ -8,8 +9,9 @@ import pytest
 
 from assets.robots import FETCH
 from clutter_env.cli.main import main
+from clutter_env.cli.map import Arguments
 from clutter_env.cli.named_robot import robot_by_name
-from irm import compare_with_model
+from irm import MapParameters, compare_with_model
 from irm.chain import ArmChain
 from irm.errors import ChainError
 from irm.reachability_map import ReachabilityMap
@@ -18,10 +20,9 @@ PANDA = Path(__file__).resolve().parents[2] / "data" / "arms" / "panda.xml"
 COARSE = ["--voxel", "0.25", "--orientations", "6"]
 
 
-@pytest.mark.parametrize("words", [["map"], ["map", "build"]])
-def test_a_map_is_built_saved_and_reported(words, tmp_path, capsys):
+def test_a_map_is_built_saved_and_reported(tmp_path, capsys):
     file, report = tmp_path / "map.npz", tmp_path / "report.json"
-    main([*words, *COARSE, "--out", str(file), "--json", str(report)])
+    main(["map", *COARSE, "--out", str(file), "--json", str(report)])
     rm = ReachabilityMap.load(file, FETCH)
     assert json.loads(report.read_text())["poses"] == len(rm)
     assert f"poses: {len(rm)}" in capsys.readouterr().out
@@ -56,12 +57,13 @@ def test_a_chain_of_an_mjcf_file_is_compared_with_it():
         compare_with_model(chain, model, "base", "tcp", "x")
 
 
-@pytest.mark.parametrize("words", [["map"], ["map", "build"]])
-def test_every_sub_command_has_help(words, capsys):
-    with pytest.raises(SystemExit) as end:
-        main([*words, "--help"])
-    assert end.value.code == 0
-    assert "--robot" in capsys.readouterr().out
+def test_the_options_have_the_defaults_of_maps():
+    """The command repeats them, since maps take long to import."""
+    options = {entry.name: entry.default for entry in fields(Arguments)}
+    parameters = {entry.name: entry.default for entry in fields(MapParameters)}
+    assert {name: options[name] for name in parameters if name in options} == {
+        name: value for name, value in parameters.items() if name in options
+    }
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.reward import DENSE_SCALES, POTENTIAL_TERMS, dense_reward, potential
 from clutter_env.envs.success import HOLD_STEPS
-from clutter_env.learning.demonstrations.scripted import bulldoze
+from clutter_env.policies.scripted import direct_approach
 from tests.clutter_env.envs import side_grasp
 from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
 
@@ -144,7 +144,7 @@ def test_the_rewards_of_a_bulldozer_add_up_to_its_last_potential_and_its_penalti
         env.reset(seed=seed)
         before, total, is_over, steps = env._measure_potential(), 0.0, False, 0
         while not is_over and steps < 120:
-            _, reward, is_over, _, info = env.step(bulldoze(env)[1])
+            _, reward, is_over, _, info = env.step(direct_approach(env)[1])
             total += reward
             steps += 1
         judge = env._monitor

@@ -147,6 +147,7 @@ def test_without_a_table_of_directions_the_front_is_open() -> None:
     assert FETCH_APPROACHES.is_reachable(island, points, yaws).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "wide", "dense", "shelf", "island"])
 def test_the_table_of_directions_is_what_the_planner_reaches(name: str) -> None:
     layout, table = LAYOUTS[name], FETCH_APPROACHES.reachable[name]
@@ -155,6 +156,7 @@ def test_the_table_of_directions_is_what_the_planner_reaches(name: str) -> None:
     assert (reachable_yaws(FETCH, layout, points) == table[cells[:, 0], cells[:, 1]]).all()
 
 
+@pytest.mark.slow
 def test_the_test_agrees_with_the_planner() -> None:
     """The figures over all scenes stand in docs/suites.md."""
     found = agreement(610_000, 1, (SceneSet("paper", 25, 24), SceneSet("shelf", 10, 30)))
@@ -165,7 +167,7 @@ def test_the_test_agrees_with_the_planner() -> None:
 @pytest.mark.parametrize("least", [True, 2, 3])
 def test_targets_are_obstructed(least: bool | int) -> None:
     env = gym.make("clutter_env/Retrieve-o25-v0", obstructed=least, disable_env_checker=True).unwrapped
-    for seed in range(10):
+    for seed in range(4):
         env.reset(seed=seed)
         assert blockers(env.world.scene)[env.target_slot] >= int(least)
 
@@ -228,7 +230,7 @@ def test_the_robots_are_those_with_a_table() -> None:
 @pytest.mark.parametrize("robot", [robot("panda_mobile"), PR2, PR2.using("left")], ids=lambda spec: spec.full_name)
 def test_other_robots_have_a_table_of_the_paper_s_layout_each_arm_its_own(robot: RobotSpec) -> None:
     layout, table = LAYOUTS["paper"], side_approaches(robot.full_name).reachable["paper"]
-    cells = np.random.default_rng(0).integers(0, table.shape[:2], (4, 2))
+    cells = np.random.default_rng(0).integers(0, table.shape[:2], (1, 2))
     points = ((cells + 0.5) / table.shape[:2] - 0.5) * (layout.depth, layout.width)
     assert (reachable_yaws(robot, layout, points) == table[cells[:, 0], cells[:, 1]]).all()
     make(robot=robot, obstructed=True).reset(seed=0)

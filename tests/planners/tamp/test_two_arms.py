@@ -15,7 +15,7 @@ from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, Ta
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
-from planners.drawing.page.planned import plan_recording
+from planners.drawing.page.page import plan_recording
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
