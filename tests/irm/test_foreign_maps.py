@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from examples.import_pose_tables import read_pose_table, read_reuleaux
 from assets import FETCH
+from examples.import_pose_tables import read_pose_table, read_reuleaux
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.reachability_map import ReachabilityMap
