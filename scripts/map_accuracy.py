@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import tyro
@@ -47,7 +48,7 @@ def main(robot: str = "fetch", orientations: tuple[int, ...] = (62, 266), poses:
         shares = reached.mean(), (plain == reached)[known].mean(), plain[truth == NO].mean()
         row = [f"{count} orientations", *(f"{100 * share:.2f}%" for share in shares)]
         for ask in (classify, decide):
-            answers, microseconds = timed(lambda T, ask=ask, rm=rm: ask(rm, T), T)
+            answers, microseconds = timed(partial(ask, rm), T)
             wrong = ((answers == YES) & (truth == NO)) | ((answers == NO) & reached)
             row += [f"{100 * np.mean(answers == UNKNOWN):.2f}%", str(int(wrong.sum())), f"{microseconds:.2f}"]
         rows.append(row)
@@ -55,7 +56,7 @@ def main(robot: str = "fetch", orientations: tuple[int, ...] = (62, 266), poses:
 
 
 def random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
-    """T_base_tcp (n, 4, 4): uniform positions in the ball of the stretched arm around its shoulder, uniform rotations."""
+    """T_base_tcp (n, 4, 4): uniform positions in the ball of the stretched arm, uniform rotations."""
     direction = rng.normal(size=(count, 3))
     direction *= chain.reach * rng.random((count, 1)) ** (1 / 3) / np.linalg.norm(direction, axis=1, keepdims=True)
     Q, _ = np.linalg.qr(rng.normal(size=(count, 3, 3)))

@@ -1,5 +1,5 @@
-"""Figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, slices, and the base
-poses for a cup on a table. Blue is high manipulability and red is low, as in the paper.
+"""Figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, slices, and the
+base poses for a cup on a table. Blue is high manipulability and red is low, as in the paper.
 
     python scripts/map_figures.py --robot fetch --out outputs/maps
 """

@@ -1,5 +1,5 @@
-"""The paper's experiment, and the cost of maps: times of placement queries for cups on a table, by the classical and the
-proposed map; of building, inverting, saving and loading maps. All times are CPU times of one thread.
+"""The paper's experiment, and the cost of maps: times of placement queries for cups on a table, by the classical and
+the proposed map; of building, inverting, saving and loading maps. All times are CPU times of one thread.
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/map_speed.py --queries 500
 """
