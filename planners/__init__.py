@@ -26,7 +26,8 @@ from planners.grasping.candidates import GraspCandidates, gripper_poses
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.families import SIDE, find_grasp_set
 from planners.grasping.grasp_poses import generate_grasps, gripper_opening
-from planners.motion.arm import NoPath, tcp_pose
+from planners.motion.arm import tcp_pose
+from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
 from planners.placing.placements import PlacementSearch

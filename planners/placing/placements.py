@@ -17,7 +17,7 @@ from planners.grasping.base_placement import Arm, farthest_reach
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
-from planners.motion.pick_and_place import can_put_down
+from planners.motion.approaches import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels, put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes

@@ -26,9 +26,9 @@ from planners.collision.world import STEP, CollisionWorld
 from planners.context import map_placer
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import find_grasp_set
-from planners.motion.arm import ArmPath, plan_arm
-from planners.motion.arm_query import ArmQuery
+from planners.motion.arm import ArmQuery, plan_arm
 from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.motion.path import WholeBodyPath
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.timing import pick_trajectory
 from planners.planner import clearance_floor
@@ -128,9 +128,9 @@ def measure_pick(
     """One arm plan with MuJoCo's check, the timing, and MuJoCo's check with steps ten times smaller."""
     transit = motion.transit
     ends = transit.start, transit.end
-    query = ArmQuery(transit.base, transit.opening, exact=True)
-    path, seconds = timed(plan_arm, world, query, *ends, rng=rng)
-    if isinstance(path, ArmPath):
+    query = ArmQuery(world, transit.base, transit.opening)
+    path, seconds = timed(plan_arm, query, *ends, rng=rng)
+    if isinstance(path, WholeBodyPath):
         _, checking = timed(checker.deepest_penetration, path)
         result.plan.append(seconds + checking)
         result.checker.append(checking)

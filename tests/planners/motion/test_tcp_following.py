@@ -11,7 +11,8 @@ from clutter_env.simulation.end_effector import TcpFollower
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.arm import BlockedBy, tcp_pose
+from planners.motion.arm import tcp_pose
+from planners.motion.path import BlockedBy
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.tcp_following import Followed, follow
 from planners.motion.timing import pick_trajectory

@@ -22,7 +22,7 @@ from irm.arm.kinematics import ArmChain
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import free_ground
-from planners.motion.pick_and_place import can_leave
+from planners.motion.approaches import can_leave
 
 RULE = ContactRule(FETCH, find_layout("paper"))
 
