@@ -13,11 +13,10 @@ from types import MappingProxyType
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain
 from planners.collision.world import CompiledScenes
-from planners.grasping.arms import ArmCandidates
 from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.canonical import CanonicalGrasps
-from planners.grasping.families import GraspFamily, find_grasp_set
+from planners.grasping.grasp_poses import GraspFamily, find_grasp_set
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.canonical import CanonicalPlacements
 from planners.placing.placements import PlacementSearch
@@ -105,8 +104,7 @@ class PlanningContext:
         """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
         kind = CanonicalGrasps if self.canonical else GraspCandidates
         config, worlds = SamplingConfig(near_home=self.near_home), compiled or CompiledScenes()
-        by_arm = {name: kind(arm.placer, arm.chain, config, worlds, self.families) for name, arm in self.arms.items()}
-        return next(iter(by_arm.values())) if len(by_arm) == 1 else ArmCandidates.of(by_arm)
+        return kind(self.arms, self.families, config, worlds)
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""

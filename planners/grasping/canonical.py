@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.arm.kinematics import ArmChain, fk_frames
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits
-from planners.grasping.base_placement import MapPlacer, farthest_reach
+from planners.grasping.base_placement import STRAIGHT, TURNED, facing_bases, farthest_reach
 from planners.grasping.candidates import OFF_TABLE, GraspCandidate, GraspCandidates, Stage, gripper_poses
-from planners.grasping.facing_bases import STRAIGHT, TURNED, FacingPlacer
-from planners.grasping.families import GraspFamily
-from planners.grasping.grasp_poses import generate_grasps
+from planners.grasping.grasp_poses import GraspFamily, generate_grasps
 from planners.scene import Body, Scene
 
 Array = NDArray[np.float64]
@@ -64,7 +62,7 @@ def _turning_joints(robot: RobotSpec) -> list[int]:
 
 @dataclass
 class CanonicalGrasps(GraspCandidates):
-    """Grasps of a scene's objects, the canonical ones first; the placer is a `MapPlacer`."""
+    """Grasps of a scene's objects, the canonical ones first; for robots that act with one arm."""
 
     def _stages(self) -> tuple[Stage, ...]:
         return tuple(Stage(family, bases) for family in self.families for bases in (_STRAIGHT, _TURNED, _MAP))
@@ -93,14 +91,14 @@ class CanonicalGrasps(GraspCandidates):
         if not grasps:
             return ()
         turns, opening = STRAIGHT if stage.bases == _STRAIGHT else TURNED, max(grasp.opening for grasp in grasps)
-        poses = self._untried(body, self._facing_poses(scene, gripper_poses(grasps), turns))
+        poses = self._untried(scene, body, self._facing_poses(scene, gripper_poses(grasps), turns))
         return self._scan(scene, body, poses, self._about_home(scene), opening)
 
     def _facing_poses(self, scene: Scene, wanted: Array, turns: tuple[float, ...]) -> GripperPoses:
         """Base poses that face the wanted gripper poses (k, 5), the least turned first."""
-        assert isinstance(self.placer, MapPlacer)
-        bases, index = FacingPlacer(self.placer, farthest_reach(scene.robot), turns).bases(wanted)
+        placer = self.arms[scene.robot.arm_name].placer
+        bases, index = facing_bases(placer, wanted, farthest_reach(scene.robot), turns)
         return GripperPoses(bases, wanted[index])
 
     def _about_home(self, scene: Scene) -> ConfigurationGrid:
-        return ConfigurationGrid.about_home(self.chain, scene.robot.home)
+        return ConfigurationGrid.about_home(self.arms[scene.robot.arm_name].chain, scene.robot.home)

@@ -21,11 +21,8 @@ from clutter_env.experiments.plans.truth import FINER, CheckedPlan, check_plan
 from clutter_env.reporting.command import run_command
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
-from irm.arm.kinematics import ArmChain
 from planners.collision.world import STEP, CollisionWorld
-from planners.context import map_placer
-from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.grasping.families import find_grasp_set
+from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import ArmQuery, plan_arm
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.path import WholeBodyPath
@@ -143,8 +140,7 @@ def measure_pick(
 
 def free_grasps(scene: Scene, grasps: str) -> Iterator[GraspCandidate]:
     """The best grasp of every object that can be grasped without touching another."""
-    chain = ArmChain.from_robot(scene.robot)
-    candidates = GraspCandidates(map_placer(scene), chain, families=find_grasp_set(grasps))
+    candidates = PlanningContext.of(scene, grasps=grasps).grasps()
     for name in scene.names:
         yield from [option for option in candidates.for_object(scene, name) if not option.blockers][:1]
 

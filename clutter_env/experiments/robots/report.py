@@ -16,7 +16,7 @@ from clutter_env.simulation.robot_check import check_robot
 from irm.arm.general.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, solver_arrays
 from irm.arm.kinematics import ArmChain, forward
 from planners.collision.scene_arrays import GeometryError, robot_arrays
-from planners.grasping.gripper import gripper_clearances
+from planners.grasping.grasp_poses import gripper_clearances
 
 __all__ = ["RobotReport", "report_of"]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,9 +14,8 @@ from planners.clearing.commitments import Commitments, NoCommitment, grasped, gr
 from planners.clearing.lookahead import keep_clear
 from planners.clearing.lower_bound import minimum_clearances
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext, map_placer
+from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.grasping.families import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
 from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
@@ -162,7 +163,8 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
 
 def all_of(scene: Scene, name: str) -> list[int]:
     """The blocker masks of an object's grasps of all families, each looked at alone."""
-    sources = (GraspCandidates(map_placer(scene), CHAIN, families=(family,)) for family in GRASP_SETS["all"])
+    context = PlanningContext.of(scene)
+    sources = (replace(context, families=(family,)).grasps() for family in context.families)
     return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
 
 

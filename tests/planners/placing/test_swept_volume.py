@@ -11,6 +11,7 @@ from assets.robots import FETCH
 from irm.visibility.robot_view import BASE
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
+from planners.context import PlanningContext
 from planners.drawing.choices import choices_of
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import APPROACH_PATTERNS, ContactQuery, planned_approach, trace
@@ -20,7 +21,6 @@ from planners.placing import surfaces, swept_volume
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, is_free, swept_mask
 from planners.placing.swept_volume import GraspVolumes, grasp_volume, path_volume, standing_volume
 from planners.planner import Planner
-from planners.query import PlanningContext
 from planners.scene import HeldObject, Scene, StaticObstacle
 from planners.tamp.solution import Solution
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import gymnasium as gym
 import numpy as np
@@ -12,14 +11,11 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH, PR2, InvalidRobot
-from irm.arm.kinematics import ArmChain
 from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
-from planners.context import map_placer
+from planners.context import PlanningContext
 from planners.drawing.page.planned import plan_recording
-from planners.grasping.arms import ArmCandidates
-from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import HeldObject, RobotState, Scene
@@ -139,11 +135,9 @@ class _Pose:
 
 
 def test_both_arms_offer_grasps_fewest_blockers_first(scene: Scene) -> None:
-    by_arm = {
-        arm: GraspCandidates(map_placer(scene.using(arm)), ArmChain.from_robot(BOTH.using(arm)))
-        for arm in BOTH.acting_arms
-    }
-    together = ArmCandidates.of(MappingProxyType(by_arm))
+    context = PlanningContext.of(scene, grasps="side")
+    together = context.grasps()
+    by_arm = {name: replace(context, arms={name: arm}).grasps() for name, arm in context.arms.items()}
     for name in scene.names[:5]:
         found = together.for_object(scene, name)
         assert {grasp.key for grasp in found} == {
