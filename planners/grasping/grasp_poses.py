@@ -59,15 +59,9 @@ class GraspFamily:
 
 SIDE = GraspFamily("side", 0.0)
 """The paper's: a level gripper."""
-
-
 _TILTED = {degrees: GraspFamily(f"tilted {degrees}°", math.radians(degrees), depth=0.02) for degrees in (20, 40, 60)}
-
-
 TOP = GraspFamily("top", math.pi / 2, depth=0.02)
 """The gripper points straight down."""
-
-
 GRASP_SETS: Mapping[str, tuple[GraspFamily, ...]] = MappingProxyType(
     {
         "side": (SIDE,),

@@ -6,7 +6,7 @@ import numpy as np
 
 from assets.robots import FETCH
 from planners.context import map_placer
-from planners.grasping.base_placement import TURNED, farthest_reach
+from planners.grasping.base_placement import TURNED, facing_bases, farthest_reach
 from tests.planners.scenes import cylinder, table_scene
 
 SCENE = table_scene(cylinder("object_00", 0.0, 0.0))
