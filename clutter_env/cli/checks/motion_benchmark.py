@@ -22,6 +22,7 @@ from clutter_env.reporting.command import run_command
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from planners.collision.world import STEP, CollisionWorld
+from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import ArmQuery, plan_arm
 from planners.motion.mujoco_check import MujocoCollisionChecker

@@ -41,7 +41,7 @@ def problem(
 ) -> ClearingProblem:
     context, rng = PlanningContext.of(scene, grasps="side"), np.random.default_rng(0)
     grasps = context.grasps() if source is None else source
-    return ClearingProblem(context, grasps, context.placements(), scene, target, find_strategy(strategy), rng)
+    return ClearingProblem(context, grasps, context.placements(), scene, target, find_strategy("lookahead"), rng)
 
 
 @pytest.fixture(scope="module", params=[0, 1])
