@@ -2,8 +2,10 @@
 
 from assets.acting_joints import ActingJoints
 from assets.files import folder, names, path
-from assets.frames import rotation_of
-from assets.robots import FETCH, PR2, ArmSpec, ChainLink, InvalidRobot, LinkMesh, RobotSpec, UnknownRobot, robot
+from assets.pr2 import PR2
+from assets.robot_parts import ArmSpec, ChainLink, InvalidRobot, LinkMesh, rotation_of
+from assets.robot_spec import RobotSpec
+from assets.robots import FETCH, UnknownRobot, robot
 
 __all__ = [
     "FETCH",

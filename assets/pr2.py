@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 
-from assets.robot_spec import NO_TURN, ArmSpec, ChainLink, LinkMesh, RobotSpec
+from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, LinkMesh
+from assets.robot_spec import RobotSpec
 
 __all__ = ["PR2"]
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 __all__ = ["AXES", "NO_TURN", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh"]
 
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
@@ -19,6 +22,18 @@ AXES = {
     "-z": (0.0, 0.0, -1.0),
 }
 """The axes that have names."""
+
+
+def rotation_of(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """The rotation (3, 3) of a quaternion (4,), wxyz."""
+    w, x, y, z = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 class InvalidRobot(ValueError):
@@ -45,6 +60,11 @@ class ChainLink(NamedTuple):
     def direction(self) -> tuple[float, float, float]:
         """Unit vector of the axis in the joint's frame."""
         return AXES[self.axis] if isinstance(self.axis, str) else self.axis
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """(3, 3) orientation of the joint's frame in its parent's while the joint is at zero."""
+        return rotation_of(self.quaternion)
 
 
 class LinkMesh(NamedTuple):

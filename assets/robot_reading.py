@@ -11,9 +11,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.arm_reading import ModelArm, load_model, read_arm
 from assets.files import path as asset_path
 from assets.robot_parts import ChainLink, InvalidRobot
+from irm.chain import ArmChain
+from irm.errors import ChainError
 
 __all__ = ["RobotPage", "page_of", "read_fields"]
 
@@ -71,14 +72,21 @@ def read_fields(mjcf: str | Path, page: RobotPage) -> dict[str, Any]:
         InvalidRobot: the file lacks what the page names, or they do not describe a robot.
     """
     file = Path(mjcf).resolve() if Path(mjcf).is_file() else mjcf
-    model = load_model(asset_path(str(file)))
+    path = asset_path(str(file))
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as problem:
+        raise InvalidRobot(f"{path} cannot be read as an MJCF file: {problem}") from problem
     base = model.body(model.jnt_bodyid[_joint(model, page.base_joints[0])]).name
-    arm = read_arm(model, base, page.tip, "x")
+    try:
+        arm = ArmChain.from_mjcf(model, base, page.tip)
+    except ChainError as problem:
+        raise InvalidRobot(str(problem)) from problem
     if not arm.joints[0]:
         raise InvalidRobot(f"{mjcf}: between {base!r} and the arm there must be a lift: a slide along z with a range")
     arm_count = len(arm.joints) - 1
     return dict(
-        name=page.name or arm.name,
+        name=page.name or arm.robot,
         mjcf=str(file),
         base_body=base,
         base_joints=page.base_joints,
@@ -104,7 +112,7 @@ def read_fields(mjcf: str | Path, page: RobotPage) -> dict[str, Any]:
     )
 
 
-def _chain(arm: ModelArm) -> tuple[ChainLink, ...]:
+def _chain(arm: ArmChain) -> tuple[ChainLink, ...]:
     """The chain with the frames that were read, their numbers rounded."""
     links = []
     for joint, place, axis, lower, upper in zip(arm.joints, arm.offsets, arm.axes, arm.lower, arm.upper, strict=True):
@@ -128,7 +136,7 @@ def _numbers(values: Floats) -> Any:
 
 
 def _quaternion(place: Floats) -> Any:
-    """wxyz of the orientation in a row of `ModelArm`."""
+    """wxyz of the orientation in a row of `ArmChain`."""
     if place.size == 3:
         return (1.0, 0.0, 0.0, 0.0)
     quaternion = np.empty(4)

@@ -7,8 +7,11 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from assets.files import path
-from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, InvalidRobot, LinkMesh
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.files import folder, path
+from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, InvalidRobot, LinkMesh, rotation_of
 from assets.spec_checks import check_chain, check_names, check_numbers, check_unit, require
 
 __all__ = ["NO_TURN", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec"]
@@ -153,6 +156,16 @@ class RobotSpec:
             FileNotFoundError: there is no such file.
         """
         return path(self.mjcf)
+
+    @property
+    def tcp_rotation(self) -> NDArray[np.float64]:
+        """(3, 3) orientation of the TCP in the last arm frame."""
+        return rotation_of(self.tcp_quaternion)
+
+    @property
+    def map_folder(self) -> Path | None:
+        """Folder with reachability maps of robots of the package; `irm.cached_map` finds them by their digest there."""
+        return folder("maps")
 
     @property
     def torso_joint(self) -> str:

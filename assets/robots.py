@@ -8,7 +8,8 @@ from functools import cache
 from typing import Any
 
 from assets.pr2 import PR2
-from assets.robot_spec import ArmSpec, ChainLink, InvalidRobot, LinkMesh, RobotSpec
+from assets.robot_parts import ArmSpec, ChainLink, InvalidRobot, LinkMesh
+from assets.robot_spec import RobotSpec
 
 __all__ = ["FETCH", "PR2", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
 

@@ -1,11 +1,20 @@
 """Registers the environments with Gymnasium, and knows the suites of scenes."""
 
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from gymnasium.envs.registration import WrapperSpec, register
 
-from clutter_env.scene.layout import Box, Layout
-from clutter_env.suites import suite, suite_names
+# One distribution, four top-level packages: without this check an import from another package of that name fails with
+# "cannot import name", or later.
+for _name in ("assets", "irm", "planners"):
+    _spec = find_spec(_name)
+    if _spec and _spec.origin and Path(_spec.origin).parent.parent != Path(__file__).parent.parent:
+        raise ImportError(f"{_spec.origin} hides the package {_name!r} of clutter-env: rename it, or leave its folder")
+
+from clutter_env.scene.layout import Box, Layout  # noqa: E402  after the check
+from clutter_env.suites import suite, suite_names  # noqa: E402
 
 __all__ = [
     "OBJECT_COUNTS",

@@ -14,8 +14,6 @@ from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
 from clutter_env.scene.obstruction import robots_with_approaches
 
-__all__ = ["CONTROL_HZ", "PHYSICS_STEPS", "RENDER_MODES", "TIMESTEP", "EnvConfig"]
-
 CONTROL_HZ = 20
 TIMESTEP = 0.002
 """[s] of one physics step."""

@@ -2,17 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ActionError",
-    "ClutterEnvError",
-    "ConfigError",
-    "OptionError",
-    "RenderingUnavailable",
-    "StateError",
-    "SuiteError",
-    "UsageError",
-]
-
 
 class ClutterEnvError(ValueError):
     """Base of every exception raised here for misuse."""

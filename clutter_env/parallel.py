@@ -16,6 +16,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -150,16 +151,19 @@ class _LocalProcesses:
         self._busy: dict[Future[Any], Any] = {}
 
     def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
-        from loky import ProcessPoolExecutor
-
-        executor = (
-            self._idle.pop()
-            if self._idle
-            else ProcessPoolExecutor(max_workers=1, initializer=_end_with_parent, initargs=(os.getpid(),))
-        )
-        future: Future[Any] = executor.submit(_call, function, job)
+        with _ctrl_c_left_to_this_process():
+            executor = self._idle.pop() if self._idle else self._start()
+            future: Future[Any] = executor.submit(_call, function, job)
         self._busy[future] = executor
         return future
+
+    def _start(self) -> Any:
+        from loky import ProcessPoolExecutor
+        from loky.backend import get_context
+
+        # As with the standard library's "spawn", the worker imports the main module, whose functions may be jobs.
+        context = get_context("loky_init_main")
+        return ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(os.getpid(),))
 
     def result(self, future: Future[Any]) -> Any:
         executor = self._busy.pop(future)
@@ -180,9 +184,21 @@ class _LocalProcesses:
             executor.shutdown(wait=False, kill_workers=True)
 
 
+@contextmanager
+def _ctrl_c_left_to_this_process() -> Iterator[None]:
+    """Ignore Ctrl-C for a moment; processes that are started in it ignore it as long as they run, from the first."""
+    if threading.current_thread() is not threading.main_thread():  # where Python does not set handlers
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _end_with_parent(parent: int) -> None:
-    """Prepare a worker: leave Ctrl-C to the parent, and end with it, so that a killed command leaves no workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let a worker end with its parent, so that a killed command leaves no workers."""
 
     def watch() -> None:
         while os.getppid() == parent:

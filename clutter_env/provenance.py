@@ -37,7 +37,7 @@ _RULES = {
     "scenes": ("scene/layout.py", "scene/object_sets.py", "scene/random_scene.py", "scene/obstruction.py"),
     "success": ("envs/success.py",),
     "reward": ("envs/reward.py",),
-    "observation": ("envs/observation.py", "envs/observation_layout.py"),
+    "observation": ("envs/observation.py",),
 }
 """The source files whose code decides what an environment does, by what they decide."""
 _NO_TASKS = ("gymnasium.", "clutter_env.envs.base")

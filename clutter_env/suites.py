@@ -21,18 +21,6 @@ import numpy as np
 import assets
 from clutter_env.errors import SuiteError
 
-__all__ = [
-    "GRASPS",
-    "SPLITS",
-    "Floor",
-    "Suite",
-    "SuiteScene",
-    "content_digest",
-    "scene_digests",
-    "suite",
-    "suite_names",
-]
-
 SPLITS = ("test", "validation")
 GRASPS = ("side", "all")
 """Grasp sets for which the suites have floors: level side grasps, and grasps of all kinds."""
@@ -196,9 +184,8 @@ def suite_names() -> tuple[str, ...]:
     return assets.names("suites")
 
 
-@cache
 def suite(name: str) -> Suite:
-    """The suite of that name.
+    """The suite of that name, read once in a process.
 
     Example:
         >>> import clutter_env
@@ -211,17 +198,33 @@ def suite(name: str) -> Suite:
     Raises:
         SuiteError: no suite of that name, the message lists them; or its file has been changed, or is not valid.
     """
-    if name not in suite_names():
+    if not isinstance(name, str) or name not in suite_names():
         raise SuiteError(f"no suite {name!r}; suites: {', '.join(suite_names())}")
-    content = json.loads(assets.path(f"suites/{name}.json").read_text())
-    digest = content.pop("sha256")
-    if digest != content_digest(content):
-        raise SuiteError(f"the file of suite {name!r} has been changed: its content does not have the digest {digest}")
-    splits = {
-        split: tuple(_scene(content, split, index, entry) for index, entry in enumerate(content["scenes"][split]))
-        for split in SPLITS
-    }
-    return Suite(content["name"], content["about"], digest, MappingProxyType(content["made_with"]), **splits)
+    return _read_suite(name)
+
+
+@cache
+def _read_suite(name: str) -> Suite:
+    """The suite in the file of that name, checked entry by entry: an error says what is wrong with the file."""
+    place = f"the file of suite {name!r}"
+    try:
+        content = json.loads(assets.path(f"suites/{name}.json").read_text())
+    except (OSError, ValueError, RecursionError) as problem:  # errors of JSON and of Unicode are ValueErrors
+        raise SuiteError(f"{place} cannot be read: {problem}") from None
+    try:
+        digest = content.pop("sha256")
+        if digest != content_digest(content):
+            raise SuiteError(f"{place} has been changed: its content does not have the digest {digest}")
+        splits = {
+            split: tuple(_scene(content, split, index, entry) for index, entry in enumerate(content["scenes"][split]))
+            for split in SPLITS
+        }
+        made_with = MappingProxyType(_entry(content, "made_with", dict))
+        return Suite(_entry(content, "name", str), _entry(content, "about", str), digest, made_with, **splits)
+    except KeyError as problem:
+        raise SuiteError(f"{place} lacks the entry {problem}") from None
+    except (AttributeError, TypeError) as problem:  # a list where a dictionary should be, and the like
+        raise SuiteError(f"{place} is not valid: {problem}") from None
 
 
 def content_digest(content: Mapping[str, Any]) -> str:
@@ -248,16 +251,24 @@ def _digest(numbers: np.ndarray[Any, Any]) -> str:
 
 def _scene(content: Mapping[str, Any], split: str, index: int, entry: Mapping[str, Any]) -> SuiteScene:
     return SuiteScene(
-        suite=content["name"],
+        suite=_entry(content, "name", str),
         split=split,
         index=index,
-        env_id=content["env_id"],
-        keywords=MappingProxyType(content["keywords"]),
-        max_steps=content["max_steps"],
-        seed=entry["seed"],
-        options=MappingProxyType(content["options"]),
-        target=entry["target"],
+        env_id=_entry(content, "env_id", str),
+        keywords=MappingProxyType(_entry(content, "keywords", dict)),
+        max_steps=_entry(content, "max_steps", int),
+        seed=_entry(entry, "seed", int),
+        options=MappingProxyType(_entry(content, "options", dict)),
+        target=_entry(entry, "target", str),
         floor_side=Floor.read(entry["floor_side"]),
         floor_all=None if entry["floor_all"] is None else Floor.read(entry["floor_all"]),
-        digests=MappingProxyType(entry["digests"]),
+        digests=MappingProxyType(_entry(entry, "digests", dict)),
     )
+
+
+def _entry(values: Mapping[str, Any], name: str, kind: type) -> Any:
+    """An entry of a file; raises KeyError or TypeError where it is missing or of another type."""
+    value = values[name]
+    if type(value) is not kind:
+        raise TypeError(f"{name}={value!r} must be of type {kind.__name__}")
+    return value

@@ -10,31 +10,25 @@ Example:
     print(placement.status, placement.poses)
 """
 
-from irm.arm.frames import PRISMATIC, frames_of, pose_of
-from irm.arm.kinematics import ArmChain
-from irm.checks.classification import classify, predict
-from irm.checks.decide import decide
-from irm.checks.verification import NotVerified, Verified, tcp_poses, verify
+from irm.cache import cache_folder, cached_map, is_map_at_hand
+from irm.chain import PRISMATIC, ArmChain, frames_of, pose_of
+from irm.classification import classify, decide, predict
 from irm.errors import ReachabilityError
-from irm.floor.free_space import FreeSpace
-from irm.floor.robot_outline import robot_radius
-from irm.floor.solid_boxes import SolidBoxes
-from irm.maps.cache import cache_folder, cached_map, cached_table, is_map_at_hand
-from irm.maps.certificate.table import CertificateTable
-from irm.maps.parameters import MapParameters
-from irm.maps.pose_tables import read_pose_table, read_reuleaux
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.classical import ClassicalInverseReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.placement import BasePlacement, PlacementBatch
-from irm.queries.status import Status
-from irm.visibility.map import VisibilityMap, cached_visibility
+from irm.free_space import FreeSpace
+from irm.grid import MapParameters
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.kinematics import forward, link_origins
+from irm.placement import BasePlacement, PlacementBatch
+from irm.reachability_map import ReachabilityMap
+from irm.robot_outline import robot_radius
+from irm.solid_boxes import SolidBoxes
+from irm.status import Status
+from irm.verification import NotVerified, SelfCollision, Verified, compare_with_model, tcp_poses, verify
 
 __all__ = [
     "PRISMATIC",
     "ArmChain",
     "BasePlacement",
-    "CertificateTable",
     "ClassicalInverseReachabilityMap",
     "FreeSpace",
     "InverseReachabilityMap",
@@ -43,22 +37,21 @@ __all__ = [
     "PlacementBatch",
     "ReachabilityError",
     "ReachabilityMap",
+    "SelfCollision",
     "SolidBoxes",
     "Status",
     "Verified",
-    "VisibilityMap",
     "cache_folder",
     "cached_map",
-    "cached_table",
-    "cached_visibility",
     "classify",
+    "compare_with_model",
     "decide",
+    "forward",
     "frames_of",
     "is_map_at_hand",
+    "link_origins",
     "pose_of",
     "predict",
-    "read_pose_table",
-    "read_reuleaux",
     "robot_radius",
     "tcp_poses",
     "verify",

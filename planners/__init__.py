@@ -10,9 +10,9 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
-from planners.collision.world import CollisionWorld, CompiledScenes
+from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel
-from planners.context import ArmsError, PlanningContext, map_placer
+from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.execute import ExecutionResult, execute
 from planners.expert.executor import Command, ExecutionStatus, Executor, follow
@@ -28,13 +28,12 @@ from planners.grasping.arm_configurations import (
     scan_configurations,
 )
 from planners.grasping.base_placement import map_parameters
-from planners.grasping.candidates import GraspCandidates, gripper_poses
+from planners.grasping.candidates import gripper_poses
 from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_opening
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
-from planners.placing.placements import PlacementSearch
 from planners.planner import Planner, clearance_floor, solve, warmup
 from planners.scene import Body, HeldObject, Scene, SceneError
 from planners.scene.bodies import release_pitch
@@ -76,7 +75,6 @@ __all__ = [
     "ClearanceFloor",
     "CollisionWorld",
     "Command",
-    "CompiledScenes",
     "ConfigurationGrid",
     "Contact",
     "ControlledEnv",
@@ -87,7 +85,6 @@ __all__ = [
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
-    "GraspCandidates",
     "GripperPoses",
     "GroundAction",
     "HeldObject",
@@ -96,7 +93,6 @@ __all__ = [
     "MotionLayer",
     "NoPath",
     "NoPlan",
-    "PlacementSearch",
     "PlanFileError",
     "Planner",
     "PlanningContext",
@@ -139,7 +135,6 @@ __all__ = [
     "is_covered",
     "label_of",
     "map_parameters",
-    "map_placer",
     "plan_contact",
     "release_pitch",
     "robot_arrays",

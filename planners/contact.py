@@ -17,7 +17,7 @@ _STRAIGHT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Where the gripper closes around an object, or opens to put it down. Arrays are read-only.
+    """Poses of base and gripper where the gripper closes around an object, or puts it down. Arrays are read-only.
 
     Attributes:
         skill: "pick" or "place".

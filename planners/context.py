@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig

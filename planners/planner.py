@@ -151,33 +151,33 @@ class Planner:
         rng: np.random.Generator | None = None,
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
-        """As the function `solve`."""
+        """Plan to take `target`; see the function `solve`."""
         scene.index(target)
         chosen = find_strategy(strategy)
-        deadline = warm_once(self, self._exercise, Deadline.after(time_limit))
+        deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
             return Infeasible(Cause.TIME_LIMIT, detail, target=target, strategy=chosen)
         return self._solve(scene, target, chosen, rng or np.random.default_rng(0), deadline)
 
     def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
-        """As the function `clearance_floor`."""
+        """The minimum number of clearances; see the function `clearance_floor`."""
         scene.index(target)
         self.warmup()
         grasps = PlanningContext.of(scene, grasps=self.grasps).grasps()
 
         def blockers(name: str) -> list[int]:
-            """What is in the way of each grasp of an object."""
+            """Masks of the objects in the way of each grasp of an object."""
             return [grasp.blockers for grasp in grasps.for_object(scene, name)]
 
         return lower_bound_of_masks(scene, target, blockers, limits)
 
     def warmup(self) -> None:
-        """As the function `warmup`, for this robot and task planner."""
-        warm_once(self, self._exercise)
+        """Load or compile everything that a solve uses; see the function `warmup`."""
+        warm_once(self.robot, self.follower, self._exercise)
 
     def context(self, scene: Scene) -> PlanningContext:
-        """What a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
+        """The context that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
         return PlanningContext.of(
             scene,
             grasps=self.grasps,

@@ -28,7 +28,7 @@ class StrategyError(ValueError):
 class Strategy:
     """A way to clear: three choices, planning ahead or not, and a budget.
 
-    The strategies of `STRATEGIES` have the same budget; `sets`, `slack`, `variations` and `second_moves` are part of
+    The strategies of `STRATEGIES` have the same budget; `sets`, `slack`, `variations` and `non_monotone` are part of
     planning ahead, which is the idea of "lookahead".
 
     Attributes:
@@ -44,7 +44,7 @@ class Strategy:
             grasps yield one.
         slack: sets with so many objects more than the fewest are looked at too.
         variations: other orders and grasps tried for each set.
-        second_moves: objects put aside provisionally, to be moved again, where no plan is found that moves each object
+        non_monotone: objects put aside provisionally, to be moved again, where no plan is found that moves each object
             once; only for strategies that plan ahead.
         leaves_cleared: whether an object that was cleared before is cleared again only if nothing else helps.
         attempts: runs of Algorithm 1, with other random choices, before a solve ends without a plan or with a plan that
@@ -65,7 +65,7 @@ class Strategy:
     sets: int = 1
     slack: int = 0
     variations: int = 0
-    second_moves: int = 0
+    non_monotone: int = 0
     leaves_cleared: bool = True
     attempts: int = 3
     locations_per_level: int = 120
@@ -88,7 +88,7 @@ _LEAST = {
     "sets": 1,
     "slack": 0,
     "variations": 0,
-    "second_moves": 0,
+    "non_monotone": 0,
     "attempts": 1,
     "locations_per_level": 1,
     "placements": 1,
@@ -99,7 +99,7 @@ STRATEGIES = {
     entry.name: entry
     for entry in (
         Strategy(
-            "lookahead", "smallest", "ngr", "priority", plans_ahead=True, sets=12, slack=2, variations=6, second_moves=2
+            "lookahead", "smallest", "ngr", "priority", plans_ahead=True, sets=12, slack=2, variations=6, non_monotone=2
         ),
         Strategy("ngr", "greedy", "ngr", "priority"),
         Strategy("dogar", "greedy", "ngr1", "priority"),

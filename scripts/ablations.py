@@ -28,11 +28,11 @@ LOOKAHEAD = STRATEGIES["lookahead"]
 ABLATIONS = {
     # The smallest set is still chosen, but clearances are not simulated before the first motion.
     "lookahead - look-ahead": Variant(
-        replace(LOOKAHEAD, plans_ahead=False, sets=1, slack=0, variations=0, second_moves=0)
+        replace(LOOKAHEAD, plans_ahead=False, sets=1, slack=0, variations=0, non_monotone=0)
     ),
     "lookahead - tilt": Variant(LOOKAHEAD, {"grasps": "side"}),
     "lookahead - counters": Variant(LOOKAHEAD, {"supports": (TABLE,)}),
-    "lookahead - second moves": Variant(replace(LOOKAHEAD, second_moves=0)),
+    "lookahead - second moves": Variant(replace(LOOKAHEAD, non_monotone=0)),
 }
 ARMS = {
     "lookahead, one arm, less time": Variant(LOOKAHEAD, {"saves_time": True}),

@@ -7,18 +7,18 @@ CPU times of one process. Every number of objects is measured in a process of it
 
 from __future__ import annotations
 
-import platform
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import mujoco
+if TYPE_CHECKING:
+    from clutter_env.envs.retrieve import RetrieveEnv
 
-from clutter_env.experiments.environments.batch_scaling import measure_batch
-from clutter_env.experiments.environments.resets import compare_resets
-from clutter_env.experiments.environments.speed import SpeedSettings, measure_speed, speed_table
-from clutter_env.experiments.environments.toppled import measure_toppled
-from clutter_env.reporting.files import write_json
-from clutter_env.reporting.progress import progress_bar
+EPISODE_STEPS = 300
+RENDERED_FRAMES = 60
+RESETS = 100
 
 
 @dataclass(frozen=True)
@@ -27,46 +27,182 @@ class Arguments:
 
     objects: tuple[int, ...] = (1, 5, 10, 15, 20, 25, 30, 40, 50, 60)
     """Numbers of objects to measure."""
-    steps: int = SpeedSettings.steps
+    steps: int = 3000
     """Control steps for each number of objects."""
-    layout: str = SpeedSettings.layout
+    layout: str = "paper"
     """Table and surroundings."""
-    control_mode: str = SpeedSettings.control_mode
+    control_mode: str = "joint"
     """Meaning of the actions: "joint" or "ee"."""
-    seed: int = SpeedSettings.seed
+    seed: int = 0
     """Random seed of scenes and actions."""
-    toppled: int = 0
-    """Measure only this: steps per second with 40 objects toppled, over so many episodes."""
-    resets: int = 0
-    """Measure only this: a reset with 20 objects beside one of FetchPickAndPlace, in so many rounds of 100."""
-    batch: int = 0
-    """Measure only this: so many environments of 20 objects, their physics on one and on two threads of a pool."""
     out: Path = Path("outputs/benchmark.png")
     """File of the plot."""
     json: Path | None = None
     """File of machine-readable results."""
 
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise ValueError(f"steps={self.steps} must be at least 1")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One row of the table.
+
+    Attributes:
+        objects: on the table.
+        steps_per_s: control steps in a second of CPU time, without resets.
+        step_over_physics: CPU time of `env.step` over that of the physics steps in it.
+        physics_step_us: CPU time of one physics step [µs].
+        reset_median_ms: CPU time of a reset [ms].
+        frames_per_s: images of 480 × 480 in a second of wall-clock time, None without OpenGL.
+        memory_mb: peak memory of the process [MB].
+    """
+
+    objects: int
+    steps_per_s: float
+    step_over_physics: float
+    physics_step_us: float
+    reset_median_ms: float
+    frames_per_s: float | None
+    memory_mb: float
+
 
 def run(arguments: Arguments) -> None:
     """Measure, print, plot, save."""
-    if arguments.toppled:
-        print(measure_toppled(episodes=arguments.toppled, seed=arguments.seed).summary())
-        return
-    if arguments.resets:
-        print(compare_resets(rounds=arguments.resets, seed=arguments.seed).summary())
-        return
-    if arguments.batch:
-        print(measure_batch(num_envs=arguments.batch, seed=arguments.seed).summary())
-        return
-    # The measuring processes import this module: matplotlib, imported above, would count as their memory.
-    from clutter_env.experiments.environments.speed_plot import plot_speed
+    import multiprocessing
+    import platform
 
-    settings = SpeedSettings(arguments.steps, arguments.layout, arguments.control_mode, arguments.seed)
-    measurements = measure_speed(arguments.objects, settings)
-    rows = list(progress_bar(measurements, desc="measuring", unit="count", total=len(arguments.objects)))
+    import mujoco
+
+    from clutter_env.reporting.files import write_json
+    from clutter_env.reporting.progress import progress_bar
+
+    rows = []
+    context = multiprocessing.get_context("spawn")
+    for count in progress_bar(arguments.objects, desc="measuring", unit="count"):
+        with context.Pool(1) as pool:
+            rows.append(pool.apply(measure, (count, arguments)))
     print(speed_table(rows), end="")
     plot_speed(rows, arguments.out)
     print(f"plot: {arguments.out}")
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
+        names = ("steps", "layout", "control_mode", "seed")
+        settings = {name: getattr(arguments, name) for name in names}
         write_json(arguments.json, {"about": about, "settings": settings, "rows": rows})
+
+
+def measure(objects: int, arguments: Arguments) -> Measurement:
+    """All figures for one number of objects, in this process; nothing is imported that would count as its memory."""
+    import resource
+    from statistics import median
+
+    from clutter_env.config import PHYSICS_STEPS
+    from clutter_env.envs.retrieve import RetrieveEnv
+
+    env = RetrieveEnv(num_objects=objects, layout=arguments.layout, control_mode=arguments.control_mode)
+    step_s, physics_s = time_steps(env, arguments.steps, arguments.seed)
+    resets_s = []
+    for seed in range(RESETS):
+        start = time.process_time()
+        env.reset(seed=seed)
+        resets_s.append(time.process_time() - start)
+    return Measurement(
+        objects=objects,
+        steps_per_s=arguments.steps / step_s,
+        step_over_physics=step_s / physics_s,
+        physics_step_us=physics_s / arguments.steps / PHYSICS_STEPS * 1e6,
+        reset_median_ms=median(resets_s) * 1e3,
+        memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        frames_per_s=frames_per_second(objects, arguments),
+    )
+
+
+def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
+    """CPU time [s] of `steps` random steps, without resets, and of the physics steps among it."""
+    import mujoco
+    import numpy as np
+
+    physics_s, total_s, mj_step = 0.0, 0.0, mujoco.mj_step
+
+    def timed_mj_step(*values: Any, **keywords: Any) -> None:
+        nonlocal physics_s
+        start = time.process_time()
+        mj_step(*values, **keywords)
+        physics_s += time.process_time() - start
+
+    actions = np.random.default_rng(seed).uniform(-1, 1, (steps, env.action_size)).astype(np.float32)
+    mujoco.mj_step = timed_mj_step
+    try:
+        for index, action in enumerate(actions):
+            if index % EPISODE_STEPS == 0:
+                env.reset(seed=seed + index)
+            start = time.process_time()
+            env.step(action)
+            total_s += time.process_time() - start
+    finally:
+        mujoco.mj_step = mj_step
+    return total_s, physics_s
+
+
+def frames_per_second(objects: int, arguments: Arguments) -> float | None:
+    """Images of 480 × 480 per second of wall-clock time, None without OpenGL."""
+    from clutter_env.envs.retrieve import RetrieveEnv
+    from clutter_env.errors import RenderingUnavailable
+
+    env = RetrieveEnv(num_objects=objects, layout=arguments.layout, render_mode="rgb_array")
+    env.reset(seed=arguments.seed)
+    try:
+        env.render()
+    except RenderingUnavailable:
+        return None
+    start = time.perf_counter()
+    for _ in range(RENDERED_FRAMES):
+        env.render()
+    rate = RENDERED_FRAMES / (time.perf_counter() - start)
+    env.close()
+    return rate
+
+
+def speed_table(rows: Sequence[Measurement]) -> str:
+    """The measurements as a Markdown table."""
+    from clutter_env.reporting.tables import markdown_table, number_text
+
+    head = ["objects", "steps/s", "step / physics", "µs per physics step", "reset, median ms"]
+    head += ["480 × 480 frames/s", "MB"]
+    cells = [
+        [
+            str(row.objects),
+            f"{row.steps_per_s:.0f}",
+            f"{row.step_over_physics:.2f}",
+            f"{row.physics_step_us:.1f}",
+            f"{row.reset_median_ms:.2f}",
+            number_text(row.frames_per_s, "{:.0f}"),
+            f"{row.memory_mb:.0f}",
+        ]
+        for row in rows
+    ]
+    return markdown_table(head, cells)
+
+
+def plot_speed(rows: Sequence[Measurement], file: Path) -> None:
+    """Four panels over the number of objects; missing directories are made."""
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    panels = {
+        "steps_per_s": "control steps per CPU second",
+        "reset_median_ms": "median reset [ms]",
+        "frames_per_s": "480 × 480 images per second",
+        "memory_mb": "peak memory [MB]",
+    }
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    for axis, (name, title) in zip(figure.subplots(2, 2).ravel(), panels.items(), strict=True):
+        values = [getattr(row, name) for row in rows]
+        axis.plot([row.objects for row in rows], [np.nan if value is None else value for value in values], "o-")
+        axis.set(title=title, xlabel="objects")
+        axis.set_ylim(0, 1.08 * max(axis.get_ylim()[1], 1e-9))
+        axis.grid(alpha=0.3)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=120)

@@ -8,14 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 from matplotlib.figure import Figure
 
 import clutter_env
-from clutter_env.cli.episode import Arguments
 from clutter_env.errors import RenderingUnavailable, UsageError
 from clutter_env.evaluation.clearance_table import CRASH, Attempt, Table, Trial, Variant
 from clutter_env.rendering.film import Film
@@ -33,6 +32,9 @@ from planners import (
     format_plan,
     warmup,
 )
+
+if TYPE_CHECKING:
+    from clutter_env.cli.episode import Arguments
 
 assert clutter_env  # registers the environments
 

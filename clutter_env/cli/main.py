@@ -55,9 +55,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if command in ("-h", "--help"):
         print(_overview())
     elif command == "--version":
-        from importlib import metadata
+        from clutter_env.version import version
 
-        print(f"clutter-env {metadata.version('clutter-env')}")
+        print(f"clutter-env {version()}")
     elif command == "--completion":
         _print_completion(*rest)
     elif command in COMMANDS:

@@ -7,36 +7,28 @@ The robot is any arm in an MJCF file, with the names of its base and of its TCP;
 or your own `RobotSpec` as module:NAME. Its chain is first compared with the model in MuJoCo, because a map of wrong
 kinematics is useless.
 
-`clutter-env map check` measures the answers about any arm, `map figures` draws maps, and `map benchmark` measures them;
-each has its own --help.
+The scripts `map_figures.py`, `map_speed.py`, `map_accuracy.py` and `map_bases.py` draw and measure maps.
 """
 
 from __future__ import annotations
 
-import importlib
 import math
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from clutter_env.reporting.command import run_command
-from irm import MapParameters
+from clutter_env.errors import UsageError
 
 if TYPE_CHECKING:
     from assets import RobotSpec
     from irm import ArmChain
 
-OTHERS = {name: f"clutter_env.cli.maps.{name}" for name in ("check", "figures", "benchmark", "rm4d")}
-"""Sub-commands beside `build`, and their modules."""
-
 
 @dataclass(frozen=True)
 class Arguments:
-    """Command line."""
+    """Build a map."""
 
     mjcf: tyro.conf.Positional[Path | None] = None
     """MJCF file of an arm; it needs --base and --tip."""
@@ -50,21 +42,21 @@ class Arguments:
     """Name of a robot, or module:NAME of a RobotSpec."""
     out: Path | None = None
     """File of the map; outputs/NAME.npz if not given."""
-    voxel: float = MapParameters.voxel
+    voxel: float = 0.05
     """Edge of the position cells [m]."""
-    orientations: int = MapParameters.orientations
+    orientations: int = 62
     """Number of approach axes: 6, 26, 62, 114, 182, 266, ..."""
-    rolls: int = MapParameters.rolls
+    rolls: int = 0
     """Roll samples for each approach axis; 0 stands for 1 if the wrist rolls freely, and for 4 otherwise."""
-    pitches: tuple[float, ...] = MapParameters.pitches
+    pitches: tuple[float, ...] = ()
     """Rings of pitch to keep [degrees]; all if not given."""
-    heights: tuple[float, float] = MapParameters.heights
+    heights: tuple[float, float] = (0.0, 10.0)
     """Lowest and highest TCP position [m]."""
-    lift: bool = MapParameters.lift
+    lift: bool = True
     """Whether the torso may move; if not, it stays at its height in the home configuration."""
-    samples: int = MapParameters.samples
+    samples: int = 400_000
     """Random configurations, for arms without a closed form."""
-    seed: int = MapParameters.seed
+    seed: int = 0
     """Random seed of these configurations."""
     check: bool = True
     """Whether to compare the chain with the robot's MJCF file first."""
@@ -74,9 +66,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""
-    from clutter_env.experiments.maps.building import build_map
+    from clutter_env.cli.map_report import build_map
     from clutter_env.reporting.files import write_json
-    from irm import ArmChain
+    from irm import ArmChain, MapParameters
 
     robot = _robot(arguments)
     parameters = MapParameters(
@@ -98,24 +90,21 @@ def run(arguments: Arguments) -> None:
 
 def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
     """The robot that the arguments name, compared with its MJCF file if wanted."""
-    from clutter_env.experiments.maps.model_check import check_chain, checked_arm, robot_by_name
-    from irm import ArmChain
+    import mujoco
+
+    from clutter_env.cli.named_robot import robot_by_name
+    from irm import ArmChain, compare_with_model
 
     if arguments.mjcf is None:
         robot = robot_by_name(arguments.robot)
         if arguments.check:
-            check_chain(robot)
+            model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+            compare_with_model(ArmChain.from_robot(robot), model, robot.base_body, robot.tcp_site)
         return robot
     if not (arguments.base and arguments.tip):
-        raise ValueError("an MJCF file needs --base, a body, and --tip, a site or a body")
+        raise UsageError("an MJCF file needs --base, a body, and --tip, a site or a body")
     names = arguments.base, arguments.tip, arguments.approach
-    return checked_arm(arguments.mjcf, *names).chain if arguments.check else ArmChain.from_mjcf(arguments.mjcf, *names)
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    given = list(sys.argv[1:] if words is None else words)
-    if given and given[0] in OTHERS:
-        importlib.import_module(OTHERS[given[0]]).main(given[1:])
-    else:
-        run_command("map", Arguments, run, __doc__, given[1:] if given[:1] == ["build"] else given)
+    chain = ArmChain.from_mjcf(arguments.mjcf, *names)
+    if arguments.check:
+        compare_with_model(chain, mujoco.MjModel.from_xml_path(str(arguments.mjcf)), *names)
+    return chain

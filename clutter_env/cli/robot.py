@@ -13,25 +13,24 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from clutter_env.reporting.command import run_command
+from clutter_env.errors import UsageError
 
 if TYPE_CHECKING:
     from assets import RobotSpec
 
-__all__ = ["main"]
-
 
 @dataclass(frozen=True)
 class Arguments:
-    """Command line."""
+    """Check a robot's data, and draw the robot."""
 
+    action: tyro.conf.Positional[Literal["check"]]
+    """There is one so far."""
     robot: tyro.conf.Positional[str]
     """Name of a robot, module:NAME of a RobotSpec, or an MJCF file."""
     page: Path | None = None
@@ -44,9 +43,7 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Report, draw, and end with an error if there is a problem."""
-    from clutter_env.experiments.robots.picture import draw_robot
-    from clutter_env.experiments.robots.reach import home_candidates
-    from clutter_env.experiments.robots.report import report_of
+    from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
 
     robot, has_home = _robot(arguments)
     if arguments.homes or not has_home:
@@ -54,7 +51,7 @@ def run(arguments: Arguments) -> None:
         for candidate in home_candidates(robot):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
     if not has_home:
-        raise ValueError(f"{arguments.page} says no home; take one of these, or your own")
+        raise UsageError(f"{arguments.page} says no home; take one of these, or your own")
     report = report_of(robot)
     print(report.summary())
     if report.reach is not None:
@@ -67,29 +64,21 @@ def run(arguments: Arguments) -> None:
 
 def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     """The robot, and whether a home configuration was given: if not, it has the middle of the joints' ranges."""
+    import mujoco
+
     from assets import RobotSpec
-    from assets.arm_reading import load_model, read_arm
-    from clutter_env.experiments.maps.model_check import robot_by_name
+    from clutter_env.cli.named_robot import robot_by_name
+    from irm import ArmChain
 
     if not arguments.robot.endswith(".xml"):
         return robot_by_name(arguments.robot), True
     if arguments.page is None:
-        raise ValueError("an MJCF file needs --page, a JSON file; see docs/add_a_robot.md")
+        raise UsageError("an MJCF file needs --page, a JSON file; see docs/add_a_robot.md")
     path, page = Path(arguments.robot).resolve(), json.loads(arguments.page.read_text())
     has_home = "home" in page
     if not has_home:
-        model = load_model(path)
+        model = mujoco.MjModel.from_xml_path(str(path))
         base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
-        arm = read_arm(model, base, page["tip"], "x")
+        arm = ArmChain.from_mjcf(model, base, page["tip"])
         page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
     return RobotSpec.from_mjcf(path, **page), has_home
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command; `words` are its arguments, those of the process if not given."""
-    given = list(sys.argv[1:] if words is None else words)
-    if given[:1] == ["check"]:
-        given = given[1:]
-    elif given and not given[0].startswith("-"):
-        sys.exit(f"clutter-env robot: no command {given[0]!r}; there is: check")
-    run_command("robot check", Arguments, run, __doc__, given or ["--help"])

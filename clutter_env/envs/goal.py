@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from clutter_env.config import EnvConfig, check_choice, check_integer
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
-from clutter_env.envs.reset_options import ResetOptions
-from clutter_env.envs.scene_drawing import draw_scene
+from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import Fields
+from clutter_env.simulation.saved_state import Fields
 
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""

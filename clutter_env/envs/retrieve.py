@@ -6,15 +6,12 @@ from typing import Any
 
 from clutter_env.config import EnvConfig, check_integer
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
-from clutter_env.envs.scene_drawing import draw_scene
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.scene.layout import TABLE
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import Fields
-
-__all__ = ["RetrieveEnv"]
+from clutter_env.simulation.saved_state import Fields
 
 
 class RetrieveEnv(BaseEnv):

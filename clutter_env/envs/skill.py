@@ -20,7 +20,7 @@ from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.base import restored_generator
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.success import is_as_placed
-from clutter_env.errors import ActionError
+from clutter_env.errors import ActionError, ConfigError
 from planners import (
     DIRECTIONS,
     Body,
@@ -35,8 +35,6 @@ from planners import (
     follow,
     skill_geometry,
 )
-
-__all__ = ["BODY_FIELDS", "FEASIBILITIES", "SIMULATIONS", "SKILL_COST", "SkillEnv"]
 
 SIMULATIONS = ("physics", "kinematic")
 FEASIBILITIES = ("oracle", "none")
@@ -86,6 +84,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         check_choice("simulation", simulation, SIMULATIONS)
         check_choice("feasibility", feasibility, FEASIBILITIES)
         self._physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
+        if self._physics_env.robot.acts_with_all_arms:
+            raise ConfigError(
+                f"skills use one arm; give robot {self._physics_env.robot.name!r} without with_all_arms()"
+            )
         self._is_kinematic = simulation == "kinematic"
         self._geometric_mask, self._tries_all = geometric_mask, feasibility == "none"
         self._count = self._physics_env.config.num_objects

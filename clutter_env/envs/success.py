@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
-from clutter_env.simulation.state_fields import Fields
+from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World
 
 LIFT_HEIGHT = 0.10

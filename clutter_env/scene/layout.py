@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 
 from clutter_env.errors import ConfigError
 
-__all__ = ["LAYOUTS", "TABLE", "TABLE_HEIGHT", "Box", "Layout", "find_layout", "furniture", "supports_of"]
-
 TABLE_HEIGHT = 0.75
 """[m] of every table's top face above the floor."""
 

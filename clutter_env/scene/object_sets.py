@@ -9,8 +9,6 @@ from types import MappingProxyType
 
 from clutter_env.scene.layout import Layout
 
-__all__ = ["MAX_OBJECTS", "OBJECT_GAP", "OBJECT_SETS", "SHAPE_SETS", "ObjectSet", "capacity", "slot_shapes"]
-
 Range = tuple[float, float]
 
 SHAPE_SETS = ("cylinder", "box", "mixed")

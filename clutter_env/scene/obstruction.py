@@ -23,25 +23,29 @@ import assets
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.table_scene import TableScene
 
-__all__ = ["UNREACHABLE", "SideApproaches", "count_blockers", "robots_with_approaches", "side_approaches"]
-
 Array = NDArray[np.float64]
 
 UNREACHABLE = -1
 """Count of an object that no side grasp reaches, whatever is moved."""
-YAWS = 24
-"""Directions of approach to a cylinder, evenly about the vertical, as many as the planner tries."""
-PADDING = 0.002
-"""[m] that gripper and wrist keep from objects, as in the planner."""
-FINGER_GAP = 0.012
-"""[m] between each finger and the object before the fingers close, as in the planner."""
-BACK = 0.10
-"""[m] that the gripper backs off under a board before it moves straight out, as in the planner."""
-HELD_GAP = 0.002
-"""[m] that a grasped object keeps from others on the way out, as in the planner."""
 WIDEST_YAW = math.radians(75.0)
 """Approaches to a table with front access deviate by no more than this from straight ahead, if there is no table of
 reachable directions for its layout."""
+
+
+class PlannerMargins(NamedTuple):
+    """The planner's numbers that the test needs; whoever makes the table of approaches takes them from the planner.
+
+    `yaws`: directions of approach to a cylinder, evenly about the vertical; `padding` [m] that gripper and wrist keep
+    from objects; `finger_gap` [m] between each finger and the object before the fingers close; `back` [m] that the
+    gripper backs off under a shelf before it moves straight out; `held_gap` [m] that a grasped object keeps from others
+    on the way out.
+    """
+
+    yaws: int
+    padding: float
+    finger_gap: float
+    back: float
+    held_gap: float
 
 
 class Solids(NamedTuple):
@@ -64,14 +68,16 @@ class SideApproaches:
     """What is known of a robot's side grasps.
 
     Attributes:
+        margins: of the planner.
         solids: outline of gripper and wrist.
         grasp_height: [m] of the TCP above the table, for objects that are high enough.
         palm_reach: [m] that the object may extend from the TCP towards the palm.
         pad_half_height: [m] of a finger pad, which should not stick out above the object.
-        reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, YAWS): the
+        reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, yaws): the
             table top is divided evenly into nx by ny cells.
     """
 
+    margins: PlannerMargins
     solids: Solids
     grasp_height: float
     palm_reach: float
@@ -91,7 +97,7 @@ class SideApproaches:
         count = np.array(table.shape[:2])
         shares = points / (layout.depth, layout.width) + 0.5
         cells = np.clip(np.floor(shares * count).astype(np.int64), 0, count - 1)
-        index = np.rint(yaws * (YAWS / (2 * math.pi))).astype(np.int64) % YAWS
+        index = np.rint(yaws * (self.margins.yaws / (2 * math.pi))).astype(np.int64) % self.margins.yaws
         return np.asarray(table[cells[..., 0], cells[..., 1], index])
 
 
@@ -109,20 +115,22 @@ def side_approaches(robot: str) -> SideApproaches:
     """
     content = json.loads(assets.path(f"approaches/{robot}.json").read_text())
     start, end, half_width, radius, half_height, is_finger = np.array(content["solids"], np.float64).T
+    margins = PlannerMargins(**content["planner"])
     return SideApproaches(
+        margins=margins,
         solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
         grasp_height=content["grasp_height"],
         palm_reach=content["palm_reach"],
         pad_half_height=content["pad_half_height"],
-        reachable={name: _decoded(rows) for name, rows in content["layouts"].items()},
+        reachable={name: _decoded(rows, margins.yaws) for name, rows in content["layouts"].items()},
     )
 
 
-def _decoded(rows: list[str]) -> NDArray[np.bool_]:
-    """Bits (nx, ny, YAWS) of rows of hexadecimal masks."""
-    digits = YAWS // 4
+def _decoded(rows: list[str], yaws: int) -> NDArray[np.bool_]:
+    """Bits (nx, ny, yaws) of rows of hexadecimal masks."""
+    digits = yaws // 4
     masks = [[int(row[start : start + digits], 16) for start in range(0, len(row), digits)] for row in rows]
-    return (np.array(masks)[..., None] >> np.arange(YAWS) & 1).astype(np.bool_)
+    return (np.array(masks)[..., None] >> np.arange(yaws) & 1).astype(np.bool_)
 
 
 def count_blockers(
@@ -136,7 +144,7 @@ def count_blockers(
         scene: what stands where.
         max_opening: [m] of the gripper.
     """
-    yaws, opening, is_offered = _grasps(scene, max_opening)
+    yaws, opening, is_offered = _grasps(approaches.margins, scene, max_opening)
     approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
     depth = _half_extent(scene, approach)
     tcp = scene.positions[:, None] - np.maximum(depth - approaches.palm_reach, 0.0)[..., None] * approach
@@ -155,14 +163,14 @@ def count_blockers(
     return np.where(is_offered.any(axis=1), fewest, UNREACHABLE)
 
 
-def _grasps(scene: TableScene, max_opening: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Yaws [rad], openings [m] and whether there is such a grasp, each (n, YAWS): a box has four, along its axes."""
-    turns = np.arange(YAWS) * (2 * math.pi / YAWS)
-    quarter = np.arange(YAWS) * (math.pi / 2)
+def _grasps(margins: PlannerMargins, scene: TableScene, max_opening: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Yaws [rad], openings [m] and whether there is such a grasp, each (n, yaws): a box has four, along its axes."""
+    turns = np.arange(margins.yaws) * (2 * math.pi / margins.yaws)
+    quarter = np.arange(margins.yaws) * (math.pi / 2)
     yaws = np.where(scene.is_angular[:, None], scene.yaws[:, None] + quarter, turns)
     across = _half_extent(scene, np.stack((-np.sin(yaws), np.cos(yaws)), axis=-1))
-    is_offered = (2 * across < max_opening) & (~scene.is_angular[:, None] | (np.arange(YAWS) < 4))
-    return yaws, np.minimum(2 * (across + FINGER_GAP), max_opening), is_offered
+    is_offered = (2 * across < max_opening) & (~scene.is_angular[:, None] | (np.arange(margins.yaws) < 4))
+    return yaws, np.minimum(2 * (across + margins.finger_gap), max_opening), is_offered
 
 
 def _half_extent(scene: TableScene, direction: Array) -> Array:
@@ -197,10 +205,10 @@ def _hits_on_drive(
         yaws=np.zeros_like(scene.yaws),
         positions=scene.positions + (layout.depth / 2, 0.0),
     )
-    held = scene.positions[own] - BACK * approach
+    held = scene.positions[own] - approaches.margins.back * approach
     x, y = (scene.positions[:, axis] - held[:, axis, None] for axis in (0, 1))
-    met_by_held = (x < 0.0) & (np.abs(y) < across[own, None] + across + HELD_GAP)
-    return met_by_held | _hits(approaches, swept, tcp - BACK * approach, approach, opening)
+    met_by_held = (x < 0.0) & (np.abs(y) < across[own, None] + across + approaches.margins.held_gap)
+    return met_by_held | _hits(approaches, swept, tcp - approaches.margins.back * approach, approach, opening)
 
 
 class _Pairs(NamedTuple):
@@ -226,7 +234,7 @@ def _hits(
     x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
     c, s = approach[:, :1], approach[:, 1:]
     ahead, aside = x * c + y * s, y * c - x * s
-    is_near = _are_near(approaches.solids, scene, ahead, aside, opening.max(initial=0.0))
+    is_near = _are_near(approaches, scene, ahead, aside, opening.max(initial=0.0))
     grasp, other = np.nonzero(is_near)
     yaws = np.arctan2(approach[:, 1], approach[:, 0])
     pairs = _Pairs(
@@ -242,16 +250,19 @@ def _hits(
     for start, end, half_width, radius, half_height, is_finger in zip(*approaches.solids, strict=True):
         widths = half_width + pairs.opening * is_finger * 0.5
         distance = _distances(pairs, (start + end) / 2, (end - start) / 2, widths)
-        touched |= (distance < radius + PADDING) & (heights > approaches.grasp_height - half_height)
+        touched |= (distance < radius + approaches.margins.padding) & (heights > approaches.grasp_height - half_height)
     is_near[is_near] = touched
     return is_near
 
 
 def _are_near(
-    solids: Solids, scene: TableScene, ahead: Array, aside: Array, widest_opening: float
+    approaches: SideApproaches, scene: TableScene, ahead: Array, aside: Array, widest_opening: float
 ) -> NDArray[np.bool_]:
     """Whether objects (k, n) are so near that a solid may touch them: most are not, and need no distances."""
-    reach = np.hypot(scene.standing_extents[:, 0], scene.standing_extents[:, 1]) + (solids.radius.max() + PADDING)
+    solids = approaches.solids
+    reach = np.hypot(scene.standing_extents[:, 0], scene.standing_extents[:, 1]) + (
+        solids.radius.max() + approaches.margins.padding
+    )
     behind, before = solids.start.min() - reach, solids.end.max() + reach
     beside = solids.half_width.max() + widest_opening / 2 + reach
     return (behind < ahead) & (ahead < before) & (np.abs(aside) < beside)

@@ -12,8 +12,6 @@ from clutter_env.scene.layout import Layout
 from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, ObjectSet, slot_shapes
 from clutter_env.scene.table_scene import TableScene
 
-__all__ = ["sample_base", "sample_scene"]
-
 _FEW, _MANY = 8, 128
 """Candidates drawn at once for an object: few for the first `_EASY` objects, of which most are free. Of many the first
 few are looked at before the others."""

@@ -1,19 +1,20 @@
-"""The MuJoCo model of robot, furniture and objects, and where things are in it."""
+"""The MuJoCo model of robot, furniture and objects, its physics options and meshes, and where things are in it."""
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from assets import ActingJoints, RobotSpec
+from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
 from clutter_env.scene.table_scene import object_name
-from clutter_env.simulation.meshes import add_meshes, has_visuals
-from clutter_env.simulation.physics_options import set_physics
 
 PARKED_X = -3.0
 """[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
@@ -272,3 +273,84 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
         contype=contype,
         conaffinity=conaffinity,
     )
+
+
+_SLEEP_TOLERANCE = 5e-3
+"""[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
+_WRONG_SPARSE_FACTOR = "4.0.0"
+"""The MuJoCo version whose sparse Cholesky factor merges rows that have different descendants (mended in 4.0.1; issue
+3767). Where the robot wedges objects in, its Newton solver can then stop at its limit of iterations, with forces far
+from the solution, and an object gets hundreds of rad/s."""
+_ARENA = 2**24
+"""[bytes] for contacts and solver of a scene without objects, as MuJoCo itself reserves."""
+_ARENA_PER_OBJECT = 2**19
+"""[bytes]"""
+_ROWS_PER_OBJECT = 100
+"""Constraint rows of an object; 90 when sixty objects are awake in one place."""
+_ROBOT_DOF = 24
+"""At least the robot's degrees of freedom."""
+
+
+def set_physics(spec: mujoco.MjSpec, num_objects: int) -> None:
+    """The settings under which side grasps hold: elliptic cone, impratio 10, stiff pads; bodies at rest sleep."""
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10
+    option.sleep_tolerance = _SLEEP_TOLERANCE
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    if mujoco.mj_versionString() == _WRONG_SPARSE_FACTOR:
+        option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        spec.memory = _dense_arena(num_objects)
+
+
+def _dense_arena(num_objects: int) -> int:
+    """Bytes for the dense Jacobian twice, once in the order of islands; pages that are never written take no memory."""
+    rows, columns = _ROWS_PER_OBJECT * num_objects, 6 * num_objects + _ROBOT_DOF
+    return _ARENA + _ARENA_PER_OBJECT * num_objects + 2 * 8 * rows * columns
+
+
+VISUAL_GROUP, HIDDEN_GROUP = 1, 3
+"""Geom groups of the meshes shown and of the primitives that they replace."""
+
+
+def mesh_folder(robot: RobotSpec) -> Path | None:
+    """Where the robot's meshes are installed (found without importing their package), None if they are not."""
+    spec = importlib.util.find_spec(robot.mesh_package) if robot.mesh_package else None
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    folder = Path(spec.submodule_search_locations[0]) / robot.mesh_folder
+    return folder if folder.is_dir() else None
+
+
+def has_visuals(robot: RobotSpec) -> bool:
+    """Whether every mesh of the robot is installed."""
+    folder = mesh_folder(robot)
+    return folder is not None and bool(robot.meshes) and all((folder / mesh.file).is_file() for mesh in robot.meshes)
+
+
+def add_meshes(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Add meshes without mass and contacts and hide the primitives of their bodies."""
+    folder = mesh_folder(robot)
+    assert folder is not None
+    covered = {mesh.body for mesh in robot.meshes}
+    for name in covered:
+        for geom in spec.body(name).geoms:
+            geom.group = HIDDEN_GROUP
+    for index, mesh in enumerate(robot.meshes):
+        name = f"visual_{index}"
+        spec.add_mesh(name=name, file=str(folder / mesh.file))
+        spec.body(mesh.body).add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            pos=mesh.position,
+            quat=mesh.quaternion,
+            rgba=mesh.rgba,
+            mass=0,
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+        )

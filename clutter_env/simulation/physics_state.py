@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.state_fields import LARGEST, Fields, check_quaternions
+from clutter_env.simulation.saved_state import LARGEST, Fields, check_quaternions
 from clutter_env.simulation.world import World
 
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION

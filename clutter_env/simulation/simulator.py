@@ -16,8 +16,7 @@ from clutter_env.simulation.control import ControlState, checked_action, checked
 from clutter_env.simulation.end_effector import EndEffectorController
 from clutter_env.simulation.physics_state import PhysicsState, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import IK_FAILURES, MEMORY, SEVERAL_ARMS, SavedState
-from clutter_env.simulation.state_fields import Fields, check_quaternions
+from clutter_env.simulation.saved_state import IK_FAILURES, MEMORY, SEVERAL_ARMS, Fields, SavedState, check_quaternions
 from clutter_env.simulation.world import Measurements, World
 
 _BASE, _TWIST = 3, 6

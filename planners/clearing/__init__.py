@@ -1,1 +1,1 @@
-"""Which objects must be cleared, and in which order? Minimum clearances, commitments and look-ahead."""
+"""The choice of objects to clear and of their order: lower bound, commitments and look-ahead."""

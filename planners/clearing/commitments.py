@@ -1,4 +1,4 @@
-"""Which grasp each object's references stand for: the choice that decides what is in whose way.
+"""Grasps that the references of objects stand for: the choice that decides what is in whose way.
 
 To commit to a target is to choose a grasp for it, for every object in the way of that grasp, for every object in the
 way of those, and so on, such that no object waits for itself. The task planner gets the choices as facts.
@@ -52,7 +52,7 @@ class Commitments:
         return replace(self, grasps=MappingProxyType({**self.grasps, grasp.object: grasp}))
 
     def without(self, name: str) -> Commitments:
-        """What remains once that object has been cleared."""
+        """The commitments that remain once that object has been cleared."""
         kept = {other: grasp for other, grasp in self.grasps.items() if other != name}
         return Commitments(self.target, tuple(o for o in self.order if o != name), MappingProxyType(kept))
 
@@ -104,7 +104,7 @@ class ClearingProblem:
         return () if name in self.left_alone else self.candidates.for_object(scene, name)
 
     def grasps_from(self, scene: Scene, name: str, base: NDArray[np.float64]) -> list[GraspCandidate]:
-        """Grasps of that object from one base pose (3,), best first, whatever is in their way; none under a board."""
+        """Grasps of that object from one base pose (3,), best first, whatever is in their way; none under a shelf."""
         found = () if name in self.left_alone else self.candidates.from_base(scene, name, base)
         return [grasp for grasp in found if not grasp.drives]
 
@@ -167,7 +167,7 @@ def smallest_commitments(problem: ClearingProblem) -> Iterator[Commitments | NoC
     scene, names = problem.scene, problem.scene.names
 
     def masks(index: int) -> list[int]:
-        """What is in the way of each grasp of that object."""
+        """Masks of the objects in the way of each grasp of that object."""
         return [option.blockers for option in problem.grasps(scene, names[index])]
 
     slack, deadline = problem.strategy.slack, problem.deadline

@@ -58,7 +58,7 @@ class ClearancePlan:
     aside: str = ""
 
     def without(self, name: str) -> ClearancePlan:
-        """What remains once that object has been cleared."""
+        """The plan that remains once that object has been cleared."""
         kept = MappingProxyType({other: place for other, place in self.placements.items() if other != name})
         return ClearancePlan(self.commitments.without(name), kept, self.provisional, max(self.moves - 1, 0), self.aside)
 
@@ -125,7 +125,7 @@ def alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitmen
 
 
 def _swept_cells(problem: ClearingProblem) -> Callable[[GraspCandidate], int]:
-    """What the robot occupies at each grasp of the space that objects stand in, as bits, one for each cell; cached.
+    """Cells of the space that objects stand in which the robot occupies at each grasp, as bits; cached.
 
     It stands for what the grasp sweeps, which would take too long to work out for all grasps that are compared.
     """

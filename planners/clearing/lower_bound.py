@@ -36,7 +36,7 @@ class FloorOptionsError(ValueError):
 
 @dataclass(frozen=True)
 class FloorLimits:
-    """When to stop searching for a proof. It is work that is counted, not time: a slow machine finds the same plan.
+    """Limits of the search for a proof. It is work that is counted, not time: a slow machine finds the same plan.
 
     Attributes:
         expansions: search nodes visited; 20,000 take 0.4 to 6 s.
@@ -311,7 +311,7 @@ class OptionTable:
         return bool(missing)
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the compiled search reads.
+        """Arrays that the compiled search reads.
 
         Returns:
             Minimal usable masks of all objects (m,), offsets of each object's masks (n + 1,), and the two orders
@@ -331,7 +331,7 @@ class OptionTable:
         return self.optimistically_removable(allowed, removed)
 
     def optimistically_removable(self, allowed: int, removed: int = 0) -> int:
-        """As `removable`, with objects whose options were not asked for counted as free to take."""
+        """The same as `removable`, with objects whose options were not asked for counted as free to take."""
         masks, starts, _ = self.arrays()
         return int(closure(masks, starts, np.int64(allowed), np.int64(removed)))
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.chain import BASE
 from irm.compilation import njit
-from irm.visibility.robot_view import BASE
 from planners.collision.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
 from planners.collision.leaf_kernels import leaf_kernel
 from planners.collision.robot_pose_kernel import Attached, Scratch, place_robot

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import fk_frames
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE
+from irm.kinematics import fk_frames
 from planners.collision.gjk import Solids
 from planners.collision.leaf_kernels import inlined_kernel, leaf_kernel
 from planners.collision.scene_arrays import RobotArrays

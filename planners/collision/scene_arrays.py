@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.general.solutions import SolverArrays, solver_arrays
-from irm.arm.kinematics import ArmChain, fk_frames
-from irm.visibility.robot_view import BASE, link_of_body
+from irm.chain import BASE, ArmChain, link_of_body
+from irm.ik.solutions import SolverArrays, solver_arrays
+from irm.kinematics import fk_frames
 from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irm.arm.kinematics import arm_jacobian, fk_frames
 from irm.compilation import njit
+from irm.kinematics import arm_jacobian, fk_frames
 from planners.collision.leaf_kernels import copy_row, leaf_kernel
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.struct_pointers import pointer_to

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
 from planners.scene import Body
 
-__all__ = ["COLOURS", "ClearancePicture", "DrawnSurface", "draw_clearance", "draw_legend", "join", "outline"]
-
 COLOURS = {
     "table": "#faf6ef",
     "NGR1": "#4c78a8",
@@ -61,7 +59,7 @@ class DrawnSurface:
 
 @dataclass(frozen=True, eq=False)
 class ClearancePicture:
-    """The supports when one clearance location is chosen.
+    """The supports when one clearance location is chosen, or before the target is taken.
 
     Attributes:
         surfaces: their top faces.
@@ -72,6 +70,8 @@ class ClearancePicture:
         ordered: (m, 2) those allowed, best first.
         chosen: (2,) the location taken, or None.
         moved: name of the object to be put aside, "" for none.
+        obstructed: name of the object that it obstructs, "" if it is put aside for no particular object.
+        is_far: whether the base drives between taking the object and putting it down.
         cleared: names of the objects put aside before.
         stands: (k, 2) base positions [m], first to take the object, then to put it down.
         outlines: (k, 2) corners [m] of each static obstacle on the support.
@@ -85,6 +85,8 @@ class ClearancePicture:
     ordered: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     chosen: NDArray[np.float64] | None = None
     moved: str = ""
+    obstructed: str = ""
+    is_far: bool = False
     cleared: Sequence[str] = ()
     stands: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     outlines: Sequence[NDArray[np.float64]] = ()

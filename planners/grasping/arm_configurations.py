@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
-from irm.arm.general.solutions import free_angles, solver_arrays
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain, pose_of
+from irm.ik.solutions import free_angles, solver_arrays
 from planners.collision.driven_world import Drive, Extents
 from planners.collision.robot_pose_kernel import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays

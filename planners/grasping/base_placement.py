@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain
-from irm.floor.free_space import FreeSpace
-from irm.maps.cache import cached_map
-from irm.queries.inverse import InverseReachabilityMap
-from irm.visibility.robot_view import BASE
+from irm.cache import cached_map
+from irm.chain import BASE, ArmChain
+from irm.free_space import FreeSpace
+from irm.inverse_map import InverseReachabilityMap
 from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.grasp_poses import wrap_to_pi
 from planners.scene import Scene, StaticObstacle

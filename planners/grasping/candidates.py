@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import (
     ArmConfigurations,

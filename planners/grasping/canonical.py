@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain, fk_frames
+from irm.chain import ArmChain
+from irm.kinematics import fk_frames
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits
 from planners.grasping.base_placement import STRAIGHT, TURNED, facing_bases, farthest_reach
 from planners.grasping.candidates import OFF_TABLE, GraspCandidate, GraspCandidates, Stage, gripper_poses

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.frames import pose_of
+from irm.chain import pose_of
 from planners.collision.scene_arrays import robot_arrays
 from planners.scene import Body
 

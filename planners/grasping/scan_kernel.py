@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.arm.closed_form import MAX_SOLUTIONS
-from irm.arm.general.solutions import CLOSED_FORM, arm_solutions
-from irm.arm.kinematics import arm_jacobian, fk_frames
-from irm.arm.manipulability import condition
 from irm.compilation import njit
+from irm.ik.closed_form import MAX_SOLUTIONS
+from irm.ik.solutions import CLOSED_FORM, arm_solutions
+from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits
 from planners.collision.leaf_kernels import copy_row, leaf_kernel
 from planners.collision.scene_arrays import RobotArrays

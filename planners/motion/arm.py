@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from irm.arm.kinematics import ArmChain, forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import trace_by_torso, trace_straight
 from planners.collision.world import OVERLAP, STEP, CollisionWorld

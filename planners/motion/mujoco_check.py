@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.visibility.robot_view import link_of_body
+from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_arrays
 from planners.motion.trajectory import Trajectory
 from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle

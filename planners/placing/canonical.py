@@ -33,7 +33,7 @@ _MARGIN = 0.045
 _CLEAR, _CLEAR_WORTH = 0.03, 3.0
 """[m] of free space around the object that is worth a longer distance, and the distance that a metre of it is worth."""
 _DECIMALS = 6
-"""Of costs: differences by rounding decide nothing."""
+"""Decimals of costs: differences by rounding decide nothing."""
 
 
 def placement_cells(support: StaticObstacle) -> Array:

@@ -1,4 +1,4 @@
-"""Where a cleared object may be put: the Negative Goal Region and the order in which locations are tried.
+"""The Negative Goal Region, outside which a cleared object may be put, and the order in which locations are tried.
 
 Lee & Kim 2019, section 3.3, eq. 1-3 and Figs. 8-10. A region is a boolean mask over square cells of the support plane,
 so that it can be drawn as it is.
@@ -72,7 +72,7 @@ def _rows(*shape: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SweptVolume:
-    """What a motion passes through: shapes that together cover the robot, and what it holds, along a path.
+    """Space that a motion passes through: shapes that together cover the robot, and what it holds, along a path.
 
     Attributes:
         spheres: (k, 4) x, y, z, radius [m] in the world.
@@ -136,7 +136,7 @@ def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
 
 
 def _is_near(grid: SupportGrid, centres: Array, radii: Array, z_high: float) -> Mask:
-    """Which balls, given by centres (k, 3) and radii (k,) [m], can reach the grid from above, below `z_high`: (k,)."""
+    """Whether balls with centres (k, 3) and radii (k,) [m] can reach the grid from above, below `z_high`: (k,)."""
     x_low, x_high, y_low, y_high = grid.extent
     x, y, z = centres.T
     near: Mask = (x + radii > x_low) & (x - radii < x_high) & (y + radii > y_low) & (y - radii < y_high)
@@ -166,7 +166,7 @@ def footprint_mask(grid: SupportGrid, bodies: Iterable[Body], clearance: float =
 
 @dataclass(frozen=True, eq=False)
 class NegativeGoalRegion:
-    """Where a cleared object must not be put.
+    """Cells where a cleared object must not be put.
 
     Attributes:
         ngr1: what taking the target sweeps (eq. 1); Dogar & Srinivasa use this alone.
@@ -219,7 +219,7 @@ def dilated(grid: SupportGrid, mask: Mask, radius: float) -> Mask:
 
 
 def is_free(grid: SupportGrid, mask: Mask, locations: Array, radius: float) -> Mask:
-    """Which discs of that radius [m] at `locations` (n, 2) lie on the plane and touch no cell of the mask: (n,)."""
+    """Whether discs of that radius [m] at `locations` (n, 2) lie on the plane and touch no cell of the mask: (n,)."""
     free: Mask = free_discs(mask, np.ascontiguousarray(locations), radius, grid.x0, grid.y0, grid.resolution)
     return free
 

@@ -1,4 +1,4 @@
-"""Where and how to put down the held object: a location, a base pose and an arm configuration without collision."""
+"""Placements of the held object: a location, a base pose and an arm configuration without collision."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ class PlacementSearch:
                 yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
-        """Which locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
+        """Whether locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
         if not len(locations):
             return np.zeros(0, dtype=np.bool_)
         gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
@@ -185,7 +185,7 @@ class PlacementSearch:
         return np.asarray(can_reach.any(axis=1))
 
     def _free(self, world: CollisionWorld, gripper_poses: Array) -> Array:
-        """Those of the gripper poses (k, 5) that hit nothing, with the object and with the fingers opened."""
+        """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
         hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
         return gripper_poses[hits == 0]
 

@@ -25,7 +25,7 @@ from planners.scene import Body, Scene, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
-"""Where objects may be put: names of supports, "all" that the scene declares, or None for the first alone."""
+"""Choice of supports: names of supports, "all" that the scene declares, or None for the first alone."""
 
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
@@ -119,7 +119,7 @@ class Surface:
         return self.region.mask | self.occupied
 
     def free(self, locations: Array, radius: float) -> Array:
-        """Those of locations (n, 2) at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
+        """The locations, of (n, 2), at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
         inside = is_free(self.grid, self.blocked, locations, radius)
         return np.column_stack((locations[inside], np.full(np.count_nonzero(inside), self.support.top)))
 

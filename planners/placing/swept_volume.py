@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
@@ -24,10 +24,10 @@ _STEP = 0.01
 
 
 def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
-    """What taking an object through a grasp sweeps: Volume(robot, τ) + Volume(object, v) of eq. 1 and 2.
+    """Space that taking an object through a grasp sweeps: Volume(robot, τ) + Volume(object, v) of eq. 1 and 2.
 
-    τ is the way of the open gripper to the grasp along the approach that is planned for it, then the lift and the
-    retreat with the object in hand, v the object's own way. The free motions before and after, which may go anywhere,
+    τ is the path of the open gripper to the grasp along the approach that is planned for it, then the lift and the
+    retreat with the object in hand, v the object's own path. The free motions before and after, which may go anywhere,
     are left out. A grasp without an approach sweeps what it occupies.
     """
     world = world.for_arm(grasp.arm)
@@ -41,7 +41,7 @@ def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
 
 
 def standing_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
-    """What the robot occupies when the fingers close: part of what the grasp sweeps, and quicker to work out."""
+    """Space that the robot occupies when the fingers close: part of what the grasp sweeps, and quicker to work out."""
     return path_volume(world.for_arm(grasp.arm), on_base(grasp.base, grasp.q[None]), grasp.opening)
 
 
@@ -53,7 +53,7 @@ class GraspVolumes:
         self._known: dict[tuple[str, bytes, bytes], SweptVolume] = {}
 
     def of(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
-        """As `grasp_volume`; the other objects of the world do not matter."""
+        """The volume of a grasp, worked out once; the other objects of the world do not matter."""
         if grasp.key not in self._known:
             self._known[grasp.key] = grasp_volume(world, grasp)
         return self._known[grasp.key]

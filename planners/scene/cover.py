@@ -18,7 +18,7 @@ BACK = 0.10
 """[m] that the gripper backs off before it moves sideways: the fingertips are then clear of the object."""
 LEAST_LIFT = 0.03
 """[m] that an object is lifted under a shelf at least before it is moved."""
-_GAP = 0.002
+HELD_GAP = 0.002
 """[m] that an object keeps from others while it is moved out."""
 _HEADROOM = 0.8
 """[m] A static obstacle higher above the support does not matter: the arm unfolds below it."""
@@ -78,7 +78,7 @@ def distance_out(support: StaticObstacle, tcp: ArrayLike, direction: Array) -> f
 def objects_before(scene: Scene, body: Body, direction: Array) -> int:
     """Mask of the objects that an object touches when it is moved along `direction` (2,) from where it stands."""
     across = np.array([-direction[1], direction[0], 0.0])
-    half, mask = body.half_extent_along(across) + _GAP, 0
+    half, mask = body.half_extent_along(across) + HELD_GAP, 0
     for index, other in enumerate(scene.objects):
         away = other.position - body.position
         is_ahead = away[:2] @ direction > 0.0 and other.bottom < body.top and body.bottom < other.top

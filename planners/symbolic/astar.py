@@ -123,7 +123,7 @@ def _successors(state: SymbolicState) -> Iterator[tuple[tuple[GroundAction, ...]
 
 
 def _number_of_groups(sets: Iterable[frozenset[str]]) -> int:
-    """How many sets are left when those with a common element are merged."""
+    """Number of sets that are left when those with a common element are merged."""
     merged: list[frozenset[str]] = []
     for item in sets:
         touching = [other for other in merged if other & item]

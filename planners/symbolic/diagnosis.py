@@ -50,7 +50,7 @@ def _removable(state: SymbolicState, objects: Collection[str], free: Collection[
 
 
 def _circle(state: SymbolicState, stuck: Collection[str]) -> tuple[str, ...]:
-    """Those of the stuck objects that some other stuck object waits for, directly or not, and that wait themselves."""
+    """The stuck objects that some other stuck object waits for, directly or not, and that wait themselves."""
     circle = set(stuck)
     while True:
         waited_for = {fact[1] for fact in state.find("obstructs", None, None, None) if fact[3] in circle}

@@ -243,7 +243,7 @@ class GroundAction(NamedTuple):
 
     @property
     def location(self) -> str | None:
-        """Where the object is taken from or put; None for a base motion."""
+        """The location that the object is taken from or put at; None for a base motion."""
         return None if self.name == "MoveBase" else self.args[-1]
 
     def __str__(self) -> str:
@@ -297,7 +297,7 @@ class TaskPlanner(Protocol):
 
 
 _ALL_EMPTY, _ONE_EMPTY = "(forall (?any - gripper) (empty ?any))", "(empty ?gripper)"
-"""What PickUp requires of the grippers: by the paper, and where an object may be held aside."""
+"""Condition of PickUp on the grippers: by the paper, and where an object may be held aside."""
 
 
 @cache

@@ -15,8 +15,13 @@ from planners.motion.arm import tcp_pose
 from planners.motion.pick_and_place import LIFTED
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
-from planners.symbolic.references import grasp_references
-from planners.symbolic.transitions import GraspObstructed, obstruction_problem, update_from_action, update_from_error
+from planners.symbolic.transitions import (
+    GraspObstructed,
+    grasp_references,
+    obstruction_problem,
+    update_from_action,
+    update_from_error,
+)
 from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
@@ -29,7 +34,7 @@ _CAUSES = {
     "unsolvable": Cause.MOTION,
     "gave up": Cause.TIME_LIMIT,
 }
-"""What a task planner's reasons mean for the whole solve."""
+"""Meaning of a task planner's reasons for the whole solve."""
 
 
 def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:

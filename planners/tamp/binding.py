@@ -21,8 +21,7 @@ from planners.symbolic.problem import (
     TaskPlan,
     TaskProblem,
 )
-from planners.symbolic.references import grasp_references, reached_by
-from planners.symbolic.transitions import GraspObstructed, update_from_error
+from planners.symbolic.transitions import GraspObstructed, grasp_references, reached_by, update_from_error
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import Infeasible
 from planners.tamp.state import TASK_PLANNING_S, PlanState, Refutation, Search

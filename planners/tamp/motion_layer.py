@@ -123,7 +123,7 @@ class MotionLayer:
             found = self._usable_commitments(problem)
         if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
             return found
-        provisional = strategy.second_moves - (len(cleared) - len(set(cleared)))
+        provisional = strategy.non_monotone - (len(cleared) - len(set(cleared)))
         return non_monotone_plan(problem, provisional) or found
 
     def _usable_commitments(self, problem: ClearingProblem) -> ClearancePlan | NoCommitment:

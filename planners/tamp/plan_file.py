@@ -3,39 +3,23 @@
 from __future__ import annotations
 
 import json
+import types
 import typing
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PlanFileError", "is_same", "read_plan", "write_plan"]
-
 T = TypeVar("T")
 
 FORMAT = "clutter-env plan"
-VERSION = 2
+VERSION = 3
 """Increased whenever the meaning of what is stored changes."""
-
-_DAMAGED = (
-    OSError,
-    EOFError,
-    KeyError,
-    IndexError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    RecursionError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What reading a damaged archive or rebuilding its objects raises."""
 
 
 class PlanFileError(ValueError):
@@ -84,9 +68,12 @@ def read_plan(path: str | Path, kind: type[T]) -> T:
             if header["kind"] != kind.__name__:
                 raise PlanFileError(f"{path} holds no {kind.__name__} but {header['kind']!r}")
             plan: T = _decode(header, _classes_of(kind), lambda index: file[f"array_{index:d}"])
+            _check(plan, kind)
     except (FileNotFoundError, PlanFileError):
         raise
-    except _DAMAGED as problem:
+    except Exception as problem:
+        # A damaged archive makes zipfile, numpy, json and the classes of a plan raise nearly anything, from
+        # NotImplementedError (a compression method that does not exist) to MemoryError (an enormous shape).
         raise PlanFileError(f"{path} is damaged or holds no plan: {problem!r:.200}") from problem
     return plan
 
@@ -171,9 +158,48 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
     for stored in header["objects"]:
         if stored["class"] not in classes:
             raise ValueError(f"unknown class {stored['class']!r}; known: {', '.join(sorted(classes))}")
+        kind = classes[stored["class"]]
         content = {name: decode(value) for name, value in stored["fields"].items()}
-        objects.append(classes[stored["class"]](**content))
+        for name, hint in _field_types(kind).items():
+            _check(content.get(name), hint)
+        objects.append(kind(**content))
     return decode(header["plan"])
+
+
+def _check(value: Any, hint: Any) -> None:
+    """Raise TypeError unless a value is of the kind that an annotation such as `tuple[Body, ...] | None` names."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        is_valid = any(_is_of(value, choice) for choice in arguments)
+    elif origin is typing.Literal:
+        is_valid = value in arguments
+    elif origin is tuple and isinstance(value, tuple):
+        kinds = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
+        is_valid = len(kinds) == len(value) and all(map(_is_of, value, kinds))
+    elif hint in (int, float):
+        is_valid = isinstance(value, int | hint) and not isinstance(value, bool)
+    else:
+        is_valid = hint is Any or isinstance(value, origin or hint)
+    if not is_valid:
+        raise TypeError(f"{value!r:.50} is no {hint}")
+
+
+def _is_of(value: Any, hint: Any) -> bool:
+    try:
+        _check(value, hint)
+    except TypeError:
+        return False
+    return True
+
+
+@cache
+def _field_types(kind: type) -> dict[str, Any]:
+    """The annotations of the fields that are stored of a class: of an enum its value."""
+    if issubclass(kind, Enum):
+        return {"value": Any}
+    hints = typing.get_type_hints(kind)
+    names = [entry.name for entry in fields(kind)] if is_dataclass(kind) else kind._fields  # type: ignore[attr-defined]  # tuple
+    return {name: hints[name] for name in names}
 
 
 def _classes_of(kind: type) -> dict[str, type]:

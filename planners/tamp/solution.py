@@ -211,7 +211,7 @@ class Solution:
             ValueError: the plan has no actions.
             OSError: the file cannot be written.
         """
-        from planners.drawing.plan import draw_plan
+        from planners.drawing.clearances import draw_plan
 
         draw_plan(self, Path(path))
 
@@ -226,7 +226,7 @@ class Solution:
             OSError: the file cannot be written.
         """
         # As for `plot`: the page is built on this package.
-        from planners.drawing.page.planned import write_plan_page
+        from planners.drawing.page.page import write_plan_page
 
         write_plan_page(self, Path(path))
 

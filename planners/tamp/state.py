@@ -24,7 +24,7 @@ TASK_PLANNING_S = 10.0
 
 @dataclass(frozen=True)
 class PlanState:
-    """What Algorithm 1 calls s0.
+    """The state that Algorithm 1 calls s0.
 
     Attributes:
         symbols: the facts.

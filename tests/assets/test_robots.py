@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from assets import path
-from assets.frames import rotation_of
+from assets.robot_parts import rotation_of
 from assets.robots import FETCH, PR2, InvalidRobot, UnknownRobot, robot
 
 ROBOTS = [FETCH, PR2, PR2.using("left"), robot("panda_mobile")]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import json
 import math
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +18,10 @@ import pytest
 
 import assets
 import clutter_env
+from clutter_env import suites
 from clutter_env.errors import SuiteError
-from clutter_env.experiments.suites.making import PLANS, make_suite, with_new_floors
 from clutter_env.suites import SPLITS, Floor, content_digest, scene_digests
+from scripts.make_suites import PLANS, make_suite, with_new_floors
 
 NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v2", "shelf-16-v2", "side-15-v1", "side-25-v1", "side-40-v1")
 
@@ -32,6 +35,8 @@ def test_the_suites_are_there() -> None:
     assert clutter_env.suite_names() == NAMES
     with pytest.raises(SuiteError, match=r"no suite 'side-1'; suites: all-25-v1, .*side-40-v1"):
         clutter_env.suite("side-1")
+    with pytest.raises(SuiteError, match="suites: all-25-v1"):
+        clutter_env.suite(["side-15-v1"])  # type: ignore[arg-type]  # what a user may give
 
 
 def test_a_suite_that_was_replaced_is_an_error_that_names_its_successor() -> None:
@@ -66,7 +71,7 @@ def test_no_two_suites_share_a_seed() -> None:
 def test_resets_give_the_scenes_of_the_suite(name: str) -> None:
     suite = clutter_env.suite(name)
     env = suite.test[0].make()
-    for scene in (*suite.test[:10], *suite.validation[:10]):
+    for scene in (*suite.test[:3], *suite.validation[:2]):
         _, info = scene.reset(env)
         assert info["target"] == scene.target
         assert scene_digests(env) == dict(scene.digests)
@@ -101,21 +106,65 @@ def test_the_keywords_of_the_suite_stay() -> None:
         scene.make(layout="paper")
 
 
-def test_a_changed_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = Path(assets.path("suites/side-15-v1.json")).parent
-    shutil.copytree(folder, tmp_path / "suites")
-    changed = tmp_path / "suites" / "side-15-v1.json"
-    content = json.loads(changed.read_text())
-    content["scenes"]["test"][0]["target"] = "object_14"
-    changed.write_text(json.dumps(content))
+@pytest.fixture
+def suite_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of a suite's file that is read in place of it."""
+    file = tmp_path / "suites" / "side-15-v1.json"
+    file.parent.mkdir()
+    shutil.copy(assets.path("suites/side-15-v1.json"), file)
     monkeypatch.setattr("assets.path", lambda relative: tmp_path / relative)
-    clutter_env.suite.cache_clear()
+    suites._read_suite.cache_clear()
+    yield file
+    suites._read_suite.cache_clear()
+
+
+def test_a_changed_file_is_refused(suite_file: Path) -> None:
+    content = json.loads(suite_file.read_text())
+    content["scenes"]["test"][0]["target"] = "object_14"
+    suite_file.write_text(json.dumps(content))
     with pytest.raises(SuiteError, match="has been changed"):
         clutter_env.suite("side-15-v1")
-    content["sha256"] = content_digest({key: value for key, value in content.items() if key != "sha256"})
-    changed.write_text(json.dumps(content))
+    write_sealed(suite_file, content)
     assert clutter_env.suite("side-15-v1").test[0].target == "object_14"
-    clutter_env.suite.cache_clear()
+
+
+def write_sealed(file: Path, content: dict[str, Any]) -> None:
+    """Write a suite's file with the digest that its content has."""
+    content = {name: value for name, value in content.items() if name != "sha256"}
+    file.write_text(json.dumps({**content, "sha256": content_digest(content)}))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{}", '{"sha256": 3}', "[" * 100_000, "\udcff"])
+def test_a_damaged_file_is_an_error_of_the_suite(suite_file: Path, text: str) -> None:
+    suite_file.write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(SuiteError, match="side-15-v1"):
+        clutter_env.suite("side-15-v1")
+
+
+@pytest.mark.parametrize("value", ["missing", None, 3, "text", [], {"a": 1}])
+def test_a_sealed_file_with_a_wrong_entry_is_an_error_of_the_suite(suite_file: Path, value: object) -> None:
+    """An entry that happens to fit may be accepted; no other exception than a SuiteError leaves the reader."""
+    whole = json.loads(suite_file.read_text())
+    for split in SPLITS:
+        del whole["scenes"][split][2:]
+    for holder in ((), ("scenes",), ("scenes", "test", 0), ("scenes", "test", 0, "floor_side")):
+        inner = whole
+        for step in holder:
+            inner = inner[step]
+        for name in tuple(inner):
+            content = copy.deepcopy(whole)
+            place = content
+            for step in holder:
+                place = place[step]
+            if value == "missing":
+                del place[name]
+            else:
+                place[name] = value
+            write_sealed(suite_file, content)
+            suites._read_suite.cache_clear()
+            with contextlib.suppress(SuiteError):
+                clutter_env.suite("side-15-v1")
+                assert value != "missing" or name in ("sha256", "format"), f"{name} is missing"
 
 
 @pytest.mark.parametrize(

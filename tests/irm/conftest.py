@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH, ChainLink
-from irm.floor.free_space import FreeSpace
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
+from irm.free_space import FreeSpace
+from irm.inverse_map import InverseReachabilityMap
+from irm.reachability_map import ReachabilityMap
 
 LIFT_ARM = dataclasses.replace(
     FETCH,

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain, inverse
+from irm.chain import ArmChain
+from irm.ik.closed_form import inverse
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
 from planners.motion.path import WholeBodyPath, on_base

@@ -10,8 +10,7 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import PR2
-from irm.arm.chain import ArmChain
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE, ArmChain
 from planners import Planner, Solution
 from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld

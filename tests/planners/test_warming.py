@@ -98,7 +98,7 @@ def test_whoever_waits_for_compilation_is_told_once(
                 pass
 
     with caplog.at_level(logging.WARNING):
-        warming.warm_once(Planner(FETCH), compile_two)
+        warming.warm_once(FETCH, None, compile_two)
     assert [record.message for record in caplog.records] == [
         "compiling the planner's kernels, once per machine (about a minute)"
     ]
@@ -139,7 +139,7 @@ def test_compilation_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
             time.sleep(1.2)
 
     deadline = Deadline.after(1.0)
-    later = warming.warm_once(Planner(FETCH), compile_one, deadline)
+    later = warming.warm_once(FETCH, None, compile_one, deadline)
     assert deadline.is_over
     assert later.at - deadline.at >= 1.2
     assert warming._warm, "it waited until all was loaded"
@@ -160,7 +160,7 @@ def test_compilation_does_not_count_before_the_wait_begins(monkeypatch: pytest.M
 
     monkeypatch.setattr(warming, "ThreadPoolExecutor", SlowToReturn)
     deadline = Deadline.after(5.0)
-    later = warming.warm_once(Planner(FETCH), compile_one, deadline)
+    later = warming.warm_once(FETCH, None, compile_one, deadline)
     assert later.at - deadline.at >= 0.4
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 
 from assets import RobotSpec
-from clutter_env.envs.observation_layout import Column, EntryLayout, observation_layout
+from clutter_env.envs.observation import Column, EntryLayout, observation_layout
 
 __all__ = ["Columns", "episode_columns"]
 

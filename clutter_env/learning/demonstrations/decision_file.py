@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.observation_layout import OBSERVATION_LAYOUT
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.learning.demonstrations.columns import Columns
 from clutter_env.learning.errors import DatasetError
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.observation_layout import OBJECT_FIELDS, OBSERVATION_LAYOUT
+from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
 from clutter_env.learning.demonstrations.decision_file import KINDS
 from planners import (
     DIRECTION_CLASSES,

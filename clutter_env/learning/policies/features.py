@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.envs.observation import OBSERVATION_LAYOUT
-from clutter_env.envs.observation_layout import entry_slices
+from clutter_env.envs.observation import OBSERVATION_LAYOUT, entry_slices
 
 __all__ = ["COS_YAW", "NEAR_SCALES", "OBJECTS_FROM", "OBJECT_ROW", "SIN_YAW", "TCP_POSITION", "feature_vector"]
 

@@ -1,17 +1,57 @@
-"""The content of a page: the scene, the frames, the plans and the results of a recording, as JSON values."""
+"""The content of a page as JSON values and one compressed block of arrays; `data.js` reads both.
+
+The scene's shapes, the frames, and of each plan its actions, regions, candidates, base poses and paths.
+"""
 
 from __future__ import annotations
 
+import base64
 import itertools
-from collections.abc import Mapping, Sequence
+import json
+import math
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from planners.drawing.page.arrays import ArrayBlock, changes
-from planners.drawing.page.geometry import body_poses, model_values, moving_bodies, pose_numbers
-from planners.drawing.page.layers import plan_values
-from planners.expert.report import Frame, Note, Recording, Solve
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["frame_values", "note_values", "page_text", "scene_values", "solve_values"]
+from planners.drawing.clearances import choices_of
+from planners.drawing.region import ClearancePicture, DrawnSurface
+from planners.expert.report import Frame, Note, Recording, Solve
+from planners.grasping.base_placement import MapPlacer, inverse_map
+from planners.motion.arm import tcp_pose
+from planners.motion.trajectory import Phase
+from planners.scene import RobotState
+from planners.tamp.solution import BoundAction, Solution
+
+_ALIGNMENT = 4
+"""[bytes] to whose multiples the browser wants arrays aligned."""
+_SHAPES = {
+    mujoco.mjtGeom.mjGEOM_PLANE: "plane",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
+"""How many numbers the size of a shape has; three otherwise."""
+_GROUPS = 3
+"""Geoms of the groups below this are seen, those from it on only collide."""
+_LENGTH, _TURN = 2e-4, 1 / 32767
+"""Steps of the 16 bits of a position [m], up to 6.5 m, and of a quaternion's component."""
+_SKILLS = {"MoveBase": "drive", "PickUp": "pick", "PutDownGeneral": "place", "PutDownForClearance": "place"}
+_GRIPPER_MOVES = ("close", "open")
+"""Phases that begin where the gripper closes on an object or lets it go."""
+_BASES = 48
+"""Base poses of the map shown for a gripper pose at most, best first."""
+_STRIDE = 2
+"""Samples of a trajectory between two points of a path."""
+_NGR1, _NGR2, _OUTSIDE = 1, 2, 4
+"""Bits of a cell."""
 
 
 def page_text(recording: Recording, title: str, rows: Mapping[str, str], result: str) -> str:
@@ -83,3 +123,214 @@ def solve_values(solve: Solve, arrays: ArrayBlock) -> dict[str, Any]:
 def note_values(notes: Sequence[Note]) -> list[dict[str, Any]]:
     """Deviations; those at one time and of one text count once."""
     return [{"time": round(time, 3), "text": text} for (time, text), _ in itertools.groupby(notes)]
+
+
+class ArrayBlock:
+    """Collects arrays; the page's `decode` in `data.js` reads them."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+
+    def add(self, values: ArrayLike, dtype: str = "float32") -> dict[str, Any]:
+        """Where the values will lie in the block: "float32", "int16", "int32" or "uint8", little-endian."""
+        array = np.ascontiguousarray(values, dtype=np.dtype(dtype).newbyteorder("<"))
+        self._bytes += bytes(-len(self._bytes) % _ALIGNMENT)
+        place = {"at": len(self._bytes), "size": int(array.size), "type": dtype}
+        self._bytes += array.tobytes()
+        return place
+
+    def text(self, content: Any) -> str:
+        """JSON text of the content and all arrays added; no "<" that could end the page's script element."""
+        packed = base64.b64encode(zlib.compress(bytes(self._bytes), 9)).decode()
+        return json.dumps({"content": content, "arrays": packed}, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def changes(values: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Each column (n, k) as its first value and the differences that follow, (k, n): of what rests, mostly zeros.
+
+    Differences wrap around like the sums that undo them.
+    """
+    rows = values.T
+    return np.ascontiguousarray(np.diff(rows, axis=1, prepend=np.zeros((len(rows), 1), np.int16)))
+
+
+def model_values(model: mujoco.MjModel, bodies: Sequence[int], arrays: ArrayBlock) -> dict[str, Any]:
+    """The shapes to draw: each has the index in `bodies` of the body that it moves with, or -1 and a pose in the world.
+
+    Args:
+        model: the scene.
+        bodies: that move, as from `moving_bodies`.
+        arrays: gets the meshes.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geoms = [geom for geom in range(model.ngeom) if _is_visible(model, geom)]
+    used = sorted({int(model.geom_dataid[geom]) for geom in geoms if _shape(model, geom) == "mesh"})
+    return {
+        "geoms": [_geom(model, data, geom, bodies, used) for geom in geoms],
+        "meshes": [_mesh(model, mesh, arrays) for mesh in used],
+    }
+
+
+def moving_bodies(model: mujoco.MjModel) -> list[int]:
+    """The bodies that are not fixed to the world and have a visible geom."""
+    owners = {int(model.geom_bodyid[geom]) for geom in range(model.ngeom) if _is_visible(model, geom)}
+    return [body for body in sorted(owners) if model.body_weldid[body] != 0]
+
+
+def body_poses(
+    model: mujoco.MjModel, bodies: Sequence[int], states: Iterable[NDArray[np.floating[Any]]]
+) -> NDArray[np.float64]:
+    """Positions [m] and quaternions (n, k, 7) of bodies for joint positions (n, nq); no quaternion jumps to -q."""
+    data = mujoco.MjData(model)
+    rows = []
+    for qpos in states:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        rows.append(np.concatenate((data.xpos[bodies], data.xquat[bodies]), axis=1))
+    poses = np.array(rows)
+    for before, now in itertools.pairwise(poses):
+        now[(before[:, 3:] * now[:, 3:]).sum(axis=1) < 0, 3:] *= -1
+    return poses
+
+
+def pose_numbers(poses: NDArray[np.float64]) -> NDArray[np.int16]:
+    """Poses (n, k, 7) in steps of 16 bits, (n, 7 k); positions beyond their range are clipped."""
+    numbers = np.rint(poses / np.repeat((_LENGTH, _TURN), (3, 4)))
+    return numbers.clip(-32767, 32767).astype(np.int16).reshape(len(poses), -1)
+
+
+def _is_visible(model: mujoco.MjModel, geom: int) -> bool:
+    return bool(model.geom_group[geom] < _GROUPS and _rgba(model, geom)[3] > 0 and _shape(model, geom))
+
+
+def _shape(model: mujoco.MjModel, geom: int) -> str:
+    """Name of the shape; "" for one that a page does not draw, such as a height field."""
+    return _SHAPES.get(mujoco.mjtGeom(int(model.geom_type[geom])), "")
+
+
+def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float32]:
+    material = int(model.geom_matid[geom])
+    rgba: NDArray[np.float32] = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    return rgba
+
+
+def _geom(
+    model: mujoco.MjModel, data: mujoco.MjData, geom: int, bodies: Sequence[int], meshes: Sequence[int]
+) -> dict[str, Any]:
+    body, shape = int(model.geom_bodyid[geom]), _shape(model, geom)
+    position, quaternion = model.geom_pos[geom], model.geom_quat[geom]
+    if body not in bodies:
+        position, quaternion = data.geom_xpos[geom], np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+    return {
+        "name": model.geom(geom).name,
+        "body": bodies.index(body) if body in bodies else -1,
+        "shape": shape,
+        "size": _rounded(model.geom_size[geom][: _SIZES.get(shape, 3)]),
+        "position": _rounded(position),
+        "quaternion": _rounded(quaternion),
+        "colour": _rounded(_rgba(model, geom)),
+        "mesh": meshes.index(int(model.geom_dataid[geom])) if shape == "mesh" else -1,
+    }
+
+
+def _mesh(model: mujoco.MjModel, mesh: int, arrays: ArrayBlock) -> dict[str, Any]:
+    """A mesh with its corners in 16 bits of its own size."""
+    first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+    triangles = model.mesh_face[faces : faces + model.mesh_facenum[mesh]]
+    step = float(np.abs(vertices).max()) / 32767
+    return {
+        "step": step,
+        "vertices": arrays.add(np.rint(vertices / step), "int16"),
+        "triangles": arrays.add(triangles, "int32"),
+    }
+
+
+def _rounded(values: ArrayLike) -> list[float]:
+    return [round(float(value), 5) for value in np.asarray(values)]
+
+
+def plan_values(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
+    """The actions of a plan and the choices of its clearance locations.
+
+    Args:
+        plan: with actions.
+        arrays: gets regions, candidates, base poses and paths.
+    """
+    first = plan.actions[0].scene
+    views = {action.scene.robot.arm_name: action.scene for action in plan.actions}
+    placers = {arm: MapPlacer.of_scene(inverse_map(scene.robot), scene) for arm, scene in views.items()}
+    return {
+        "strategy": plan.strategy.name,
+        "clearances": list(plan.clearances),
+        "base_radius": first.robot.base_radius,
+        "actions": [_action(action, placers[action.scene.robot.arm_name], arrays) for action in plan.actions],
+        "choices": [_choice(choice, arrays) for choice in choices_of(plan)],
+    }
+
+
+def _action(action: BoundAction, placer: MapPlacer, arrays: ArrayBlock) -> dict[str, Any]:
+    robot, trajectory = action.scene.robot, action.trajectory
+    states = [RobotState(*row) for row in zip(trajectory.base, trajectory.q, trajectory.finger_position, strict=True)]
+    kept = [*states[:-1:_STRIDE], states[-1]]
+    contact = next((phase for phase in trajectory.phases if phase.name in _GRIPPER_MOVES), None)
+    return {
+        "kind": _SKILLS.get(action.name, "other"),
+        "name": action.name,
+        "args": list(action.args),
+        "object": action.target,
+        "because": action.obstructed,
+        "duration": round(trajectory.duration, 2),
+        "path": arrays.add([tcp_pose(robot, state)[:3, 3] for state in kept]),
+        "base_path": arrays.add(np.array([state.base for state in kept])),
+        "bases": None if contact is None else arrays.add(_bases(action, contact, placer)),
+    }
+
+
+def _bases(action: BoundAction, contact: Phase, placer: MapPlacer) -> NDArray[np.float64]:
+    """Base poses (k, 3) from which the map reaches the gripper's pose at a contact, and the planned one first."""
+    sample = action.trajectory.sample(contact.start)
+    T = tcp_pose(action.scene.robot, RobotState(sample.base, sample.q, sample.finger_position))
+    yaw, pitch = math.atan2(-T[0, 1], T[1, 1]), math.atan2(-T[2, 0], T[2, 2])
+    found, _ = placer.bases(np.array([(*T[:3, 3], yaw, pitch)]), _BASES)
+    return np.vstack((sample.base, found))
+
+
+def _choice(picture: ClearancePicture, arrays: ArrayBlock) -> dict[str, Any]:
+    allowed = {tuple(place) for place in picture.ordered}
+    refused = [place for place in picture.candidates if tuple(place) not in allowed]
+    return {
+        "object": picture.moved,
+        "surfaces": [_surface(surface, arrays) for surface in picture.surfaces],
+        "ordered": arrays.add(_on_surfaces(picture.surfaces, picture.ordered)),
+        "refused": arrays.add(_on_surfaces(picture.surfaces, refused)),
+        "chosen": None if picture.chosen is None else [float(value) for value in picture.chosen],
+        "radius": next(body.radius for body in picture.bodies if body.name == picture.moved),
+    }
+
+
+def _surface(surface: DrawnSurface, arrays: ArrayBlock) -> dict[str, Any]:
+    """The cells of a support: x along the rows, y along the columns of a picture of bytes."""
+    grid, region = surface.grid, surface.region
+    cells = _NGR1 * region.ngr1.astype(np.uint8) + _NGR2 * region.ngr2.astype(np.uint8)
+    if surface.in_work is not None:
+        cells += _OUTSIDE * (~surface.in_work).astype(np.uint8)
+    return {
+        "extent": [float(edge) for edge in grid.extent],
+        "height": grid.height,
+        "shape": list(grid.shape),
+        "cells": arrays.add(cells, "uint8"),
+    }
+
+
+def _on_surfaces(surfaces: Sequence[DrawnSurface], places: ArrayLike) -> NDArray[np.float64]:
+    """Places (n, 2) with the height of the surface that each lies on: (n, 3) [m]."""
+    points = np.asarray(places, dtype=float).reshape(-1, 2)
+    heights = np.full(len(points), surfaces[0].grid.height)
+    for surface in surfaces:
+        x_low, x_high, y_low, y_high = surface.grid.extent
+        inside = (points >= (x_low, y_low)).all(axis=1) & (points <= (x_high, y_high)).all(axis=1)
+        heights[inside] = surface.grid.height
+    return np.column_stack((points, heights))

@@ -8,13 +8,9 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from planners.drawing.page.arrays import ArrayBlock
-from planners.drawing.page.content import frame_values, note_values, page_text, solve_values
-from planners.drawing.page.geometry import moving_bodies
+from planners.drawing.page.content import ArrayBlock, frame_values, moving_bodies, note_values, page_text, solve_values
 from planners.drawing.page.page import episode_title, page_html
 from planners.expert.report import Recording
-
-__all__ = ["LivePage"]
 
 _HOST = "127.0.0.1"
 """Other machines cannot connect."""

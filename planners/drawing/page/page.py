@@ -1,16 +1,24 @@
-"""Writes a recording as one HTML file: template, style and scripts of this folder, and the content."""
+"""A page for a browser: a recording of an episode, or of a plan without physics, as one HTML file."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
 
-from planners.drawing.page.content import page_text
-from planners.expert.report import Recording
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["episode_title", "page_html", "write_page"]
+from assets.robots import RobotSpec
+from planners.drawing.page.content import page_text
+from planners.expert.report import Frame, Recording, Solve
+from planners.motion.arm import tcp_pose
+from planners.motion.mujoco_check import OBJECT, scene_model
+from planners.motion.trajectory import CONTROL_STEP
+from planners.scene import HeldObject, RobotState, Scene
+from planners.tamp.solution import Solution
 
 _SCRIPTS = (
     "matrix.js",
@@ -24,6 +32,8 @@ _SCRIPTS = (
     "panel.js",
     "page.js",
 )
+_SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
+"""Colours of supports and of other static obstacles."""
 
 
 def write_page(path: Path, recording: Recording, rows: Mapping[str, str], result: str = "", title: str = "") -> None:
@@ -70,3 +80,91 @@ def page_html(title: str, content: str, address: str = "") -> str:
     for name, part in parts.items():
         text = text.replace(f"@{name}@", part)
     return text
+
+
+def write_plan_page(plan: Solution, path: Path) -> None:
+    """Write the page of a plan; what `Solution.to_html` calls.
+
+    Raises:
+        ValueError: the plan has no actions.
+        OSError: the file cannot be written.
+    """
+    lines = (line.partition(": ") for line in plan.summary().splitlines())
+    rows = {name.strip(): value for name, _, value in lines if value}
+    title = f"Plan: {plan.target} after {len(plan.clearances)} clearances"
+    write_page(path, plan_recording(plan), rows, "plan", title)
+
+
+def plan_recording(plan: Solution) -> Recording:
+    """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest.
+
+    Raises:
+        ValueError: the plan has no actions.
+    """
+    if not plan.actions:
+        raise ValueError("a plan without actions has nothing to show")
+    first = plan.actions[0].scene
+    model = scene_model(first)
+    _colour(model, first)
+    names = tuple(OBJECT + body.name for body in first.objects)
+    return Recording(model, plan.target, names, tuple(_frames(plan, model)), (Solve(0.0, plan),))
+
+
+def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
+    """One frame for each control step; the scene of an action says where its objects stand."""
+    start = 0.0
+    for index, action in enumerate(plan.actions):
+        states = _States(model, action.scene)
+        trajectory = action.trajectory
+        for time in np.append(np.arange(0.0, trajectory.duration, CONTROL_STEP), trajectory.duration):
+            sample = trajectory.sample(float(time))
+            held = sample.phase.touched if sample.phase.held else None
+            qpos = states.at(RobotState(sample.base, sample.q, sample.finger_position), held)
+            phase = f"{f'{action.name} {action.target}'.rstrip()}: {sample.phase.name}"
+            yield Frame(start + float(time), qpos, 0, index, phase)
+        start += trajectory.duration
+
+
+class _States:
+    """The joint positions of the model during one action."""
+
+    def __init__(self, model: mujoco.MjModel, scene: Scene) -> None:
+        robot = scene.robot
+        self._robot = robot
+        joints = (*robot.drive_joints, *robot.finger_joints[:1])
+        self._columns = [int(model.joint(name).qposadr[0]) for name in joints]
+        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
+        self._objects = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
+        self._qpos = np.array(model.qpos0)
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+            self._qpos[model.joint(joint).qposadr[0]] = angle
+        self._aside = [(one.held, scene.using(one.arm)) for one in scene.aside]
+        for body in scene.objects:
+            self._put(body.name, body.position, body.quaternion)
+
+    def at(self, state: RobotState, held: HeldObject | None) -> NDArray[np.float32]:
+        """Those of a state of the robot; what is held stays where it is brought."""
+        self._qpos[self._columns] = (*state.base, *state.q, state.finger_position)
+        self._qpos[self._second_finger] = state.finger_position
+        if held is not None:
+            self._put_in_hand(held, self._robot, state)
+        for other, scene in self._aside:
+            self._put_in_hand(other, scene.robot, RobotState(state.base, scene.state.q, 0.0))
+        return self._qpos.astype(np.float32)
+
+    def _put_in_hand(self, held: HeldObject, robot: RobotSpec, state: RobotState) -> None:
+        T, quaternion = tcp_pose(robot, state) @ held.T_tcp_object, np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, T[:3, :3].ravel())
+        self._put(held.name, T[:3, 3], quaternion)
+
+    def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
+        start = self._objects[name]
+        self._qpos[start : start + 7] = (*position, *quaternion)
+
+
+def _colour(model: mujoco.MjModel, scene: Scene) -> None:
+    """Colour supports and other static obstacles, which a planner's scene has no colours for."""
+    for geom in range(model.ngeom):
+        name = model.geom(geom).name
+        if model.geom_bodyid[geom] == 0:
+            model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in scene.supports[:1] else _OTHER

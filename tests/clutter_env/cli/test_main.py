@@ -1,36 +1,63 @@
-"""The console command: its overview, its version, and help that appears at once."""
+"""The console command: its overview, help that appears at once, exit codes, and which errors keep their traceback."""
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
+import os
+import signal
 import subprocess
 import sys
-from importlib import metadata
+import time
+from pathlib import Path
 
 import pytest
 
 from clutter_env.cli.main import COMMANDS, main
+from clutter_env.version import version
 
+ROOT = Path(__file__).resolve().parents[3]
 HEAVY = ("h5py", "matplotlib", "mujoco", "numba", "planners", "scipy", "torch")
 SCRIPT = """
 import sys
-from clutter_env.cli.main import main
-try:
-    main(sys.argv[1:])
-except SystemExit as end:
-    assert not end.code, end.code
+from clutter_env.cli.main import COMMANDS, main
+from clutter_env.version import version
+for command in COMMANDS:
+    try:
+        main([command, *(["check"] if command == "robot" else []), "--help"])
+    except SystemExit as end:
+        assert not end.code, end.code
+main([])
 print("heavy:", [name for name in {heavy!r} if name in sys.modules])
 """
+POLICY = '''
+class Fails:
+    """Raises in the given place."""
+
+    def __init__(self):
+        if "{where}" == "constructor":
+            raise {error}
+
+    def reset(self, info):
+        pass
+
+    def act(self, observation):
+        raise {error}
+'''
 
 
-@pytest.mark.parametrize("command", ["", "collect", "train", "compare", "table", "warmup"])
-def test_help_needs_nothing_heavy(command: str) -> None:
-    words = [sys.executable, "-c", SCRIPT.format(heavy=HEAVY), *filter(None, [command]), "--help"]
-    result = subprocess.run(words, capture_output=True, text=True)
+def run(*argv: str, folder: Path = ROOT, **options: object) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{folder}"}
+    command = [sys.executable, "-m", "clutter_env", *argv]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, **options)
+
+
+def test_help_needs_nothing_heavy() -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(heavy=HEAVY)], capture_output=True, text=True, cwd=ROOT
+    )
     assert result.returncode == 0, result.stderr
     assert "heavy: []" in result.stdout
-    assert ("--seed" if command else "warmup") in result.stdout
+    assert all(f"  {name} " in result.stdout for name in COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -38,39 +65,97 @@ def test_examples_in_the_help_keep_their_lines(command: str, capsys: pytest.Capt
     """Those of `train` ran into one another in one paragraph."""
     with pytest.raises(SystemExit):
         main([command, "--help"])
-    lines = capsys.readouterr().out.splitlines()
+    lines = {line.strip() for line in capsys.readouterr().out.splitlines()}
     text = importlib.import_module(f"clutter_env.cli.{command}").__doc__ or ""
-    examples = [line.strip() for line in text.splitlines() if line.strip().startswith(f"clutter-env {command}")]
+    examples = {line.strip() for line in text.splitlines() if line.strip().startswith(f"clutter-env {command}")}
     assert examples
-    assert not set(examples) - {line.strip() for line in lines}
+    assert examples <= lines
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_all_commands_spell_an_option_alike(command: str) -> None:
-    arguments = importlib.import_module(f"clutter_env.cli.{command}").Arguments
-    names = {entry.name for entry in dataclasses.fields(arguments)}
-    assert not names & {"output", "output_dir", "jobs", "processes", "num_workers"}
+def test_the_version_is_that_of_the_package() -> None:
+    assert run("--version").stdout == f"clutter-env {version()}\n"
 
 
-@pytest.mark.parametrize("module", ["clutter_env", "clutter_env.cli.main"])
-def test_the_console_command_is_a_module_too(module: str) -> None:
-    """Without a module of that name Python found none; the command's own module ended without a word."""
-    result = subprocess.run([sys.executable, "-m", module, "table", "--help"], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.startswith("usage: clutter-env table")
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [
+        (["tabel"], "did you mean 'table'"),
+        (["table", "--objetcs", "3"], "--objects"),
+        (["table", "--grasps", "sdie"], "'side'"),
+        (["episode", "--layout", "round"], "'paper'"),
+        (["--completion", "fish"], "bash, zsh, tcsh"),
+    ],
+)
+def test_wrong_arguments_end_with_code_2_and_a_hint(
+    wrong: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(wrong)
+    assert end.value.code == 2
+    assert hint in capsys.readouterr().err
 
 
-def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    main([])
-    text = capsys.readouterr().out
-    assert all(f"  {name} " in text for name in COMMANDS)
+def test_shells_complete_commands_and_their_arguments(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--completion", "bash"])
+    assert not end.value.code
+    script = capsys.readouterr().out
+    assert "warmup" in script
+    assert "--retry-crashes" in script
 
 
-def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--version"])
-    assert capsys.readouterr().out == f"clutter-env {metadata.version('clutter-env')}\n"
+@pytest.mark.parametrize("error", ['ValueError("as told")', 'OSError("as told")', '__import__("assets").robot("r2")'])
+@pytest.mark.parametrize("where", ["constructor", "act"])
+def test_an_error_in_a_users_policy_keeps_its_traceback(tmp_path: Path, where: str, error: str) -> None:
+    """An exception in `act` was a failed episode, with exit code 0 and nothing on the terminal."""
+    (tmp_path / "mine.py").write_text(POLICY.format(where=where, error=error))
+    result = run("evaluate", "--policy", "mine:Fails", "--scenes", "1", "--workers", "1", folder=tmp_path)
+    assert result.returncode == 1
+    assert "Traceback" in result.stderr
+    assert f'mine.py", line {7 if where == "constructor" else 13}' in result.stderr
 
 
-def test_an_unknown_command_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(SystemExit, match=r"no command 'fly'(.|\n)*warmup"):
-        main(["fly"])
+def test_errors_of_this_package_are_one_line(tmp_path: Path) -> None:
+    for argv, message in (
+        (["table", "--out", str(tmp_path), "--objects", "61"], "objects=61"),
+        (["evaluate", "--suite", "side-16-v1"], "side-15-v1"),
+        (["benchmark", "--json", "/proc/none/file.json", "--objects", "1", "--steps", "1"], "/proc"),
+    ):
+        result = run(*argv, folder=tmp_path)
+        assert result.returncode == 1, result.stderr
+        assert "Traceback" not in result.stderr
+        assert message in result.stderr.splitlines()[-1]
+        assert result.stderr.splitlines()[-1].startswith(f"clutter-env {argv[0]}: ")
+
+
+def test_ctrl_c_ends_with_code_130_and_says_how_to_go_on(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "clutter_env", "table", "--workers", "1", "--objects", "1", "--out", str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+    )
+    assert process.stdout is not None
+    process.stdout.readline()  # the workers are being started
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the command and its workers
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "clutter-env table: interrupted; run the same command again to go on"
+    assert "Traceback" not in said
+
+
+def test_another_package_of_the_same_name_is_named(tmp_path: Path) -> None:
+    """A user's own `planners.py` hid ours: "cannot import name" said nothing about which file it was."""
+    for name, file in (("irm", "irm.py"), ("planners", "planners/__init__.py")):
+        other = tmp_path / name / file
+        other.parent.mkdir(parents=True)
+        other.write_text("")
+        hidden = subprocess.run(
+            [sys.executable, "-c", "import clutter_env"],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path / name,
+            env={**os.environ, "PYTHONPATH": f"{tmp_path / name}{os.pathsep}{ROOT}"},
+        )
+        assert hidden.returncode == 1
+        assert f"ImportError: {other} hides the package {name!r} of clutter-env" in hidden.stderr

@@ -1,27 +1,28 @@
 """The command `clutter-env map` and its sub-commands."""
 
-import dataclasses
 import json
+from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
+import mujoco
 import pytest
 
 from assets.robots import FETCH
 from clutter_env.cli.main import main
-from clutter_env.experiments.maps.model_check import check_chain, checked_arm, compare_with_model, robot_by_name
-from irm.arm.chain import ArmChain
+from clutter_env.cli.map import Arguments
+from clutter_env.cli.named_robot import robot_by_name
+from irm import MapParameters, compare_with_model
+from irm.chain import ArmChain
 from irm.errors import ChainError
-from irm.maps.reachability import ReachabilityMap
+from irm.reachability_map import ReachabilityMap
 
 PANDA = Path(__file__).resolve().parents[2] / "data" / "arms" / "panda.xml"
 COARSE = ["--voxel", "0.25", "--orientations", "6"]
 
 
-@pytest.mark.parametrize("words", [["map"], ["map", "build"]])
-def test_a_map_is_built_saved_and_reported(words, tmp_path, capsys):
+def test_a_map_is_built_saved_and_reported(tmp_path, capsys):
     file, report = tmp_path / "map.npz", tmp_path / "report.json"
-    main([*words, *COARSE, "--out", str(file), "--json", str(report)])
+    main(["map", *COARSE, "--out", str(file), "--json", str(report)])
     rm = ReachabilityMap.load(file, FETCH)
     assert json.loads(report.read_text())["poses"] == len(rm)
     assert f"poses: {len(rm)}" in capsys.readouterr().out
@@ -50,27 +51,19 @@ def test_an_arm_that_does_not_exist_is_a_clear_message(words, message):
 
 
 def test_a_chain_of_an_mjcf_file_is_compared_with_it():
-    arm = checked_arm(PANDA, "base", "tcp", "z")
+    model, chain = mujoco.MjModel.from_xml_path(str(PANDA)), ArmChain.from_mjcf(PANDA, "base", "tcp", "z")
+    compare_with_model(chain, model, "base", "tcp", "z")
     with pytest.raises(ChainError, match="does not agree"):
-        compare_with_model(dataclasses.replace(arm, R_tip_tcp=np.eye(3)))
+        compare_with_model(chain, model, "base", "tcp", "x")
 
 
-def test_the_answers_about_an_arm_are_checked_against_mujoco(tmp_path, capsys):
-    report = tmp_path / "report.json"
-    names = [str(PANDA), "--base", "base", "--tip", "tcp", "--approach", "z"]
-    main(["map", "check", *names, *COARSE, "--poses", "200", "--refutations", "5", "--json", str(report)])
-    results = json.loads(report.read_text())
-    assert results["wrong"] == 0
-    assert results["unknown"] <= 0.05
-    assert "wrong: 0" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("words", [["map"], ["map", "build"], ["map", "figures"], ["map", "benchmark"]])
-def test_every_sub_command_has_help(words, capsys):
-    with pytest.raises(SystemExit) as end:
-        main([*words, "--help"])
-    assert end.value.code == 0
-    assert "--robot" in capsys.readouterr().out
+def test_the_options_have_the_defaults_of_maps():
+    """The command repeats them, since maps take long to import."""
+    options = {entry.name: entry.default for entry in fields(Arguments)}
+    parameters = {entry.name: entry.default for entry in fields(MapParameters)}
+    assert {name: options[name] for name in parameters if name in options} == {
+        name: value for name, value in parameters.items() if name in options
+    }
 
 
 @pytest.mark.parametrize(
@@ -89,18 +82,3 @@ def test_a_robot_that_does_not_exist_is_a_clear_message(name, message):
 
 def test_a_robot_of_another_module_is_found():
     assert robot_by_name("assets.robots:FETCH") is FETCH
-
-
-def test_a_chain_that_differs_from_its_model_is_refused():
-    check_chain(FETCH)
-    longer = dataclasses.replace(FETCH, tcp_offset=(0.3, 0.0, 0.0))
-    with pytest.raises(ChainError, match="does not agree with its MJCF file"):
-        check_chain(longer)
-
-
-def test_the_smallest_benchmark_runs(tmp_path, capsys):
-    report = tmp_path / "report.json"
-    main(["map", "benchmark", "--parts", "strips", "--strips", "3", "--json", str(report)])
-    results = json.loads(report.read_text())
-    assert results["strips"]["cases"] == 3
-    assert "3 of 3" in capsys.readouterr().out

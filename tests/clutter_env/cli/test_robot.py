@@ -9,17 +9,16 @@ from pathlib import Path
 import pytest
 
 from assets.robots import RobotSpec, robot
-from clutter_env.cli.robot import main
-from clutter_env.experiments.robots.reach import home_candidates
-from clutter_env.experiments.robots.report import report_of
-from irm.arm.chain import ArmChain
-from irm.arm.kinematics import forward
+from clutter_env.cli.main import main
+from clutter_env.cli.robot_report import home_candidates, report_of
+from irm.chain import ArmChain
+from irm.kinematics import forward
 
 PANDA = robot("panda_mobile")
 
 
 def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["check", "panda_mobile", "--out", str(tmp_path / "robot.png")])
+    main(["robot", "check", "panda_mobile", "--out", str(tmp_path / "robot.png")])
     text = capsys.readouterr().out
     assert "no problem found" in text
     assert "7 joints, closed form: three axes meet" in text
@@ -67,7 +66,7 @@ def test_a_page_without_a_home_ends_with_suggestions(tmp_path: Path, capsys: pyt
     page = {"base_joints": PANDA.base_joints, "tip": "tcp", "finger_joints": PANDA.finger_joints}
     (tmp_path / "page.json").write_text(json.dumps(page))
     with pytest.raises(SystemExit, match="says no home"):
-        main(["check", str(PANDA.mjcf_path), "--page", str(tmp_path / "page.json")])
+        main(["robot", "check", str(PANDA.mjcf_path), "--page", str(tmp_path / "page.json")])
     line = capsys.readouterr().out.splitlines()[1]
     home = json.loads(line[line.index("[") : line.index("]") + 1])
     assert RobotSpec.from_mjcf(PANDA.mjcf_path, **page, home=tuple(home)).home == tuple(home)

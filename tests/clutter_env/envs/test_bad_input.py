@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401 - registers the environments
+from clutter_env.config import EnvConfig
+from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ClutterEnvError
 from clutter_env.scene.layout import LAYOUTS
 
@@ -47,22 +51,20 @@ WRONG_KEYWORDS = [
 @pytest.mark.parametrize(("name", "value", "hint"), WRONG_KEYWORDS)
 def test_wrong_keywords_name_the_valid_ones(name: str, value: object, hint: str) -> None:
     with pytest.raises(ValueError, match=hint) as caught:
-        gym.make("clutter_env/Retrieve-o5-v0", **{name: value})
+        RetrieveEnv(**{name: value})
     assert name in str(caught.value) or repr(value) in str(caught.value)
 
 
 def test_wrong_render_mode_is_refused() -> None:
-    from clutter_env.envs.retrieve import RetrieveEnv
-
     with pytest.raises(ClutterEnvError, match="depth_array"):
         RetrieveEnv(render_mode="ascii")
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("shapes", ["cylinder", "box", "mixed"])
-def test_too_many_objects_say_how_many_fit(layout: str, shapes: str) -> None:
-    with pytest.raises(ClutterEnvError, match=r"at most \d+ fit"):
-        gym.make("clutter_env/Retrieve-o5-v0", num_objects=61, layout=layout, shapes=shapes)
+def test_too_many_objects_say_how_many_fit(shapes: str) -> None:
+    for layout in LAYOUTS:
+        with pytest.raises(ClutterEnvError, match=r"at most \d+ fit"):
+            EnvConfig(num_objects=61, layout=layout, shapes=shapes)
 
 
 CYLINDER = {"shape": "cylinder", "radius": 0.03, "height": 0.15, "position": (0.0, 0.0)}
@@ -107,15 +109,44 @@ WRONG_OPTIONS = [
 ]
 
 
+@pytest.fixture(scope="module")
+def env() -> RetrieveEnv:
+    made: RetrieveEnv = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
+    made.reset(seed=0)
+    return made
+
+
+def generator_of(env: gym.Env) -> tuple[object, ...]:
+    generator = env._np_random
+    return generator, env._np_random_seed, None if generator is None else repr(generator.bit_generator.state)
+
+
 @pytest.mark.parametrize(("options", "hint"), WRONG_OPTIONS)
-def test_wrong_options_name_the_valid_ones(options: object, hint: str) -> None:
-    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
-    env.reset(seed=0)
-    before = env.data.qpos.copy()
-    with pytest.raises(ValueError, match=hint.replace("(", r"\(").replace(")", r"\)")):
-        env.reset(options=options)
-    assert np.array_equal(env.data.qpos, before)
-    env.step(env.action_space.sample())
+def test_wrong_options_name_the_valid_ones_and_change_nothing(env: RetrieveEnv, options: object, hint: str) -> None:
+    state, generator = env.save_state(), generator_of(env)
+    for seed in (None, 11):
+        with pytest.raises(ValueError, match=re.escape(hint)):
+            env.reset(seed=seed, options=options)
+        assert (env.save_state(), generator_of(env)) == (state, generator)
+
+
+@pytest.mark.parametrize("name", ["clutter_env/Pick-v0", "clutter_env/Skill-o5-v0"])
+def test_a_refused_first_reset_leaves_the_generator_alone(name: str) -> None:
+    env = gym.make(name).unwrapped
+    for inner in (env, getattr(env, "physics_env", env)):
+        before = generator_of(inner)
+        for options in ({"target": "object_99"}, {"objects": [CYLINDER, CYLINDER]}, {"state": b"nothing"}, 5):
+            with pytest.raises(ClutterEnvError):
+                env.reset(seed=11, options=options)
+        assert generator_of(inner) == before
+
+
+@pytest.mark.parametrize("seed", [-1, "three", 1.5])
+def test_a_wrong_seed_changes_nothing(env: RetrieveEnv, seed: object) -> None:
+    state, generator = env.save_state(), generator_of(env)
+    with pytest.raises(gym.error.Error):
+        env.reset(seed=seed)
+    assert (env.save_state(), generator_of(env)) == (state, generator)
 
 
 def test_touching_boxes_are_no_overlap() -> None:
@@ -147,23 +178,11 @@ WRONG_ACTIONS = [
 
 
 @pytest.mark.parametrize("action", WRONG_ACTIONS, ids=range(len(WRONG_ACTIONS)))
-def test_wrong_actions_leave_the_environment_unchanged(action: object) -> None:
-    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
-    env.reset(seed=0)
+def test_wrong_actions_leave_the_environment_unchanged(env: RetrieveEnv, action: object) -> None:
     before = env.save_state()
     with pytest.raises(ValueError, match="12"):
         env.step(action)
     assert env.save_state() == before
-
-
-def test_actions_outside_the_box_are_clipped() -> None:
-    first, second = (gym.make("clutter_env/Retrieve-o5-v0").unwrapped for _ in range(2))
-    first.reset(seed=0)
-    second.reset(seed=0)
-    action = np.linspace(-3, 3, 12)
-    for _ in range(3):
-        mine, theirs = first.step(action), second.step(np.clip(action, -1, 1))
-        assert all(np.array_equal(mine[0][name], theirs[0][name]) for name in mine[0])
 
 
 def test_calls_before_the_first_reset_are_refused() -> None:

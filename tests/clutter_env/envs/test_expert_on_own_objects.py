@@ -18,7 +18,13 @@ OBJECTS = [{"radius": 0.03, "height": 0.16, "position": (x, y)} for x, y in ((-0
 
 
 @pytest.mark.parametrize(
-    "keywords", [{"layout": BENCH}, {"layout": replace(BENCH, boxes=(CRATE,)), "robot": replace(FETCH, name="mine")}]
+    "keywords",
+    [
+        {"layout": BENCH},
+        pytest.param(
+            {"layout": replace(BENCH, boxes=(CRATE,)), "robot": replace(FETCH, name="mine")}, marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_the_expert_lifts_a_free_target(keywords: dict) -> None:
     env = gym.make("clutter_env/Retrieve-o5-v0", **keywords)

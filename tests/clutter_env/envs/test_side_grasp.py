@@ -32,7 +32,7 @@ def good(results: list) -> int:
 
 @pytest.mark.parametrize("shapes", ["cylinder", "mixed"])
 def test_a_few_grasps_hold(shapes: str) -> None:
-    assert good(grasp_free_targets(4, shapes=shapes)) == 4
+    assert good(grasp_free_targets(2, shapes=shapes)) == 2
 
 
 @pytest.mark.slow

@@ -86,15 +86,6 @@ def lift_target(env: RetrieveEnv) -> tuple[dict, bool]:
     return ended[0]
 
 
-def test_a_clean_lift_is_a_success() -> None:
-    env, _ = grasping_env()
-    info, is_over = lift_target(env)
-    assert info["is_success"]
-    assert info["lifted"]
-    assert is_over
-    assert (info["num_fallen"], info["num_disturbed"], info["num_cleared"]) == (0, 0, 0)
-
-
 @pytest.mark.parametrize("spoil", ["push", "topple"])
 @pytest.mark.parametrize("success", ["clean", "lifted"])
 def test_a_spoilt_lift_is_a_success_of_the_plain_kind_only(spoil: str, success: str) -> None:
@@ -126,12 +117,12 @@ def test_objects_at_rest_are_never_disturbed() -> None:
     env = RetrieveEnv(num_objects=30)
     env.reset(seed=3)
     env.model.opt.enableflags &= 0  # no body sleeps, so that every contact keeps working
-    for _ in range(400):
+    for _ in range(200):
         *_, info = env.step(np.zeros(12))
     assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)
 
 
-def test_a_saved_state_keeps_what_the_judge_remembers() -> None:
+def test_a_saved_state_keeps_what_the_success_monitor_remembers() -> None:
     env, other = grasping_env()
     move(env, other, (0.03, 0.0, 0.0))
     script, states, infos = SideGrasp(env), [], []

@@ -18,10 +18,9 @@ from gymnasium.utils.env_checker import check_env
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.envs.retrieve import RetrieveEnv
 from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
-from tests.clutter_env.envs.test_determinism import digest
 from tests.clutter_env.simulation.test_saved_state import pushing_actions, run
 
-GRASPS, SEEDS, EPISODES = 4, 60, 10
+GRASPS, SEEDS, EPISODES = 2, 60, 10
 
 
 class Stance(NamedTuple):
@@ -53,17 +52,8 @@ def make(robot: str, count: int, **keywords):
 def test_gymnasium_checker_is_silent(robot: str, mode: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for env_id in ("clutter_env/Retrieve-o5-v0", "clutter_env/Reach-v0", "clutter_env/Pick-v0"):
+        for env_id in ("clutter_env/Retrieve-o5-v0", "clutter_env/Reach-v0"):
             check_env(gym.make(env_id, robot=robot, control_mode=mode).unwrapped, skip_render_check=True)
-
-
-@OTHERS
-@MODES
-def test_same_seed_same_bits(robot: str, mode: str) -> None:
-    first, second = (make(robot, 20, control_mode=mode) for _ in range(2))
-    second.reset(seed=9)
-    second.step(second.action_space.sample())
-    assert digest(first, steps=200) == digest(second, steps=200)
 
 
 @OTHERS

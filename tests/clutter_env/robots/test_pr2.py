@@ -8,7 +8,7 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import PR2
-from clutter_env.simulation.meshes import has_visuals
+from clutter_env.simulation.model import has_visuals
 from tests.clutter_env.envs.test_determinism import digest
 
 

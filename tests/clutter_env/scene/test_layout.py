@@ -14,31 +14,12 @@ from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
-from clutter_env.scene.object_sets import MAX_OBJECTS, OBJECT_GAP, OBJECT_SETS, SHAPE_SETS, capacity
-from clutter_env.scene.random_scene import sample_scene
+from clutter_env.scene.object_sets import MAX_OBJECTS, SHAPE_SETS, capacity
 from planners.scene import Scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
 FRONT_NAMES = {"counter_left", "counter_right", "wall"}
 SHELF_NAMES = {"shelf_left", "shelf_right", "shelf_board"}
-
-
-@pytest.mark.parametrize("name", LAYOUTS)
-@pytest.mark.parametrize("shapes", SHAPE_SETS)
-def test_full_tables_keep_objects_apart_and_on_the_table(name: str, shapes: str) -> None:
-    layout = LAYOUTS[name]
-    count = capacity(layout, shapes)
-    for seed in range(5):
-        scene = sample_scene(np.random.default_rng(seed), layout, count, shapes)
-        radii = np.where(scene.is_box, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
-        apart = np.linalg.norm(scene.positions[:, None] - scene.positions, axis=-1) - radii[:, None] - radii
-        in_same_row = scene.levels[:, None] == scene.levels
-        assert apart[in_same_row & ~np.eye(count, dtype=bool)].min() >= OBJECT_GAP
-        assert set(scene.levels) == set(layout.levels)
-        assert (
-            np.abs(scene.positions) <= np.array([layout.depth, layout.width]) / 2 - OBJECT_SETS["standard"].edge_margin
-        ).all()
-        assert 0 <= scene.target < count
 
 
 def test_every_promised_count_fits_the_default_table() -> None:
@@ -85,13 +66,12 @@ def test_a_layout_of_its_own_with_a_support_of_its_own_goes_through_json() -> No
     assert supports_of(find_layout(json.loads(json.dumps(asdict(layout))))) == layout.supports
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-@pytest.mark.parametrize("shapes", SHAPE_SETS)
+@pytest.mark.parametrize(("name", "shapes"), [(name, SHAPE_SETS[i % 3]) for i, name in enumerate(LAYOUTS)])
 def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> None:
     env = RetrieveEnv(num_objects=20, layout=name, shapes=shapes)
     rest = np.zeros(env.action_space.shape)
     rest[-1] = 1.0
-    for seed in range(12):
+    for seed in range(3):
         env.reset(seed=seed)
         assert env.data.ncon == 0, "robot and objects touch nothing at the start"
         assert (env.data.tree_asleep[1:] >= 0).all()
@@ -100,16 +80,6 @@ def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> N
         assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
         scene = env.world.scene
         assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2])
-
-
-def test_objects_would_stand_by_themselves() -> None:
-    env = RetrieveEnv(num_objects=30, shapes="mixed")
-    env.reset(seed=2)
-    env.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    mujoco.mj_step(env.model, env.data, nstep=500)
-    measured = env.world.measure()
-    assert np.abs(measured.poses[:, :2] - env.world.scene.positions).max() < 1e-4
-    assert not measured.is_fallen.any()
 
 
 def test_refitted_bodies_are_those_of_a_compiled_model() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401 - registers the environments
-from clutter_env.experiments.environments.endurance import ACTION_STEPS, FORWARD_RANGE
 from clutter_env.simulation import control
+from scripts.soak import ACTION_STEPS, FORWARD_RANGE
 
 CROWDED: dict[str, Any] = {"layout": "dense", "shapes": "mixed"}
 FASTEST_SPIN = 100.0

@@ -35,7 +35,7 @@ def smooth_motion(start: np.ndarray, change: np.ndarray) -> np.ndarray:
     return start + (1 - np.cos(math.pi * t)) / 2 * change
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_trajectories_within_the_limits_are_followed_exactly(seed: int) -> None:
     env = make()
     rng = np.random.default_rng(seed)
@@ -53,14 +53,6 @@ def test_trajectories_within_the_limits_are_followed_exactly(seed: int) -> None:
     assert np.abs(env.data.qpos[env.world.index.drive_qpos] - q).max() < 1e-3
     opening = FETCH.finger_gap_closed + env.data.qpos[env.world.index.finger_qpos].sum()
     assert opening == pytest.approx(0.08, abs=1e-4)
-
-
-def test_float32_actions_do_not_drift() -> None:
-    env = make()
-    start = env.world.controller.state.target.copy()
-    for q in smooth_motion(start, np.array([-0.5, 0.3, 0.8, 0.05, 0.3, 0.3, 0.3, -0.3, 0.3, 0.3, 0.3])):
-        env.step(env.joint_action(q, 0.08).astype(np.float32))
-        assert np.abs(env.world.controller.state.target - q).max() < 1e-7
 
 
 def test_far_goals_are_reached_with_hardly_any_overshoot() -> None:
@@ -133,7 +125,7 @@ def test_the_base_stays_within_its_range() -> None:
     assert np.abs(env.data.qpos[:2]).max() < BASE_RANGE + 0.05
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_end_effector_follows_straight_lines(seed: int) -> None:
     env = make("ee")
     rng = np.random.default_rng(seed)
@@ -153,8 +145,7 @@ def test_end_effector_follows_straight_lines(seed: int) -> None:
     assert np.abs(env.data.site_xmat[site].reshape(3, 3) - pose[:3, :3]).max() < 0.01
 
 
-@pytest.mark.parametrize("direction", range(6))
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(("direction", "sign"), [(0, 1.0), (1, -1.0), (2, 1.0), (3, -1.0), (4, 1.0), (5, -1.0)])
 def test_end_effector_survives_targets_out_of_reach(direction: int, sign: float) -> None:
     env = make("ee")
     action = np.zeros(10)

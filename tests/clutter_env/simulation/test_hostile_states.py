@@ -19,7 +19,7 @@ from clutter_env.errors import StateError
 from tests.clutter_env.simulation.sealed import MAGIC, opened, seal
 
 BAD_VALUES = (float("nan"), 1e999, -1e300, 10**30, 77, -5, True, None, "0", [], [[]], {}, {"a": 1})
-MANY = 60
+MANY = 20
 """Lists longer than this are changed at their first, middle and last entries alone."""
 
 Path = tuple[str | int, ...]
@@ -76,15 +76,26 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "keywords"), CASES)
-def test_every_field_is_checked(name: str, keywords: dict[str, Any]) -> None:
+def test_some_bad_values_of_every_field_are_refused(name: str, keywords: dict[str, Any]) -> None:
+    check_fields(name, keywords, 5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "keywords"), CASES)
+def test_all_bad_values_of_every_field_are_refused(name: str, keywords: dict[str, Any]) -> None:
+    check_fields(name, keywords, 1)
+
+
+def check_fields(name: str, keywords: dict[str, Any], every: int) -> None:
+    """Put bad values in place of every value, `every` so many of them, in turn."""
     env = made(name, **keywords)
     state = env.save_state()
     env.restore_state(state)
     content, before = opened(state), snapshot(env)
     refused = 0
-    for path in paths(content):
+    for number, path in enumerate(paths(content)):
         original = at(content, path)
-        for value in BAD_VALUES:
+        for value in BAD_VALUES[number % every :: every]:
             if value == original and type(value) is type(original):
                 continue
             hostile = changed(content, path, value)
@@ -96,7 +107,7 @@ def test_every_field_is_checked(name: str, keywords: dict[str, Any]) -> None:
                 assert is_plausible(path, original, value), f"{path}: {value!r} in place of {original!r}"
                 env.step(np.zeros(env.action_size))
                 env.restore_state(state)
-    assert refused > 500
+    assert refused > 200
     assert snapshot(env) == before
 
 
@@ -111,7 +122,7 @@ def is_plausible(path: Path, original: object, value: object) -> bool:
 def test_missing_and_additional_entries_are_refused(name: str) -> None:
     env = made(name)
     content, before = opened(env.save_state()), snapshot(env)
-    for path in paths(content):
+    for path in [path for path in paths(content) if len(path) < 3 or path[-1] == 0]:
         holder = at(content, path[:-1])
         for hostile in removed_and_added(content, path, holder):
             with pytest.raises(StateError):
@@ -124,7 +135,7 @@ def removed_and_added(content: Any, path: Path, holder: Any) -> Iterator[Any]:
         ("scene", "is_lying"),
         ("scene", "levels"),
         ("memory", "ik_failures"),
-    ):  # older states do not have them
+    ):  # not in older ones
         without = copy.deepcopy(content)
         del at(without, path[:-1])[path[-1]]
         yield without

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import mujoco
 
-from irm.arm.chain import ArmChain
+from irm.chain import ArmChain
 
 FOLDER = Path(__file__).resolve().parents[2] / "data" / "arms"
 

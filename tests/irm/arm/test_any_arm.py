@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, Status, decide
-from irm.arm.kinematics import forward
-from irm.checks.classification import classify
+from irm.classification import classify
+from irm.kinematics import forward
 from tests.irm.arm.arms import FOLDER
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.chain import PRISMATIC, ArmChain
-from irm.arm.general.solver import GeneralSolver
-from irm.arm.general.structure import ParallelArm, SphericalArm, find_structure
-from irm.arm.kinematics import forward
-from irm.arm.numerical import random_seeds, solve
-from irm.arm.reach_bound import wrist_disc
-from irm.maps.orientation_index import rotation
+from irm.chain import PRISMATIC, ArmChain
+from irm.ik.exact import GeneralSolver
+from irm.ik.numerical import random_seeds, solve
+from irm.ik.structure import ParallelArm, SphericalArm, find_structure
+from irm.keyed_bases import wrist_disc
+from irm.kinematics import forward
+from irm.rotations import rotation
 from tests.irm.arm.arms import APPROACH, arm_chain
 
 NO, OPEN, YES = 0, 1, 2

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain, forward, inverse, jacobian, manipulability
-from irm.arm.numerical import random_seeds, solve
+from irm.chain import ArmChain
 from irm.errors import ChainError
-from irm.floor.free_space import FreeSpace
-from irm.maps.orientation_index import rotation
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
+from irm.free_space import FreeSpace
+from irm.ik.closed_form import inverse
+from irm.ik.numerical import random_seeds, solve
+from irm.inverse_map import InverseReachabilityMap
+from irm.kinematics import forward, jacobian, manipulability
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.closed_form import ik_pan
-from irm.arm.kinematics import ArmChain, forward, inverse, jacobian
-from irm.arm.manipulability import manipulability
+from irm.chain import ArmChain
 from irm.errors import ChainError
+from irm.ik.closed_form import ik_pan, inverse
+from irm.kinematics import forward, jacobian, manipulability
 
 CHAIN = ArmChain.from_robot(FETCH)
 ROLLS = np.linspace(-np.pi, np.pi, 72, endpoint=False)

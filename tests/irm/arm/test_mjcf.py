@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.chain import ArmChain, has_free_roll
-from irm.arm.kinematics import forward, jacobian
+from irm.chain import ArmChain, has_free_roll
 from irm.errors import ChainError
+from irm.kinematics import forward, jacobian
 from tests.irm.arm.arms import APPROACH, FOLDER, arm_chain, arm_model
 
 ODD_ARM = """

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.chain import ArmChain
-from irm.arm.general.solutions import arm_solutions, free_angles, solver_arrays
-from irm.arm.kinematics import forward
+from irm.chain import ArmChain
+from irm.ik.solutions import arm_solutions, free_angles, solver_arrays
+from irm.kinematics import forward
 from tests.irm.arm.arms import APPROACH, arm_chain
 
 CHAINS = {**{name: arm_chain(name) for name in APPROACH}, "fetch": ArmChain.from_robot(FETCH)}

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.closed_form import ik_pan
-from irm.arm.kinematics import ArmChain
-from irm.checks.classification import classify, predict
+from irm.chain import ArmChain
+from irm.classification import classify, predict
 from irm.errors import QueryError
-from irm.maps.orientation_index import rotation
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.status import Status
+from irm.ik.closed_form import ik_pan
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation
+from irm.status import Status
 
 CHAIN = ArmChain.from_robot(FETCH)
 

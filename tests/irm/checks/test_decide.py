@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.closed_form import ik_pan
-from irm.arm.exact import exact_solver
-from irm.arm.kinematics import ArmChain
-from irm.arm.numerical import random_seeds, solve
-from irm.checks.classification import classify
-from irm.checks.decide import decide
+from irm.chain import ArmChain
+from irm.classification import classify, decide
 from irm.errors import QueryError
-from irm.maps.orientation_index import rotation
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.status import Status
+from irm.ik.closed_form import ik_pan
+from irm.ik.exact import exact_solver
+from irm.ik.numerical import random_seeds, solve
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation
+from irm.status import Status
 
 CHAIN = ArmChain.from_robot(FETCH)
 SHOULDER = np.array([CHAIN.links[0], 0.0, CHAIN.links[1] + CHAIN.links[3] + 0.21])

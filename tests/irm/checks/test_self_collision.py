@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from irm.checks.self_collision import SelfCollision
+from irm.verification import SelfCollision
 from tests.irm.arm.arms import arm_chain, arm_model
 
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain, forward
-from irm.checks.verification import ConfigurationSearch, NotVerified, Verified, configurations, tcp_poses, verify
+from irm.chain import ArmChain
 from irm.errors import QueryError
-from irm.queries.placement import BasePlacement
-from irm.queries.status import Status
+from irm.kinematics import forward
+from irm.placement import BasePlacement
+from irm.status import Status
+from irm.verification import ConfigurationSearch, NotVerified, Verified, configurations, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)
 PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])

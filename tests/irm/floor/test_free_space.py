@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.floor.distance_transform import distance_to_seeds
-from irm.floor.free_space import EVERYWHERE, FreeSpace
-from irm.floor.raster import FREE, MIXED, floor_kind
+from irm.free_space import EVERYWHERE, FREE, MIXED, FreeSpace, distance_to_seeds, floor_kind
 
 BOXES = [(0.0, 0.0, 0.7, 1.0), (0.6, 1.2, 0.4, 0.8, 0.5), (-1.2, -0.9, 0.1, 1.5, -1.1)]
 RADIUS = 0.3

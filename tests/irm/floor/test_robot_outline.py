@@ -6,8 +6,8 @@ import pytest
 
 from assets.robots import FETCH
 from irm.errors import QueryError
-from irm.floor.free_space import FreeSpace
-from irm.floor.robot_outline import robot_radius
+from irm.free_space import FreeSpace
+from irm.robot_outline import robot_radius
 
 BANDS = [(0.0, 0.7), (0.0, 0.3), (0.36, 0.82), (0.9, 1.2)]
 

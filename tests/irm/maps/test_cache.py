@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.maps.cache import cache_file, cached_map
-from irm.maps.reachability import ReachabilityMap
+from irm.cache import cache_file, cached_map
+from irm.reachability_map import ReachabilityMap
 
 SMALL = {"voxel": 0.25, "orientations": 6}
 

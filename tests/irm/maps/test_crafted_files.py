@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.chain import ArmChain
+from irm.cache import cache_file, cached_map
+from irm.chain import ArmChain
 from irm.errors import ChainError, MapFileError, ReachabilityError
-from irm.maps.cache import cache_file, cached_map
-from irm.maps.grid import MapParameters
-from irm.maps.reachability import ReachabilityMap
+from irm.grid import MapParameters
+from irm.reachability_map import ReachabilityMap
 
 SMALL = {"voxel": 0.25, "orientations": 6}
 

@@ -2,13 +2,8 @@
 
 import numpy as np
 
-from irm.maps.equations import (
-    inverse_reachability,
-    inverse_reachability_on_floor,
-    reachability_index,
-    reachability_map,
-)
-from irm.maps.orientation_index import rotation, rotations
+from irm.equations import inverse_reachability, inverse_reachability_on_floor, reachability_index, reachability_map
+from irm.rotations import rotation, rotations
 
 
 def pose(R, p):

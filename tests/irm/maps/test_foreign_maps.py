@@ -5,13 +5,12 @@ import sys
 import numpy as np
 import pytest
 
+from examples.import_pose_tables import read_pose_table, read_reuleaux
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
-from irm.maps.orientation_index import rotation, rotations
-from irm.maps.pose_tables import read_pose_table, read_reuleaux
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.classical import ClassicalInverseReachabilityMap
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.status import Status
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation, rotations
+from irm.status import Status
 
 INVERSE_MAPS = (InverseReachabilityMap, ClassicalInverseReachabilityMap)
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.closed_form import ik_pan
-from irm.arm.kinematics import ArmChain, forward, inverse, jacobian, manipulability
+from irm.chain import ArmChain
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
-from irm.maps.closed_form_field import PAN_SAMPLES
-from irm.maps.grid import MapParameters, Orientations
-from irm.maps.orientation_index import nearest_orientation, rotation, yaw_pitch_roll
-from irm.maps.reachability import ReachabilityMap
+from irm.grid import MapParameters, Orientations, nearest_orientation
+from irm.ik.closed_form import ik_pan, inverse
+from irm.kinematics import forward, jacobian, manipulability
+from irm.map_kernels import PAN_SAMPLES
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation, yaw_pitch_roll
 
 CHAIN = ArmChain.from_robot(FETCH)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.exact import exact_solver
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from irm.errors import ReachabilityError
-from irm.maps.grid import MapGrid, MapParameters
-from irm.maps.orientation_index import rotations
+from irm.grid import MapGrid, MapParameters
+from irm.ik.exact import exact_solver
+from irm.rotations import rotations
 
 CHAIN = ArmChain.from_robot(FETCH)
 

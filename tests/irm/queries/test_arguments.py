@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.queries.arguments import QueryKeywords, QueryOptions, approach_yaws
-from irm.queries.classical import ClassicalInverseReachabilityMap
+from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.query_options import approach_yaws
 
 POSITION = (0.0, 0.0, 0.9)
 
@@ -25,14 +25,11 @@ def queries(coarse_map, coarse_inverse):
     }
 
 
-def test_type_checkers_see_the_keywords_that_are_accepted():
-    assert set(QueryKeywords.__annotations__) == {field.name for field in QueryOptions.__dataclass_fields__.values()}
-
-
-def test_an_unknown_keyword_is_refused_with_the_valid_ones(queries):
-    for own, query in queries.items():
-        with pytest.raises(QueryError, match=f"unknown keyword yaw_rang; this query takes {own}.*separation, yaw_step"):
-            query(yaw_rang=(0.0, 1.0))
+def test_a_wrong_value_is_refused_after_an_equal_one_of_the_right_kind(coarse_inverse):
+    assert len(coarse_inverse.query(POSITION, k=1, exact=True)) == 1
+    for wrong in ({"k": True, "exact": True}, {"k": 1.0}, {"k": 1, "exact": 1}):
+        with pytest.raises(QueryError):
+            coarse_inverse.query(POSITION, **wrong)
 
 
 BAD_VALUES = [

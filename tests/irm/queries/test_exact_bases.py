@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.exact import exact_solver
-from irm.arm.kinematics import ArmChain
-from irm.checks.verification import NotVerified, tcp_poses, verify
+from irm.chain import ArmChain
 from irm.errors import QueryError
-from irm.floor.free_space import FreeSpace
-from irm.maps.orientation_index import rotation
-from irm.queries.classical import ClassicalInverseReachabilityMap
-from irm.queries.status import Status
+from irm.free_space import FreeSpace
+from irm.ik.exact import exact_solver
+from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.rotations import rotation
+from irm.status import Status
+from irm.verification import NotVerified, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)
 SOLVER = exact_solver(CHAIN)

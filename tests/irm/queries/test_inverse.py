@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.closed_form import ik_pan
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from irm.errors import QueryError
-from irm.floor.free_space import FreeSpace
-from irm.maps.reachability import ReachabilityMap
-from irm.queries.classical import ClassicalInverseReachabilityMap
-from irm.queries.full_scan import full_scan
-from irm.queries.inverse import InverseReachabilityMap
-from irm.queries.status import Status
+from irm.free_space import FreeSpace
+from irm.ik.closed_form import ik_pan
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.reachability_map import ReachabilityMap
+from irm.status import Status
+from scripts.map_speed import full_scan
 
 CHAIN = ArmChain.from_robot(FETCH)
 PANS = np.linspace(CHAIN.lower[1], CHAIN.upper[1], 721)

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from irm.floor.free_space import FreeSpace
-from irm.queries import inverse, multi_target
-from irm.queries.multi_target_kernel import best_common_bases
-from irm.queries.placement_kernel import best_bases_batch, best_bases_in_window
-from irm.queries.status import Status
+from irm import multi_target
+from irm.free_space import FreeSpace
+from irm.ik.closed_form import inverse
+from irm.multi_target_kernel import best_common_bases
+from irm.query_kernels import best_bases_batch, best_bases_in_window
+from irm.status import Status
 
 POSITION = (0.0, 0.0, 0.9)
 RANGES = [(-np.pi, np.pi), (-0.6, 0.9)]

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.floor.free_space import FreeSpace
-from irm.maps.orientation_index import nearest_orientation, rotation
-from irm.queries.status import Status
+from irm.free_space import FreeSpace
+from irm.grid import nearest_orientation
+from irm.rotations import rotation
+from irm.status import Status
 
 PATH = [(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)]
 

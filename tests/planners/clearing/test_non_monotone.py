@@ -18,7 +18,7 @@ from tests.planners.scenes import HEIGHT, cylinder, table_scene
 HALF = 0.2
 """[m] half the side of a table between two counters and a wall."""
 TWICE = replace(STRATEGIES["lookahead"], attempts=1)
-ONCE = replace(TWICE, second_moves=0)
+ONCE = replace(TWICE, non_monotone=0)
 
 
 def crowded(seed: int, count: int) -> Scene:

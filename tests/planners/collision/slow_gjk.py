@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
-from irm.arm.kinematics import ArmChain, fk_frames
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE, ArmChain
+from irm.kinematics import fk_frames
 from planners.collision.gjk import CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject

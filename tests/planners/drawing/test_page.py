@@ -17,12 +17,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from planners.drawing.page.arrays import ArrayBlock
-from planners.drawing.page.content import page_text
-from planners.drawing.page.geometry import model_values, moving_bodies
+from planners.drawing.page.content import ArrayBlock, model_values, moving_bodies, page_text
 from planners.drawing.page.live import LivePage
-from planners.drawing.page.page import write_page
-from planners.drawing.page.planned import plan_recording
+from planners.drawing.page.page import plan_recording, write_page
 from planners.expert.report import Note, Recording, Solve
 from planners.motion.mujoco_check import OBJECT
 from tests.planners.plans import refused, solved

@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 
 from planners.drawing.page.live import LivePage
-from planners.drawing.page.page import write_page
-from planners.drawing.page.planned import plan_recording
+from planners.drawing.page.page import plan_recording, write_page
 from planners.expert.report import Note, Recording, Solve
 from tests.browser import CHROMIUM, Browser
 from tests.planners.plans import refused, solved

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from assets.robots import FETCH
 from planners import Planner, Solution
-from planners.drawing.choices import choices_of, last_picture
-from planners.drawing.plan import draw_plan
+from planners.drawing.clearances import choices_of, draw_plan, last_picture
 from planners.drawing.region import COLOURS, draw_clearance
 from planners.placing.negative_goal_region import SweptVolume
 from planners.placing.swept_volume import path_volume
@@ -71,18 +70,18 @@ def test_choices_are_the_clearances_in_order_where_the_plan_puts_them() -> None:
     plan = solved()
     choices = choices_of(plan)
     puts = [action for action in plan.actions if action.is_clearance]
-    assert [choice.name for choice in choices] == list(plan.clearances)
+    assert [choice.moved for choice in choices] == list(plan.clearances)
     for choice, action in zip(choices, puts, strict=True):
         assert action.released is not None
-        assert choice.picture.chosen is not None
-        np.testing.assert_array_equal(choice.picture.chosen, action.released.position[:2])
+        assert choice.chosen is not None
+        np.testing.assert_array_equal(choice.chosen, action.released.position[:2])
         assert choice.obstructed == action.obstructed
-    assert choices[-1].picture.obstacles == []
+    assert choices[-1].obstacles == []
 
 
 def test_rank_and_outline_of_the_chosen_place_do_not_hide_each_other() -> None:
     """The ring of the chosen place was drawn over its rank."""
-    picture = choices_of(solved())[0].picture
+    picture = choices_of(solved())[0]
     axes = Figure().subplots()
     draw_clearance(axes, picture)
     (ring,) = drawn(axes, "put")
@@ -93,7 +92,7 @@ def test_rank_and_outline_of_the_chosen_place_do_not_hide_each_other() -> None:
 
 def test_a_base_that_takes_and_puts_shows_both_colours() -> None:
     """One triangle hid the other."""
-    picture = choices_of(solved())[0].picture
+    picture = choices_of(solved())[0]
     for stands, colours in (
         ([[-0.9, 0.1], [-0.9, 0.1]], [(COLOURS["moved"], COLOURS["location"])]),
         ([[-0.9, 0.1], [-0.9, 0.2]], [(COLOURS["moved"],) * 2, (COLOURS["location"],) * 2]),
@@ -121,7 +120,7 @@ def test_the_last_picture_shows_the_gripper_as_wide_as_it_is_open(monkeypatch: p
         openings.append(arguments[2])
         return path_volume(*arguments)
 
-    monkeypatch.setattr("planners.drawing.choices.path_volume", record)
+    monkeypatch.setattr("planners.drawing.clearances.path_volume", record)
     last_picture(plan)
     trajectory = plan.actions[-1].trajectory
     approach = next(phase for phase in trajectory.phases if phase.name == "approach")
@@ -133,7 +132,7 @@ def test_an_object_in_the_gripper_at_the_start_is_drawn_too(tmp_path: Path) -> N
     plan = solved()
     index = next(i for i, action in enumerate(plan.actions) if action.name == "PickUp")
     later = dataclasses.replace(plan, actions=plan.actions[index + 1 :])
-    assert [choice.name for choice in choices_of(later)] == list(plan.clearances)
+    assert [choice.moved for choice in choices_of(later)] == list(plan.clearances)
     draw_plan(later, tmp_path / "plan.png")
     assert (tmp_path / "plan.png").stat().st_size > 10_000
 

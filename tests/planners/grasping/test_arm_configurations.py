@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
 from planners.context import map_placer
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations

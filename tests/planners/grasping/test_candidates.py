@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.cause import Cause
-from planners.clearing.commitments import (
-    ClearingProblem,
-    Commitments,
-    NoCommitment,
-    grasped,
-    greedy_commitments,
-    smallest_commitments,
-)
-from planners.clearing.lookahead import keep_clear
+from planners.clearing.commitments import NoCommitment, smallest_commitments
 from planners.clearing.lower_bound import minimum_clearances
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.grasping.grasp_poses import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
-from planners.strategies import STRATEGIES, UnknownStrategy, find_strategy
+from planners.strategies import UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << STATIC_BIT | 1 << SELF_BIT
@@ -36,15 +27,7 @@ def candidates(scene: Scene) -> GraspCandidates:
     return PlanningContext.of(scene, grasps="side").grasps()
 
 
-def problem(
-    scene: Scene, target: str, source: GraspCandidates | None = None, strategy: str = "lookahead"
-) -> ClearingProblem:
-    context, rng = PlanningContext.of(scene, grasps="side"), np.random.default_rng(0)
-    grasps = context.grasps() if source is None else source
-    return ClearingProblem(context, grasps, context.placements(), scene, target, find_strategy("lookahead"), rng)
-
-
-@pytest.fixture(scope="module", params=[0, 1])
+@pytest.fixture(scope="module", params=[0, 1, 2])
 def scene(request: pytest.FixtureRequest) -> Scene:
     return random_scene(25, request.param)
 
@@ -80,50 +63,9 @@ def test_no_candidate_is_dominated_by_another(scene: Scene) -> None:
         assert not any(one != other and one & ~other == 0 for one in masks for other in masks)
 
 
-def test_commitments_can_be_carried_out_in_their_order(scene: Scene) -> None:
-    source = candidates(scene)
-    for target in scene.names[:6]:
-        asked = problem(scene, target, source)
-        smallest, greedy = next(smallest_commitments(asked)), greedy_commitments(asked)
-        if isinstance(smallest, NoCommitment) or isinstance(greedy, NoCommitment):
-            assert isinstance(smallest, NoCommitment)
-            continue
-        assert len(smallest.order) <= len(greedy.order)
-        for commitments in (smallest, greedy):
-            assert_can_be_carried_out(scene, commitments)
-
-
-def assert_can_be_carried_out(scene: Scene, commitments: Commitments) -> None:
-    removed = 0
-    for name in (*commitments.order, commitments.target):
-        assert commitments.grasps[name].blockers & ~removed == 0
-        removed |= scene.mask([name])
-    assert set(commitments.grasps) == {*commitments.order, commitments.target}
-
-
-@pytest.mark.parametrize("name", STRATEGIES)
-def test_placements_hit_nothing_and_keep_clear(name: str, scene: Scene) -> None:
-    source, search = candidates(scene), PlanningContext.of(scene, grasps="side").placements()
-    found = (next(smallest_commitments(problem(scene, target, source))) for target in scene.names)
-    commitments = next(one for one in found if isinstance(one, Commitments) and one.order)
-    first = commitments.order[0]
-    in_hand = grasped(scene, commitments.grasps[first])
-    guarded = keep_clear(find_strategy(name), commitments, first)
-    placement = next(
-        search.find(CollisionWorld.from_scene(in_hand), guarded, find_strategy(name), np.random.default_rng(0))
-    )
-    assert np.all(np.abs(placement.location - scene.support.position[:2]) < scene.support.half_extents[:2])
-    world = CollisionWorld.from_scene(in_hand)
-    assert world.hits(placement.base, placement.q, placement.opening, held=in_hand.held) == 0
-    after = CollisionWorld.from_scene(scene.with_body(placement.body))
-    bit = scene.mask([first])
-    for grasp in filter(None, (guarded.target, *guarded.obstacles)):
-        assert not after.hits(grasp.base, grasp.q, grasp.opening) & bit
-
-
 def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
-    every = {name: all_of(scene, name) for name in scene.names[:3]}
+    every = {name: all_of(scene, name) for name in scene.names[:6]}
     for name, masks in every.items():
         source = PlanningContext.of(scene).grasps()
         least = min((mask.bit_count() for mask in masks), default=None)
@@ -174,15 +116,14 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
 
 def all_of(scene: Scene, name: str) -> list[int]:
     """The blocker masks of an object's grasps of all families, each looked at alone."""
-    context = PlanningContext.of(scene)
-    sources = (replace(context, families=(family,)).grasps() for family in context.families)
+    sources = (GraspCandidates(PlanningContext.of(scene).arms, families=(family,)) for family in GRASP_SETS["all"])
     return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
 
 
 def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene) -> None:
     lazy = PlanningContext.of(scene).grasps()
     every = {index: all_of(scene, name) for index, name in enumerate(scene.names)}
-    for index, name in enumerate(scene.names[:4]):
+    for index, name in enumerate(scene.names[:8]):
         found = minimum_clearances(
             lambda i: [grasp.blockers for grasp in lazy.for_object(scene, scene.names[i])], index
         )
@@ -194,7 +135,7 @@ def test_an_object_off_the_table_has_no_grasps() -> None:
     fallen = scene.body("object_01").at((-2.0, 0.0, 0.08))
     scene = scene.with_body(fallen)
     assert candidates(scene).for_object(scene, "object_01") == ()
-    found = next(smallest_commitments(problem(scene, "object_01")))
+    found = next(smallest_commitments(candidates(scene), scene, "object_01"))
     assert isinstance(found, NoCommitment)
     assert found.cause is Cause.UNREACHABLE
 

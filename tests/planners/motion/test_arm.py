@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.arm.kinematics import ArmChain, forward
+from irm.chain import ArmChain
+from irm.kinematics import forward
 from planners.collision.straight_lines import trace_straight
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE

@@ -25,7 +25,7 @@ from planners.strategies import STRATEGIES, Strategy, StrategyError
 from tests.planners.scenes import cylinder, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
-PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "second_moves")
+PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "non_monotone")
 
 
 @pytest.fixture(scope="module")

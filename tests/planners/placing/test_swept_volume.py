@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.visibility.robot_view import BASE
+from irm.chain import BASE
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
-from planners.drawing.choices import choices_of
+from planners.drawing.clearances import choices_of
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import APPROACH_PATTERNS, ContactQuery, planned_approach, trace
 from planners.motion.arm import tcp_pose
@@ -159,10 +159,10 @@ def test_the_region_drawn_is_the_region_used(monkeypatch: pytest.MonkeyPatch, su
     used = list(compared)
     puts = [action for action in plan.actions if action.is_clearance]
     for put, choice in zip(puts, choices_of(plan), strict=True):
-        assert len(choice.picture.surfaces) == (1 if supports is None else 3)
-        assert choice.picture.surfaces[0].region.ngr1.any()
+        assert len(choice.surfaces) == (1 if supports is None else 3)
+        assert choice.surfaces[0].region.ngr1.any()
         free = []
-        for drawn, surface in zip(choice.picture.surfaces, put.surfaces, strict=True):
+        for drawn, surface in zip(choice.surfaces, put.surfaces, strict=True):
             assert any(drawn.region is region for region in made)
             assert any(np.array_equal(surface.blocked, mask) for mask in used)
             assert not (drawn.region.mask & ~surface.blocked).any()

@@ -12,8 +12,7 @@ from planners.symbolic.astar import LowerBound, SearchTimeoutError, shortest_pla
 from planners.symbolic.diagnosis import why_unsolvable
 from planners.symbolic.engines import MissingEngineError, UnknownEngineError, default_engine, task_planner
 from planners.symbolic.problem import NoPlan, TaskPlan, TaskProblem, domain_text
-from planners.symbolic.references import grasp_references, placement_references
-from planners.symbolic.transitions import apply_action, obstruction_problem
+from planners.symbolic.transitions import apply_action, grasp_references, obstruction_problem, placement_references
 from tests.planners.symbolic.plan_validator import fault
 
 TIME_LIMIT = 20.0  # [s], far above what any of these problems needs

@@ -13,19 +13,17 @@ from planners.symbolic.problem import (
     domain_text,
     format_plan,
 )
-from planners.symbolic.references import (
-    grasp_references,
-    initial_location,
-    initial_state,
-    next_location,
-    placement_references,
-)
 from planners.symbolic.transitions import (
     GraspObstructed,
     InapplicableActionError,
     applicable_actions,
     apply_action,
+    grasp_references,
+    initial_location,
+    initial_state,
+    next_location,
     obstruction_problem,
+    placement_references,
     unmet_preconditions,
     update_from_action,
     update_from_error,

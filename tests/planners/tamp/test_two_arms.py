@@ -15,7 +15,8 @@ from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, Ta
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
-from planners.drawing.page.planned import plan_recording
+from planners.drawing.page.page import plan_recording
+from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import HeldObject, RobotState, Scene
@@ -135,9 +136,8 @@ class _Pose:
 
 
 def test_both_arms_offer_grasps_fewest_blockers_first(scene: Scene) -> None:
-    context = PlanningContext.of(scene, grasps="side")
-    together = context.grasps()
-    by_arm = {name: replace(context, arms={name: arm}).grasps() for name, arm in context.arms.items()}
+    together = PlanningContext.of(scene, grasps="side").grasps()
+    by_arm = {arm: GraspCandidates({arm: together.arms[arm]}) for arm in BOTH.acting_arms}
     for name in scene.names[:5]:
         found = together.for_object(scene, name)
         assert {grasp.key for grasp in found} == {

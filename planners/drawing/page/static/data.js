@@ -1,8 +1,8 @@
-// Reads the content of the page: JSON values, and arrays in one compressed block; see arrays.py and content.py.
+// Reads the content of the page: JSON values, and arrays in one compressed block; see content.py.
 "use strict";
 
 const TYPES = { float32: Float32Array, int16: Int16Array, int32: Int32Array, uint8: Uint8Array };
-const LENGTH = 2e-4; // [m] a step of a position, and of a quaternion's component: as in geometry.py
+const LENGTH = 2e-4; // [m] a step of a position, and of a quaternion's component: as in content.py
 const TURN = 1 / 32767;
 
 // The content of a text, and a function that gives the array of a place.

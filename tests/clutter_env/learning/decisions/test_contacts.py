@@ -18,7 +18,7 @@ from clutter_env.learning.decisions.kinematic import apply_contact, as_observed,
 from clutter_env.learning.decisions.labels import label_picks
 from clutter_env.learning.decisions.observed import observed_scene
 from clutter_env.scene.layout import find_layout
-from irm.arm.kinematics import ArmChain
+from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import free_ground

@@ -1,1 +1,0 @@
-"""Checks and measurements that are run as scripts."""

@@ -1,0 +1,354 @@
+"""Check of a robot behind `clutter-env robot check`: its data against its MJCF file, its reach, a picture of both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from assets import RobotSpec
+from clutter_env.errors import ConfigError
+from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.scene.object_sets import OBJECT_SETS
+from clutter_env.simulation.robot_check import check_robot
+from irm import ArmChain, pose_of
+from irm.ik.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
+from irm.kinematics import fk_frames, forward
+from planners import CollisionWorld, RobotArrays, Scene, robot_arrays
+from planners.collision.gjk import CYLINDER
+from planners.collision.scene_arrays import GeometryError
+from planners.grasping.grasp_poses import gripper_clearances
+from planners.scene import RobotState
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.999
+"""Smallest cosine between the vertical and the level gripper's z axis."""
+ABOVE_OBJECTS = 0.28
+"""[m] of the TCP at home above the table at least: the highest objects, and the lower end of one that is held."""
+KINDS = {
+    CLOSED_FORM: "the closed form of Fetch's arm",
+    SPHERICAL: "closed form: three axes meet in a point",
+    PARALLEL: "closed form: three axes are parallel",
+    ITERATIVE: "iteration: no closed form is known for this arm, so planning is slow",
+}
+STEP = 0.05
+"""[m] between gripper positions that are tried."""
+_TORSOS, _ANGLES = 6, 18
+"""Values of the free parameters that are tried."""
+_HOME_HEIGHTS = (1.10, 1.15, 1.20)
+"""[m] of the TCP at home: above the objects on a table, with one in the gripper."""
+_ELBOW_ABOVE = 0.05
+"""[m] An elbow that much above the TCP keeps the forearm off the table."""
+_TORSO_WEIGHT = 5.0
+"""[rad/m] What a metre of the torso counts beside a radian of a joint."""
+_AXIS = 0.08
+"""[m] Length of a drawn axis."""
+_COLOURS = ("tab:red", "tab:green", "tab:blue")
+_ROUND = 16
+"""Corners of a drawn circle."""
+
+
+@dataclass(frozen=True)
+class RobotReport:
+    """Findings about a robot.
+
+    Attributes:
+        name: of the robot.
+        facts: what was read and computed, by its name.
+        problems: what must be mended; empty if nothing.
+        reach: of the level gripper; None if the robot's files could not be read.
+    """
+
+    name: str
+    facts: dict[str, str]
+    problems: tuple[str, ...]
+    reach: LevelReach | None = None
+
+    def summary(self) -> str:
+        """Facts, then problems, one a line."""
+        lines = [f"{self.name}", *(f"  {name}: {value}" for name, value in self.facts.items())]
+        lines += [f"  PROBLEM: {problem}" for problem in self.problems] or ["  no problem found"]
+        return "\n".join(lines)
+
+
+def report_of(robot: RobotSpec) -> RobotReport:
+    """Compare the data with the file, and check what environments and planner need."""
+    try:
+        check_robot(robot)
+        robot_arrays(robot)
+    except (ConfigError, GeometryError) as problem:
+        return RobotReport(robot.name, {}, (str(problem),))
+    model, reach = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), level_reach(robot)
+    problems = (*_motors(robot, model), *_contacts(robot, model), *_home(robot), *_size(robot, reach))
+    return RobotReport(robot.name, _facts(robot, reach), problems, reach)
+
+
+def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
+    chain, gripper = ArmChain.from_robot(robot), gripper_clearances(robot)
+    tcp = forward(chain, robot.home)[:3, 3]
+    farthest = _farthest(reach)
+    return {
+        "arm": f"{chain.size - 1} joints, {KINDS[solver_arrays(chain).kind]}",
+        "lift": f"{robot.chain[0].joint}, {chain.lower[0]:.3g} to {chain.upper[0]:.3g} m",
+        "gripper": f"opens to {robot.max_opening:.3f} m, palm {1000 * gripper.palm_reach:.0f} mm behind the TCP",
+        "base": f"radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
+        "home": f"TCP at ({', '.join(f'{value:.3f}' for value in tcp)}) m",
+        "level gripper at the table": f"reaches x = {farthest[0]:.2f} to {farthest[1]:.2f} m straight ahead"
+        if farthest
+        else "reaches nothing",
+        "cameras": ", ".join(robot.cameras) or "none: no image observations",
+    }
+
+
+def _farthest(reach: LevelReach) -> tuple[float, float] | None:
+    """Smallest and largest x [m] straight ahead at the height of a grasp on the table; None if there is none."""
+    middle = reach.reached[:, reach.y.size // 2, reach.z.size // 2]
+    return (float(reach.x[middle].min()), float(reach.x[middle].max())) if middle.any() else None
+
+
+def _motors(robot: RobotSpec, model: mujoco.MjModel) -> list[str]:
+    """Motors that do not follow positions, bodies that sink, and fingers that move apart."""
+    names = (*robot.drive_joints, *robot.finger_joints, *robot.head_joints)
+    wrong = [
+        name
+        for name in names
+        if not (gain := model.actuator(name).gainprm[0]) > 0 or not np.isclose(model.actuator(name).biasprm[1], -gain)
+    ]
+    found = [f"actuators that are not position servos: {', '.join(wrong)}"] if wrong else []
+    sinking = [model.body(body).name for body in range(1, model.nbody) if model.body_gravcomp[body] != 1.0]
+    if sinking:
+        found.append(f"bodies without gravcomp=1: {', '.join(sinking)}")
+    fingers = {model.joint(name).id for name in robot.finger_joints}
+    pairs = [{int(a), int(b)} for a, b in zip(model.eq_obj1id, model.eq_obj2id, strict=True)]
+    if fingers not in pairs:
+        found.append("no joint equality couples the fingers")
+    return found
+
+
+def _contacts(robot: RobotSpec, model: mujoco.MjModel) -> list[str]:
+    """Geoms that the robot would hit itself with, and pads that objects slip from."""
+    bits = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    wrong = bits & ((model.geom_contype != 2) | (model.geom_conaffinity != 0))
+    found = []
+    if wrong.any():
+        names = ", ".join(model.geom(int(geom)).name or f"geom {geom}" for geom in np.flatnonzero(wrong))
+        found.append(f'geoms without contype="2" conaffinity="0": {names}')
+    soft = [name for name in robot.finger_geoms if model.geom(name).condim[0] < 4 or model.geom(name).priority[0] < 1]
+    if soft:
+        found.append(f'pads without condim="4" priority="1", from which objects slip: {", ".join(soft)}')
+    return found
+
+
+def _home(robot: RobotSpec) -> list[str]:
+    T = forward(ArmChain.from_robot(robot), robot.home)
+    found = []
+    if T[2, 2] < LEVEL or T[0, 0] < LEVEL:
+        found.append(
+            f"home: the gripper is not level and straight ahead; its x axis is {np.round(T[:3, 0], 3).tolist()}"
+        )
+    if T[2, 3] < TABLE_HEIGHT + ABOVE_OBJECTS:
+        found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {TABLE_HEIGHT + ABOVE_OBJECTS:.2f} m")
+    world = _Arm(robot).world
+    if touched := world.names_of(world.hits(np.zeros(3), robot.home, robot.max_opening)):
+        found.append(f"home: the robot touches {' and '.join(touched)}")
+    return found
+
+
+def _size(robot: RobotSpec, reach: LevelReach) -> list[str]:
+    """A gripper too small for the standard objects, a reach that ends before the table."""
+    found, widest = [], 2 * OBJECT_SETS["standard"].radius[1]
+    if robot.max_opening <= widest:
+        found.append(f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide")
+    farthest = _farthest(reach)
+    if farthest is None or farthest[1] < robot.base_radius + 0.3:
+        found.append("the level gripper does not reach 0.3 m beyond the base at the table's height")
+    return found
+
+
+class LevelReach(NamedTuple):
+    """TCP positions before the robot that a level gripper, yaw 0, reaches without the robot touching itself.
+
+    Attributes:
+        x, y, z: (nx,), (ny,), (nz,) [m] in the base frame.
+        reached: (nx, ny, nz).
+    """
+
+    x: Array
+    y: Array
+    z: Array
+    reached: NDArray[np.bool_]
+
+
+class HomeCandidate(NamedTuple):
+    """A configuration `q` (1 + n,) with a level gripper, and its mean distance to grasps [rad]."""
+
+    q: Array
+    distance: float
+
+
+class _Arm:
+    """All configurations of a robot for a TCP pose, without those in which it touches itself."""
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self.chain = ArmChain.from_robot(robot)
+        self.solver = solver_arrays(self.chain)
+        self.angles = free_angles(self.chain, _ANGLES)
+        self.torsos = np.unique(np.linspace(self.chain.lower[0], self.chain.upper[0], _TORSOS))
+        state = RobotState(np.zeros(3), np.array(robot.home), robot.max_finger_position)
+        self.world = CollisionWorld.from_scene(Scene(robot, state, (), ()))
+        self.opening = robot.max_opening
+        self._found = np.empty((8, self.chain.size))
+
+    def configurations(self, x: float, y: float, z: float, pitch: float = 0.0, yaw: float = 0.0) -> Array:
+        """(k, 1 + n) for a TCP at a place [m] with a pitch and a yaw [rad]."""
+        c, s, d, level = np.cos(yaw), np.sin(yaw), np.sin(pitch), np.cos(pitch)
+        R = np.array([[c * level, -s, c * d], [s * level, c, s * d], [-d, 0.0, level]])
+        p, rows = np.array([x, y, z]), [np.empty((0, self.chain.size))]
+        for torso in self.torsos:
+            for angle in self.angles:
+                count = arm_solutions(self.solver, R, p, float(torso), float(angle), self._found)
+                rows.append(self._found[:count].copy())
+        return np.concatenate(rows)
+
+    def free(self, Q: Array) -> NDArray[np.bool_]:
+        """(k,) whether the robot does not touch itself or the floor in configurations (k, 1 + n)."""
+        return np.asarray(self.world.hits_many(np.zeros(3), Q, self.opening) == 0)
+
+    def elbow_heights(self, Q: Array) -> Array:
+        """(k,) [m] of the elbow above the TCP."""
+        n = self.chain.size
+        R, p, heights = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(len(Q))
+        for k, q in enumerate(Q):
+            fk_frames(self.chain.offsets, self.chain.axes, self.chain.tip, q, R, p)
+            heights[k] = p[self.solver.elbow, 2] - p[n, 2]
+        return heights
+
+
+def level_reach(robot: RobotSpec) -> LevelReach:
+    """Where the level gripper of a robot reaches straight ahead."""
+    arm = _Arm(robot)
+    height = TABLE_HEIGHT + robot.grasp_height
+    x, y = np.arange(0.3, 1.301, STEP), np.arange(-0.8, 0.801, 2 * STEP)
+    z = np.array([height - 0.4, height - 0.2, height, height + 0.2, height + 0.4])
+    reached = np.zeros((x.size, y.size, z.size), dtype=np.bool_)
+    for i, j, k in np.ndindex(reached.shape):
+        found = arm.configurations(float(x[i]), float(y[j]), float(z[k]))
+        reached[i, j, k] = bool(len(found)) and bool(arm.free(found).any())
+    return LevelReach(x, y, z, reached)
+
+
+def home_candidates(robot: RobotSpec, count: int = 3) -> list[HomeCandidate]:
+    """Configurations for `home`, best first: near to the grasps of objects on a table, with a high elbow.
+
+    The present home of the robot does not matter.
+    """
+    arm = _Arm(robot)
+    goals, table = [], TABLE_HEIGHT + robot.grasp_height
+    for pitch, height in ((0.0, table), (np.pi / 3, table + 0.06), (np.pi / 2, table + 0.08)):
+        for x in (0.6, 0.75, 0.9):
+            for yaw in (-0.5, 0.0, 0.5):
+                found = arm.configurations(x, 0.0, height, pitch, yaw)
+                found = found[arm.elbow_heights(found) > _ELBOW_ABOVE]
+                if len(found):
+                    goals.append(_wrapped(found, arm.chain))
+    candidates = []
+    for x in np.arange(0.45, 0.76, STEP):
+        for z in _HOME_HEIGHTS:
+            found = arm.configurations(float(x), 0.0, z)
+            found = found[arm.elbow_heights(found) > _ELBOW_ABOVE]
+            candidates += list(_wrapped(found[arm.free(found)], arm.chain)) if len(found) else []
+    weight = np.array([_TORSO_WEIGHT, *[1.0] * (arm.chain.size - 1)])
+    rated = [
+        HomeCandidate(q, float(np.mean([np.linalg.norm((goal - q) * weight, axis=1).min() for goal in goals])))
+        for q in (candidates if goals else [])
+    ]
+    return sorted(rated, key=lambda candidate: candidate.distance)[:count]
+
+
+def _wrapped(Q: Array, chain: ArmChain) -> Array:
+    """Configurations with joints that go round in [-π, π]."""
+    turned = (Q + np.pi) % (2 * np.pi) - np.pi
+    goes_round = chain.upper - chain.lower > 2 * np.pi
+    return np.asarray(np.where(goes_round, turned, Q))
+
+
+def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
+    """Write one page: the robot at home from two sides, and the reach of its level gripper from above, by height."""
+    figure = Figure(figsize=(13, 10))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    above, below = parts
+    frames = _frames(robot)
+    above.suptitle(
+        f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)"
+    )
+    for column, (elevation, azimuth) in enumerate(((18, -60), (0, -90))):
+        axes: Any = above.add_subplot(1, 2, column + 1, projection="3d", proj_type="ortho")
+        _draw_shapes(axes, robot_arrays(robot), frames)
+        for T in frames:
+            for direction, colour in zip(T[:3, :3].T, _COLOURS, strict=True):
+                axes.plot(*np.transpose([T[:3, 3], T[:3, 3] + _AXIS * direction]), color=colour, linewidth=1.5)
+        axes.set_box_aspect((1, 1, 1.1), zoom=1.25)
+        axes.set(xlim=(-0.7, 0.9), ylim=(-0.8, 0.8), zlim=(0, 1.76), xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+        axes.view_init(elevation, azimuth)
+        if elevation == 0:
+            axes.set(yticks=[], ylabel="")
+    count = reach.z.size
+    for k, height in enumerate(reach.z):
+        plan = below.add_subplot(1, count, k + 1)
+        plan.pcolormesh(reach.y, reach.x, reach.reached[:, :, k], cmap="Greens", vmin=0, vmax=1.4, shading="nearest")
+        turn = np.linspace(0, 2 * np.pi, 60)
+        plan.plot(robot.base_radius * np.sin(turn), robot.base_radius * np.cos(turn), color="black")
+        plan.set(xlim=(0.85, -0.85), ylim=(-0.35, 1.35), aspect="equal", xlabel="y [m]")
+        plan.set_title(f"level gripper at {height:.2f} m", fontsize=9)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=110)
+
+
+def _frames(robot: RobotSpec) -> list[Array]:
+    """Poses (4, 4) of all joints and of the TCP at home, in the base frame."""
+    chain = ArmChain.from_robot(robot)
+    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
+    fk_frames(chain.offsets, chain.axes, chain.tip, np.array(robot.home), R, p)
+    return [pose_of(np.concatenate([p[k], R[k].ravel()])) for k in range(chain.size + 1)]
+
+
+def _draw_shapes(axes: Any, arrays: RobotArrays, frames: list[Array]) -> None:
+    for solid in range(arrays.core.size):
+        link = int(arrays.link[solid])
+        T = (np.eye(4) if link < 0 else frames[link]) @ pose_of(
+            np.concatenate([arrays.position[solid], arrays.rotation[solid].ravel()])
+        )
+        colour = "0.35" if link < 0 else ("tab:orange" if link == len(frames) - 2 else "steelblue")
+        for line in _outline(arrays, solid):
+            axes.plot(*(line @ T[:3, :3].T + T[:3, 3]).T, color=colour, linewidth=0.6)
+
+
+def _outline(arrays: RobotArrays, solid: int) -> Iterator[Array]:
+    """Lines (n, 3) of a solid in its own frame: edges of a box, circles of what is round."""
+    (a, b, c), radius = arrays.half[solid], float(arrays.radius[solid])
+    turn = np.linspace(0, 2 * np.pi, _ROUND + 1)
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
+    if radius > 0.0 or arrays.core[solid] == CYLINDER:
+        wide = radius if radius > 0.0 else float(a)
+        for height in (-c, 0.0, c):
+            yield circle * wide + (0.0, 0.0, height)
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            yield np.array([[x * wide, y * wide, -c], [x * wide, y * wide, c]])
+        if radius > 0.0:
+            half = circle[: _ROUND // 2 + 1, [0, 2, 1]] * wide
+            for sign in (1, -1):
+                yield half * (1, 1, sign) + (0.0, 0.0, sign * c)
+                yield half[:, [1, 0, 2]] * (1, 1, sign) + (0.0, 0.0, sign * c)
+        return
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * (a, b)
+    for height in (-c, c):
+        yield np.column_stack([corners, np.full(5, height)])
+    for x, y in corners[:4]:
+        yield np.array([[x, y, -c], [x, y, c]])

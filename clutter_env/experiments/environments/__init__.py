@@ -1,1 +1,0 @@
-"""How fast the environments are, how they endure, how their layouts look."""

@@ -1,1 +1,0 @@
-"""Measurements of the base poses that queries answer with."""

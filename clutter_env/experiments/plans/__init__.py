@@ -1,1 +1,0 @@
-"""Motion planning and whole plans measured and checked."""

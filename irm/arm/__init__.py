@@ -1,1 +1,0 @@
-"""An arm on its base: kinematics, closed-form and numerical inverse kinematics, manipulability."""

@@ -1,1 +1,0 @@
-"""Exact inverse kinematics of any arm: closed forms by subproblems, scanned over the free joint and the lift."""

@@ -1,1 +1,0 @@
-"""An arm read from a MuJoCo model."""

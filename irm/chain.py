@@ -1,0 +1,300 @@
+"""An arm on its base as arrays for kernels: from a robot, an MJCF or a URDF file.
+
+This module needs neither the simulator nor numba.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.errors import ChainError
+from irm.robot import Joint, Robot
+from irm.rotations import frame_along
+
+if TYPE_CHECKING:
+    import mujoco
+
+Floats = NDArray[np.float64]
+PRISMATIC = 3
+"""Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
+
+
+def pose_of(place: Floats) -> Floats:
+    """The pose (4, 4) of a row of `ArmChain`: an origin (3,), or with the nine entries of an orientation (12,)."""
+    T = np.eye(4)
+    T[:3, 3] = place[:3]
+    if place.size > 3:
+        T[:3, :3] = place[3:].reshape(3, 3)
+    return T
+
+
+def frames_of(robot: Robot) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
+
+    A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.
+    """
+    places, axes, before = [], [], np.eye(3)
+    for link in robot.chain:
+        number, own = _axis_and_frame(link)
+        places.append(_place(before, link.offset, link.rotation @ own))
+        axes.append(number + (PRISMATIC if link.prismatic else 0))
+        before = own
+    places.append(_place(before, robot.tcp_offset, robot.tcp_rotation))
+    rows = np.array(places)
+    if np.array_equal(rows[:, 3:], np.tile(np.eye(3).ravel(), (len(rows), 1))):
+        rows = rows[:, :3]
+    return rows[:-1].copy(), np.array(axes, dtype=np.int64), rows[-1].copy()
+
+
+def _axis_and_frame(link: Joint) -> tuple[int, Floats]:
+    """Number of a joint's axis, and the orientation (3, 3) in its frame of one that has this axis."""
+    direction = np.array(link.direction)
+    for number, axis in enumerate(np.eye(3)):
+        if np.array_equal(direction, axis):
+            return number, np.eye(3)
+    return 2, frame_along(direction / np.linalg.norm(direction))
+
+
+def _place(before: Floats, offset: ArrayLike, R: Floats) -> Floats:
+    """(12,) origin and orientation, row by row, of a frame whose parent was turned by `before` (3, 3)."""
+    return np.concatenate([before.T @ np.asarray(offset, dtype=float), (before.T @ R).ravel()])
+
+
+Integers = NDArray[np.int64]
+BASE = -1
+"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
+
+FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
+_FULL_TURN_ROUNDING = 1e-4
+"""[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
+_ON_AXIS = 1e-4
+"""[rad], [m] A TCP whose approach lies this close to the last joint's axis is turned about it, for the same reason."""
+
+
+@dataclass(frozen=True)
+class ArmChain:
+    """A robot's torso and arm as arrays for kernels. Arrays are read-only.
+
+    Attributes:
+        robot: its name.
+        offsets: (1 + n, 3) origin of each joint frame in its parent's frame [m], if all frames are parallel at zero;
+            else (1 + n, 12), followed by the orientation in the parent's frame, row by row.
+        axes: (1 + n,) 0, 1, 2 for hinges about x, y, z; 3, 4, 5 for slides along them.
+        lower, upper: (1 + n,) joint limits [m], [rad].
+        tip: (3,) TCP in the last link's frame [m]; (12,) with its orientation, as in `offsets`.
+        joints: (1 + n) names, "" for an arm without a lift.
+        self_collisions: pairs of bodies of the model that may collide with each other, by their names.
+        home_torso: torso height of a map whose torso does not move [m].
+        links: (7,) lengths for `irm.ik.closed_form`; empty for arms without the structure of Fetch's.
+    """
+
+    robot: str
+    offsets: Floats
+    axes: Integers
+    lower: Floats
+    upper: Floats
+    tip: Floats
+    joints: tuple[str, ...] = ()
+    self_collisions: tuple[tuple[str, str], ...] = ()
+    home_torso: float = 0.0
+    links: Floats = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether `inverse` works for this arm."""
+        return self.links.size > 0
+
+    @property
+    def size(self) -> int:
+        """Number of joints, torso included."""
+        return self.axes.size
+
+    @property
+    def shoulder(self) -> Floats:
+        """(3,) origin of the first arm joint with the torso at 0, in the base frame [m]."""
+        return np.asarray(self.offsets[0, :3] + self.offsets[1, :3])
+
+    @property
+    def reach(self) -> float:
+        """[m] between the first arm joint and the TCP at most: the lengths of all links, slides extended."""
+        links = np.linalg.norm(self.offsets[2:, :3], axis=1).sum() + np.linalg.norm(self.tip[:3])
+        slides = np.maximum(np.abs(self.lower[1:]), np.abs(self.upper[1:]))[self.axes[1:] >= PRISMATIC]
+        return float(links + slides.sum())
+
+    @staticmethod
+    def of(robot: Robot | ArmChain) -> ArmChain:
+        """The chain of a robot, or the chain itself.
+
+        Raises:
+            ChainError: it is neither, or the robot's joints are not those of an arm.
+        """
+        if isinstance(robot, ArmChain):
+            return robot
+        if not hasattr(robot, "chain"):
+            raise ChainError(f"a robot is a RobotSpec such as assets.FETCH, or an ArmChain, not {robot!r}")
+        return ArmChain.from_robot(robot)
+
+    @staticmethod
+    def from_robot(robot: Robot) -> ArmChain:
+        """The chain of a robot.
+
+        Raises:
+            ChainError: its first joint is no vertical slide, or it names a closed form that does not fit it.
+        """
+        offsets, axes, tip = frames_of(robot)
+        if axes[0] != 2 + PRISMATIC or not np.array_equal(robot.chain[0].rotation, np.eye(3)):
+            raise ChainError(
+                f"{robot.name}: the first joint of the chain must slide along z (lower = upper for a robot without a "
+                f"lift), not {robot.chain[0]}"
+            )
+        lower = np.array([link.lower for link in robot.chain], dtype=float)
+        upper = np.array([link.upper for link in robot.chain], dtype=float)
+        if not robot.plans_torso:
+            lower[0] = upper[0] = robot.home[0]
+        chain = ArmChain(
+            robot.full_name,
+            offsets,
+            axes,
+            lower,
+            upper,
+            tip,
+            tuple(link.joint for link in robot.chain),
+            home_torso=float(robot.home[0]),
+        )
+        return _with_links(chain, _named_links(chain, robot.closed_form_ik))
+
+    @staticmethod
+    def from_mjcf(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
+        """The chain of any serial arm of 6 or 7 hinges, on a vertical lift if there is one.
+
+        Frames, axes, their signs, the tool's rotation, limits and continuous joints are the model's, and so are the
+        values of a configuration; without a lift its first value is 0. All joints that are not between base and tip
+        stay at their initial positions.
+
+        Args:
+            model: a compiled model, or the path of its file.
+            base: name of the body whose frame is the base frame; z is up. "world" is the fixed one.
+            tip: name of the site or body whose frame is the TCP frame.
+            approach: the axis of that frame along which the gripper approaches: "x", "-x", "y", "-y", "z" or "-z".
+                The x axis of irm's TCP frame is the approach; for any other axis than "x" the frame is turned.
+
+        Raises:
+            ChainError: no such body, or the joints between base and tip are not of this kind; the message lists them.
+
+        Example:
+            chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
+            rm = ReachabilityMap.build(chain)
+        """
+        from irm.model_reading import read_arm  # needs the simulator, which the package does not
+
+        chain = ArmChain(*read_arm(model, base, tip, approach))
+        return _with_links(chain, _fetch_links(chain))
+
+    @staticmethod
+    def from_urdf(path: str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
+        """The chain of such an arm in a URDF file; arguments, names of links, and errors as of `from_mjcf`.
+
+        Meshes are not read, so their files may be missing, and `self_collisions` counts the other shapes alone.
+        """
+        from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
+
+        chain = ArmChain(*read_arm(load_urdf(Path(path)), base, tip, approach))
+        return _with_links(chain, _fetch_links(chain))
+
+
+def link_of_body(model: mujoco.MjModel, robot: Robot) -> list[int]:
+    """The link that each body of a model belongs to: that of the nearest joint of the chain that moves it.
+
+    The head belongs to the torso, the fingers to the last link; BASE for the base and for what is not of the robot.
+    """
+    moved = {int(model.joint(link.joint).bodyid[0]): number for number, link in enumerate(robot.chain)}
+    links: list[int] = []
+    for body in range(model.nbody):  # a parent has a lower number than its children
+        links.append(moved.get(body, links[int(model.body_parentid[body])] if body else BASE))
+    return links
+
+
+def has_free_roll(chain: ArmChain) -> bool:
+    """Whether the last joint turns the gripper about its approach axis without limit."""
+    axis = np.eye(3)[chain.axes[-1] % PRISMATIC]
+    approach = chain.tip[3:].reshape(3, 3)[:, 0] if chain.tip.size > 3 else np.array([1.0, 0.0, 0.0])
+    away = max(np.linalg.norm(np.cross(axis, approach)), np.linalg.norm(np.cross(axis, chain.tip[:3])))
+    turn = chain.upper[-1] - chain.lower[-1]
+    return bool(chain.axes[-1] < PRISMATIC and away < _ON_AXIS and turn >= 2 * np.pi - _FULL_TURN_ROUNDING)
+
+
+def _with_links(chain: ArmChain, links: Floats) -> ArmChain:
+    """The chain with the lengths of its closed form, and its arrays read-only."""
+    for array in (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, links):
+        array.setflags(write=False)
+    return replace(chain, links=links)
+
+
+def _named_links(chain: ArmChain, name: str) -> Floats:
+    """The lengths of the closed form that a robot names; empty if it names none."""
+    if name == "":
+        return np.empty(0)
+    if name != "fetch":
+        raise ChainError(f"{chain.robot}: no closed form {name!r}; known: 'fetch', or '' for none")
+    links = _fetch_links(chain)
+    if not links.size:
+        raise ChainError(
+            f"{chain.robot}: the closed form 'fetch' needs a vertical slide, then axes z y x y x y x with every offset "
+            "after the shoulder along x and none to the side, symmetric limits of elbow and wrist flex, and free rolls"
+        )
+    return links
+
+
+def _fetch_links(chain: ArmChain) -> Floats:
+    """The seven lengths of `irm.ik.closed_form`; empty if the arm does not have the structure of Fetch's."""
+    if tuple(chain.axes.tolist()) != FETCH_AXES or chain.tip.size > 3:
+        return np.empty(0)
+    offset, lower, upper = chain.offsets, chain.lower, chain.upper
+    along_x = np.vstack([offset[3:], [chain.tip]])
+    fits = (
+        not along_x[:, 1:].any()
+        and not offset[:3, 1].any()
+        and offset[2, 0] > 0.0
+        and bool(np.allclose(lower[[4, 6]], -upper[[4, 6]]))
+        and bool(np.all(lower[[3, 5, 7]] <= -np.pi))
+        and bool(np.all(upper[[3, 5, 7]] >= np.pi))
+    )
+    if not fits:
+        return np.empty(0)
+    return np.array(
+        [
+            offset[0, 0] + offset[1, 0],
+            offset[0, 2] + offset[1, 2],
+            offset[2, 0],
+            offset[2, 2],
+            offset[3, 0] + offset[4, 0],
+            offset[5, 0] + offset[6, 0],
+            offset[7, 0] + chain.tip[0],
+        ]
+    )
+
+
+class ChainArrays(NamedTuple):
+    """Arrays of `ArmChain`, for kernels."""
+
+    offsets: Floats
+    axes: NDArray[np.int64]
+    tip: Floats
+    lower: Floats
+    upper: Floats
+    links: Floats
+
+
+def chain_arrays(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ChainArrays:
+    """The arrays of a chain, with other limits of its torso if given [m]."""
+    lower, upper = chain.lower.copy(), chain.upper.copy()
+    if torso_range is not None:
+        lower[0], upper[0] = torso_range
+    lower.setflags(write=False)
+    upper.setflags(write=False)
+    return ChainArrays(chain.offsets, chain.axes, chain.tip, lower, upper, chain.links)

@@ -1,1 +1,0 @@
-"""Where the base may be on the floor: free space, its raster and the distance transform."""

@@ -1,0 +1,171 @@
+"""Inverse kinematics of any chain by damped least squares, compiled: for arms without a closed form."""
+
+from __future__ import annotations
+
+from math import acos, sin, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.chain import ArmChain, has_free_roll
+from irm.compilation import njit
+from irm.errors import ChainError
+from irm.kinematics import arm_jacobian, fk_frames
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+MAX_STEPS = 25
+"""Largest number of Newton-like steps; 6 are usual from a seed in a neighbouring cell."""
+POSITION_TOLERANCE = 1e-5
+"""[m] and [rad]: a pose this close counts as reached."""
+_STEP_LIMIT = 0.4
+"""[rad] or [m]: largest joint motion in one step, so that the linearisation is valid."""
+_DAMPING = 0.05
+"""Damping per unit of remaining error: strong far from the goal, zero at the goal."""
+_STALL = 0.97
+"""If the error shrinks by less than this factor in three consecutive steps, the iteration ends without a solution."""
+
+
+@njit(cache=True)
+def _pose_error(R: Floats, p: Floats, R_goal: Floats, p_goal: Floats, free_roll: bool, error: Floats) -> float:
+    """Position difference and rotation vector to the goal, into `error` (6,); its largest entry.
+
+    With a free roll the rotation is the shortest one that aligns the x axes.
+    """
+    for i in range(3):
+        error[i] = p_goal[i] - p[i]
+    if free_roll:
+        cosine = R[0, 0] * R_goal[0, 0] + R[1, 0] * R_goal[1, 0] + R[2, 0] * R_goal[2, 0]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            error[3 + i] = R[j, 0] * R_goal[k, 0] - R[k, 0] * R_goal[j, 0]
+    else:
+        trace = 0.0
+        for i in range(3):
+            for k in range(3):
+                trace += R_goal[i, k] * R[i, k]
+        cosine = 0.5 * (trace - 1.0)
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            twist = 0.0
+            for c in range(3):
+                twist += R_goal[k, c] * R[j, c] - R_goal[j, c] * R[k, c]
+            error[3 + i] = 0.5 * twist
+    angle = acos(min(1.0, max(-1.0, cosine)))
+    sine = sin(angle)
+    scale = angle / sine if sine > 1e-6 else 1.0
+    largest = 0.0
+    for i in range(6):
+        if i >= 3:
+            error[i] *= scale
+        largest = max(largest, abs(error[i]))
+    if cosine < -0.999999:
+        error[3] += angle
+        largest = max(largest, angle)
+    return largest
+
+
+@njit(cache=True)
+def _damped_step(J: Floats, error: Floats, damping: float, A: Floats, y: Floats, step: Floats) -> None:
+    """step = Jᵀ (J Jᵀ + damping)⁻¹ error, by Cholesky; `A` (6, 6) and `y` (6,) are scratch space."""
+    n = J.shape[1]
+    for i in range(6):
+        for j in range(i + 1):
+            total = damping if i == j else 0.0
+            for k in range(n):
+                total += J[i, k] * J[j, k]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            A[i, j] = sqrt(max(total, 1e-12)) if i == j else total / A[j, j]
+    for i in range(6):
+        total = error[i]
+        for k in range(i):
+            total -= A[i, k] * y[k]
+        y[i] = total / A[i, i]
+    for i in range(5, -1, -1):
+        total = y[i]
+        for k in range(i + 1, 6):
+            total -= A[k, i] * y[k]
+        y[i] = total / A[i, i]
+    for k in range(n):
+        total = 0.0
+        for i in range(6):
+            total += J[i, k] * y[i]
+        step[k] = total
+
+
+@njit(cache=True)
+def approach_pose(
+    offsets: Floats,
+    axes: Integers,
+    tip: Floats,
+    lower: Floats,
+    upper: Floats,
+    R_goal: Floats,
+    p_goal: Floats,
+    free_roll: bool,
+    q: Floats,
+    R: Floats,
+    p: Floats,
+    J: Floats,
+) -> bool:
+    """Move the arm joints of `q` (n,) in place until the TCP is at the goal; whether it is reached within the limits.
+
+    The torso `q[0]` stays. `R` (n + 1, 3, 3), `p` (n + 1, 3) and `J` (6, n - 1) hold the frames and the Jacobian at the
+    result.
+    """
+    n = axes.shape[0]
+    error, step, y, A = np.empty(6), np.empty(n - 1), np.empty(6), np.empty((6, 6))
+    previous = 1e9
+    stalled = 0
+    for _ in range(MAX_STEPS):
+        fk_frames(offsets, axes, tip, q, R, p)
+        arm_jacobian(axes, R, p, J)
+        size = _pose_error(R[n], p[n], R_goal, p_goal, free_roll, error)
+        if size < POSITION_TOLERANCE:
+            return True
+        stalled = stalled + 1 if size > _STALL * previous else 0
+        if stalled == 3 or not size < 1e9:
+            return False
+        previous = size
+        _damped_step(J, error, (_DAMPING * size) ** 2 + 1e-10, A, y, step)
+        longest = 0.0
+        for k in range(n - 1):
+            longest = max(longest, abs(step[k]))
+        scale = min(1.0, _STEP_LIMIT / longest) if longest > 0.0 else 1.0
+        for k in range(n - 1):
+            q[k + 1] = min(upper[k + 1], max(lower[k + 1], q[k + 1] + scale * step[k]))
+    return False
+
+
+def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:
+    """Configurations that reach a pose, one from each seed from which the iteration converges.
+
+    Args:
+        chain: of any arm.
+        T_base_tcp: (4, 4) target, roll included.
+        seeds: (m, 1 + n) configurations to start from; their torso heights are kept.
+
+    Returns:
+        (k, 1 + n) solutions within the limits, k ≤ m.
+    """
+    T = np.ascontiguousarray(T_base_tcp, dtype=float)
+    starts = np.atleast_2d(np.array(seeds, dtype=float))
+    if T.shape != (4, 4) or starts.shape[1] != chain.size:
+        raise ChainError(f"expected a (4, 4) pose and seeds (m, {chain.size}), not {T.shape} and {starts.shape}")
+    R, p, J = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3)), np.empty((6, chain.size - 1))
+    arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
+    R_goal, p_goal = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
+    found = [q for q in starts if approach_pose(*arm, R_goal, p_goal, False, q, R, p, J)]
+    return np.array(found).reshape(-1, chain.size)
+
+
+def random_seeds(chain: ArmChain, count: int, torso: float, rng: np.random.Generator) -> Floats:
+    """(count, 1 + n) configurations, uniform within the limits and one turn, all at one torso height."""
+    middle = (chain.lower + chain.upper) / 2
+    low, high = np.maximum(chain.lower, middle - np.pi), np.minimum(chain.upper, middle + np.pi)
+    if has_free_roll(chain):
+        low[-1] = high[-1] = middle[-1]
+    seeds = rng.uniform(low, high, size=(count, chain.size))
+    seeds[:, 0] = torso
+    return seeds

@@ -1,0 +1,333 @@
+"""Inverse kinematics of arms with a spherical wrist, compiled: a closed form for a free angle, and a scan over it.
+
+The distance from the shoulder to the wrist gives the elbow (subproblem 3), its direction the two joints of the shoulder
+(subproblem 2), the orientation the three joints of the wrist (subproblems 2 and 1).
+
+By how much the best solution misses the goal or the limits, its *excess*, is a continuous function of the free angle,
+and 0 where there is a solution. The scan computes it on a grid. Between two angles it could reach 0 only if it changes
+by their sum. Where a bounded slope allows this, the interval is halved, and so on. The finest step leaves UNKNOWN.
+"""
+
+from __future__ import annotations
+
+from math import ceil, floor, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.chain import ChainArrays
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
+from irm.ik.numerical import approach_pose
+from irm.ik.structure import SphericalArm
+from irm.ik.subproblems import (
+    Vector,
+    add,
+    angle_about,
+    angles_to_distance,
+    angles_to_meet,
+    cross,
+    nearest_turn,
+    norm,
+    perpendicular,
+    point,
+    row,
+    subtract,
+    times,
+    turn,
+)
+from irm.status import NO, UNKNOWN, YES
+
+Floats = NDArray[np.float64]
+_LENGTH_WEIGHT = 4.0
+"""How much a missing length counts, measured by the motion of the wrist with the free joint."""
+_SHORTEST = 1e-3
+"""[m] Smallest length that these measures are divided by."""
+_ANY = 1e9
+"""[rad] More than any excess."""
+_NONE = np.int64(0)
+"""No solution yet; a literal 0 would compile what takes it twice."""
+
+
+class SphericalGoal(NamedTuple):
+    """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it."""
+
+    wrist: Vector
+    last_axis: Vector
+    side_at_zero: Vector
+    side: Vector
+
+
+@njit(cache=True)
+def spherical_goal(arm: SphericalArm, R: Floats, p: Floats) -> SphericalGoal:
+    """The goal of a TCP at `R` (3, 3), `p` (3,), in the frame that the arm is solved from."""
+    if arm.reversed:
+        R = np.ascontiguousarray(R.T)
+        p = -(R @ p)
+    moved = R @ arm.R_tool.T
+    last = row(arm.axes, 6)
+    side = perpendicular(last)
+    wrist = add(point(p), times(moved, subtract(point(arm.wrist), point(arm.tool))))
+    return SphericalGoal(wrist, times(moved, last), side, times(moved, side))
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def spherical_excess(arm: SphericalArm, goal: SphericalGoal, free: float, best: Floats) -> float:
+    """By how much the best solution for a `free` angle misses the goal or the limits [rad].
+
+    0 if there is a solution within the limits. The excess is a continuous function of the free angle. Near a
+    singularity some joints move fast when the free joint turns; there their excess counts less, as the motion of what
+    they turn, so that the slope of this function is bounded. The solution's angles are written into `best` (1, 7).
+    """
+    return _search(arm, goal, free, _ANY, best)[1]
+
+
+@njit(cache=True)
+def spherical_solutions(arm: SphericalArm, R: Floats, p: Floats, free: float, found: Floats) -> int:
+    """All configurations of an arm with a spherical wrist for a TCP pose, with the free joint at an angle [rad].
+
+    Args:
+        arm: see its type; if it has six joints, `free` is not used.
+        R, p: (3, 3), (3,) of the TCP in the base frame, lowered by the height of the lift.
+        free: angle of the free joint.
+        found: (8, 1 + n) whose columns of the arm are filled.
+
+    Returns:
+        The number of solutions within the limits.
+    """
+    free, _excess = nearest_turn(free, arm.lower[0], arm.upper[0])
+    rows = np.empty((8, 7))
+    count, _enough = _search(arm, spherical_goal(arm, R, p), free, arm.slack, rows)
+    kept = 0
+    for k in range(count):
+        if _is_within(arm, rows[k]):
+            for joint in range(7):
+                if arm.columns[joint] >= 0:
+                    found[kept, arm.columns[joint]] = rows[k, joint]
+            kept += 1
+    return kept
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _is_within(arm: SphericalArm, angles: Floats) -> bool:
+    """Whether no joint exceeds its limits by more than the slack: near a singularity the excess counts less."""
+    excess = 0.0
+    for joint in range(7):
+        excess = max(excess, nearest_turn(angles[joint], arm.lower[joint], arm.upper[joint])[1])
+    return excess <= arm.slack
+
+
+@njit(cache=True, inline="always")
+def _search(arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, rows: Floats) -> tuple[np.int64, float]:
+    """Solutions for a `free` angle whose excess, see `spherical_excess`, is less than `enough`.
+
+    They are written into `rows`: all into (8, 7), only the best one into (1, 7).
+
+    Returns:
+        The number of solutions if there is room for all; and the excess of the best one if there is room for one.
+    """
+    axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
+    pivot, shoulder, elbow = point(arm.pivot), point(arm.shoulder), point(arm.elbow)
+    to_wrist = subtract(add(pivot, turn(axis_1, -free, subtract(goal.wrist, pivot))), shoulder)
+    distance = max(norm(to_wrist), _SHORTEST)
+    upper_arm, forearm = subtract(elbow, shoulder), subtract(point(arm.wrist), elbow)
+    elbow_1, elbow_2, missed = angles_to_distance(axis_4, upper_arm, forearm, distance)
+    free, own_excess = nearest_turn(free, arm.lower[0], arm.upper[0])
+    weight = _LENGTH_WEIGHT / max(norm(cross(axis_1, subtract(goal.wrist, pivot))), _SHORTEST)
+    shared = max(own_excess, weight * max(0.0, missed - arm.error))
+    if shared >= enough:
+        return _NONE, enough
+    bend = min(1.0, weight * norm(cross(axis_4, upper_arm)) * norm(cross(axis_4, forearm)) / distance)
+    ease_4 = bend * abs(sin(0.5 * (elbow_1 - elbow_2)))
+    count = _NONE
+    for k in range(1 if missed > 0.0 else 2):
+        q4, excess_4 = nearest_turn(elbow_1 if k == 0 else elbow_2, arm.lower[3], arm.upper[3])
+        excess_4 = _motion(excess_4, bend, ease_4)
+        if max(shared, excess_4) >= enough:
+            continue
+        reach = add(upper_arm, turn(axis_4, q4, forearm))
+        minus_q2, q3, minus_q2_other, q3_other, apart, ease = angles_to_meet(axis_2, to_wrist, axis_3, reach)
+        sine_2, sine_3 = _sine(axis_2, to_wrist), _sine(axis_3, reach)
+        for i in range(1 if apart > 0.0 else 2):
+            q2, excess_2 = nearest_turn(-minus_q2 if i == 0 else -minus_q2_other, arm.lower[1], arm.upper[1])
+            angle_3, excess_3 = nearest_turn(q3 if i == 0 else q3_other, arm.lower[2], arm.upper[2])
+            excess = max(shared, excess_4, apart, _motion(excess_2, sine_2, ease), _motion(excess_3, sine_3, ease))
+            if excess < enough:
+                count, enough = _with_wrist(arm, goal, (free, q2, angle_3, q4), excess, enough, rows, count)
+    return count, enough
+
+
+@njit(cache=True, inline="always")
+def _sine(axis: Vector, v: Vector) -> float:
+    """Of the angle between an axis and a vector."""
+    return norm(cross(axis, v)) / max(norm(v), _SHORTEST)
+
+
+@njit(cache=True, inline="always")
+def _motion(excess: float, sine: float, ease: float) -> float:
+    """How far a vector must move so that a joint that meets it turns by `excess` [rad].
+
+    `sine` is that of the angle between the axis and the vector. Where `ease`, see `angles_to_meet`, is 0 two solutions
+    coincide, and the joint turns with the square root of the motion.
+    """
+    return min(sine * excess, ease * excess + 0.5 * sine * excess * excess)
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _with_wrist(
+    arm: SphericalArm,
+    goal: SphericalGoal,
+    first: tuple[float, float, float, float],
+    others: float,
+    enough: float,
+    rows: Floats,
+    count: np.int64,
+) -> tuple[np.int64, float]:
+    """Write the solutions with the `first` four angles, whose excess is `others`, into `rows[count:]`.
+
+    Returns:
+        The new `count` and `enough`, see `_search`.
+    """
+    axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
+    axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
+    q1, q2, q3, q4 = first
+    last_axis = turn(axis_4, -q4, turn(axis_3, -q3, turn(axis_2, -q2, turn(axis_1, -q1, goal.last_axis))))
+    minus_q5, q6, minus_q5_other, q6_other, apart, ease = angles_to_meet(axis_5, last_axis, axis_6, axis_7)
+    if apart >= enough:
+        return count, enough
+    side = turn(axis_4, -q4, turn(axis_3, -q3, turn(axis_2, -q2, turn(axis_1, -q1, goal.side))))
+    sine = _sine(axis_5, last_axis)
+    ease_6 = ease / max(sine, _SHORTEST)
+    for k in range(1 if apart > 0.0 else 2):
+        q5, excess_5 = nearest_turn(-minus_q5 if k == 0 else -minus_q5_other, arm.lower[4], arm.upper[4])
+        angle_6, excess_6 = nearest_turn(q6 if k == 0 else q6_other, arm.lower[5], arm.upper[5])
+        excess = max(others, apart, _motion(excess_5, sine, ease), _motion(excess_6, 1.0, ease_6))
+        if excess >= enough:
+            continue
+        turned = turn(axis_6, -angle_6, turn(axis_5, -q5, side))
+        q7, excess_7 = nearest_turn(angle_about(axis_7, goal.side_at_zero, turned), arm.lower[6], arm.upper[6])
+        excess = max(excess, _motion(excess_7, sine, ease))
+        if excess >= enough:
+            continue
+        rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = first
+        rows[count, 4], rows[count, 5], rows[count, 6] = q5, angle_6, q7
+        if len(rows) == 1:
+            enough = excess
+        else:
+            count += 1
+    return count, enough
+
+
+COARSE_STEP = 2.5 * pi / 180.0
+"""[rad] Largest step of the first grid."""
+HALVINGS = 9
+"""How often an interval is halved before it is called open: down to 0.005 degrees."""
+SLOPE = 20.0
+"""Largest slope of the excess that is assumed, measured: with it no reachable pose was called out of reach, see
+docs/irm.md."""
+_CAPACITY = 4096
+"""Intervals that are kept for halving at a time."""
+
+
+class _Trial(NamedTuple):
+    """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso, and
+    `angles` (1, 7) in the order of solving."""
+
+    chain: ChainArrays
+    arm: SphericalArm
+    goal: SphericalGoal
+    R: Floats
+    p: Floats
+    q: Floats
+    angles: Floats
+
+
+@njit(cache=True)
+def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
+    """Whether the configuration `q` (n,), refined in place, reaches a TCP pose within the limits."""
+    n = chain.axes.shape[0]
+    frames, origins, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
+    for joint in range(1, n):
+        q[joint] = min(chain.upper[joint], max(chain.lower[joint], q[joint]))
+    limits = chain.lower, chain.upper
+    return approach_pose(chain.offsets, chain.axes, chain.tip, *limits, R, p, False, q, frames, origins, J)
+
+
+@njit(cache=True)
+def _try_angle(trial: _Trial, free: float) -> tuple[bool, float]:
+    """Whether a free angle gives a solution, which is then in `trial.q`, and the excess without that of the slack."""
+    excess = spherical_excess(trial.arm, trial.goal, free, trial.angles)
+    if excess > trial.arm.slack:
+        return False, excess - trial.arm.slack
+    for joint in range(7):
+        if trial.arm.columns[joint] >= 0:
+            trial.q[trial.arm.columns[joint]] = trial.angles[0, joint]
+    return refine(trial.chain, trial.R, trial.p, trial.q), 0.0
+
+
+@njit(cache=True)
+def scan_free_joint(chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats, q: Floats) -> tuple[int, float]:
+    """The answer for a TCP pose `R` (3, 3), `p` (3,) at the torso height `q[0]`, and the smallest excess found [rad].
+
+    A solution is written into `q` (1 + n,).
+    """
+    lowered = p.copy()
+    lowered[2] -= q[0]
+    trial = _Trial(chain, arm, spherical_goal(arm, R, lowered), R, p, q, np.empty((1, 7)))
+    width = min(2.0 * pi, arm.upper[0] - arm.lower[0])
+    first = 0.5 * (arm.lower[0] + arm.upper[0] - width)
+    if width == 0.0:
+        found, excess = _try_angle(trial, first)
+        return (YES if found else (NO if excess > 0.0 else UNKNOWN)), excess
+    count = ceil(width / COARSE_STEP)
+    step = width / count
+    excesses = np.empty(count + 1)
+    stride = _coprime_stride(count + 1)
+    for k in range(count + 1):
+        node = k * stride % (count + 1)
+        found, excesses[node] = _try_angle(trial, first + node * step)
+        if found:
+            return YES, 0.0
+    return _halve(trial, first, step, excesses)
+
+
+@njit(cache=True)
+def _halve(trial: _Trial, first: float, step: float, excesses: Floats) -> tuple[int, float]:
+    """Halve the intervals in which the excess could reach 0, until there is none, or a solution, or the finest step."""
+    best = excesses.min()
+    starts, ends = np.empty((2, _CAPACITY)), np.empty((2, _CAPACITY, 2))
+    kept = 0
+    for k in range(excesses.size - 1):
+        if excesses[k] + excesses[k + 1] < SLOPE * step:
+            starts[0, kept], ends[0, kept, 0], ends[0, kept, 1] = first + k * step, excesses[k], excesses[k + 1]
+            kept += 1
+    for level in range(HALVINGS):
+        now, after, step = level % 2, (level + 1) % 2, 0.5 * step
+        count = 0
+        for k in range(kept):
+            found, excess = _try_angle(trial, starts[now, k] + step)
+            if found:
+                return YES, 0.0
+            best = min(best, excess)
+            if count + 2 > _CAPACITY:
+                return UNKNOWN, best
+            for half in range(2):
+                if ends[now, k, half] + excess < SLOPE * step:
+                    starts[after, count] = starts[now, k] + half * step
+                    ends[after, count, half], ends[after, count, 1 - half] = ends[now, k, half], excess
+                    count += 1
+        kept = count
+    return (NO if kept == 0 and best > 0.0 else UNKNOWN), best
+
+
+@njit(cache=True)
+def _coprime_stride(count: int) -> int:
+    """A step through 0 … count - 1 that visits every number once, and far ones first."""
+    stride = max(1, floor(0.382 * count))
+    while True:
+        a, b = count, stride
+        while b > 0:
+            a, b = b, a % b
+        if a == 1:
+            return stride
+        stride += 1

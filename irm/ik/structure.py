@@ -1,0 +1,157 @@
+"""The geometry of an arm that gives it a closed form: axes that meet in one point, or that are parallel.
+
+Two structures are known, which most arms of 6 or 7 hinges have:
+
+- A spherical wrist: three successive axes at one end meet in a point. Of the other joints, the first one is a free
+  parameter if there are seven; the next two axes meet; the last one is the elbow. The three axes may be the last ones
+  (PR2, Kinova Gen3, KUKA iiwa) or the first ones (Panda, xArm 7): then the arm is solved from the TCP to the base.
+- Six joints of which the second, third and fourth are parallel, and the last two meet (UR).
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.chain import PRISMATIC, ArmChain
+from irm.kinematics import fk_frames
+
+Floats = NDArray[np.float64]
+_MEET = 5e-4
+"""[m] Axes that pass each other this closely count as meeting: model files have rounded numbers, and the wrist of the
+Kinova Gen3 is 0.2 mm off. Solutions are refined afterwards."""
+_SLACK_PER_METRE = 20.0
+"""[rad/m] How much joint angles of such an arm may differ from the exact ones, per length by which axes miss each
+other: a lever arm of 5 cm."""
+_ROUNDING = 1e-9
+"""[rad] Slack of an arm whose axes meet exactly."""
+_PARALLEL = 2e-5
+"""Sine of the angle below which two axes are parallel, for the same reason."""
+
+
+class SphericalArm(NamedTuple):
+    """An arm with a spherical wrist, at zero, in the frame that it is solved from.
+
+    `axes` (7, 3), in the order of solving; for six joints the first one is no joint. Points (3,) [m]: `pivot` on the
+    free axis, `shoulder` where the next two axes meet, `elbow` on the fourth axis, `wrist`. `R_tool` (3, 3) and `tool`
+    (3,): end at zero. `lower`, `upper` (7,) in the same order. `columns` (7,): joint of the chain, -1 for none.
+    `reversed`: whether the arm is solved from the TCP to the base. `slack`, `error`: of the
+    solutions' angles [rad] and of their wrist [m].
+    """
+
+    axes: Floats
+    pivot: Floats
+    shoulder: Floats
+    elbow: Floats
+    wrist: Floats
+    R_tool: Floats
+    tool: Floats
+    lower: Floats
+    upper: Floats
+    columns: NDArray[np.int64]
+    reversed: bool
+    slack: float
+    error: float
+
+
+class ParallelArm(NamedTuple):
+    """Six joints of which the second to fourth are parallel, at zero, in the base frame.
+
+    `axes` (6, 3); `points` (5, 3) on the axes: the last one is where the fifth and sixth axes meet [m]. `R_tool` (3, 3)
+    and `tool` (3,): TCP at zero. `lower`, `upper` (6,). `slack`: error of the solutions [rad].
+    """
+
+    axes: Floats
+    points: Floats
+    R_tool: Floats
+    tool: Floats
+    lower: Floats
+    upper: Floats
+    slack: float
+
+
+class _Line(NamedTuple):
+    """An axis: a point on it and its direction."""
+
+    point: Floats
+    axis: Floats
+
+
+def find_structure(chain: ArmChain) -> SphericalArm | ParallelArm | None:
+    """The structure of an arm; None if it has no closed form that is known here."""
+    n = chain.size
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    fk_frames(chain.offsets, chain.axes, chain.tip, np.zeros(n), R, p)
+    if np.any(chain.axes[1:] >= PRISMATIC):
+        return None
+    lines = [_Line(p[k], R[k][:, chain.axes[k] % PRISMATIC]) for k in range(1, n)]
+    return (
+        _spherical(chain, lines, R[n], p[n], False)
+        or _spherical(chain, _seen_from(lines, R[n], p[n])[::-1], R[n].T, -R[n].T @ p[n], True)
+        or _parallel(chain, lines, R[n], p[n])
+    )
+
+
+def _seen_from(lines: list[_Line], R: Floats, p: Floats) -> list[_Line]:
+    """The same joints in the frame of the TCP: seen from there, each one turns the other way."""
+    return [_Line(R.T @ (line.point - p), -(R.T @ line.axis)) for line in lines]
+
+
+def _spherical(
+    chain: ArmChain, lines: list[_Line], R_tool: Floats, tool: Floats, is_reversed: bool
+) -> SphericalArm | None:
+    wrist, wrist_error = _common_point(lines[-3:])
+    shoulder, shoulder_error = _common_point(lines[-6:-4])
+    if max(wrist_error, shoulder_error) > _MEET:
+        return None
+    columns = list(range(1, chain.size))[:: -1 if is_reversed else 1]
+    first = lines[0] if len(lines) == 7 else _Line(shoulder, np.array([0.0, 0.0, 1.0]))
+    limits = np.array([(chain.lower[k], chain.upper[k]) for k in columns])
+    if len(lines) == 6:
+        columns, limits = [-1, *columns], np.vstack([[(0.0, 0.0)], limits])
+    return SphericalArm(
+        axes=np.array([first.axis, *(line.axis for line in lines[-6:])]),
+        pivot=first.point,
+        shoulder=shoulder,
+        elbow=lines[-4].point,
+        wrist=wrist,
+        R_tool=np.ascontiguousarray(R_tool),
+        tool=tool,
+        lower=limits[:, 0].copy(),
+        upper=limits[:, 1].copy(),
+        columns=np.array(columns),
+        reversed=is_reversed,
+        slack=_ROUNDING + _SLACK_PER_METRE * (wrist_error + shoulder_error),
+        error=2.0 * (wrist_error + shoulder_error),
+    )
+
+
+def _parallel(chain: ArmChain, lines: list[_Line], R_tool: Floats, tool: Floats) -> ParallelArm | None:
+    if len(lines) != 6:
+        return None
+    along = lines[1].axis
+    meeting, error = _common_point(lines[4:])
+    if error > _MEET or any(np.linalg.norm(np.cross(along, line.axis)) > _PARALLEL for line in lines[2:4]):
+        return None
+    return ParallelArm(
+        axes=np.array([line.axis for line in lines]),
+        points=np.array([*(line.point for line in lines[:4]), meeting]),
+        R_tool=R_tool.copy(),
+        tool=tool.copy(),
+        lower=chain.lower[1:].copy(),
+        upper=chain.upper[1:].copy(),
+        slack=_ROUNDING + _SLACK_PER_METRE * error,
+    )
+
+
+def _common_point(lines: list[_Line]) -> tuple[Floats, float]:
+    """The point nearest to some axes, and its largest distance from them [m]: infinite if neighbours are parallel."""
+    if any(np.linalg.norm(np.cross(a.axis, b.axis)) < _PARALLEL for a, b in itertools.pairwise(lines)):
+        return np.full(3, np.nan), np.inf
+    projections = [np.eye(3) - np.outer(line.axis, line.axis) for line in lines]
+    rest = [P @ line.point for P, line in zip(projections, lines, strict=True)]
+    point = np.linalg.solve(np.sum(projections, axis=0), np.sum(rest, axis=0))
+    return point, max(float(np.linalg.norm(P @ point - r)) for P, r in zip(projections, rest, strict=True))

@@ -1,0 +1,330 @@
+"""The arm between two frames of a MuJoCo model: joint axes, limits and tool, and the bodies that may collide.
+
+Everything is read at the joint positions 0, in the base frame: a line for the axis of each joint, and the pose of the
+tip. From these follow the frames of the chain: each has its origin on its joint's axis, and z along it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.errors import ChainError
+from irm.rotations import frame_along
+
+Floats = NDArray[np.float64]
+CONTINUOUS = 2 * np.pi
+"""[rad] Limits of a joint that turns without end: from minus to plus this."""
+_UNNAMED = "MuJoCo Model"
+"""What MuJoCo calls a model without a name."""
+_PARALLEL = 1e-9
+"""Entry of a unit vector or rotation below which two directions are the same but for rounding."""
+APPROACHES = {
+    name: np.array(rows, dtype=float)
+    for name, rows in {
+        "x": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "-x": [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        "y": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        "-y": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        "z": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        "-z": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    }.items()
+}
+"""R_tip_tcp: the shortest turn whose x axis is the named axis of the tip."""
+
+
+class ModelArm(NamedTuple):
+    """The first fields of `irm.chain.ArmChain`, in its order; the frames have z along the joints' axes."""
+
+    name: str
+    offsets: Floats
+    axes: NDArray[np.int64]
+    lower: Floats
+    upper: Floats
+    tip: Floats
+    joints: tuple[str, ...]
+    self_collisions: tuple[tuple[str, str], ...]
+
+
+class _Joint(NamedTuple):
+    """One joint at zero: a point on its axis and its direction, in the base frame [m]."""
+
+    name: str
+    slides: bool
+    point: Floats
+    axis: Floats
+    lower: float
+    upper: float
+
+
+_NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
+
+
+def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> ModelArm:
+    """The arm from `base` to `tip`; see `irm.chain.ArmChain.from_mjcf`.
+
+    Raises:
+        ChainError: no such file, body or site, or the joints between them are not those of an arm.
+    """
+    name = ""
+    if not isinstance(model, mujoco.MjModel):
+        name, model = Path(model).stem, load_model(Path(model))
+    base_body = body_number(model, base)
+    numbers = _joints_between(model, base_body, _tip_body(model, tip), (base, tip))
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[numbers]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    T_base_world: Floats = np.asarray(np.linalg.inv(_pose(data.xmat[base_body], data.xpos[base_body])), dtype=float)
+    lift, hinges = _lift_and_hinges([_read_joint(model, data, k, T_base_world) for k in numbers], (base, tip))
+    T_base_tip = T_base_world @ _tip_pose(model, data, tip)
+    T_base_tip[:3, :3] = T_base_tip[:3, :3] @ _tool_rotation(approach)
+    offsets, axes, tool = _frames(hinges, T_base_tip)
+    joints = (lift, *hinges)
+    return ModelArm(
+        name=_model_name(model) or name or "arm",
+        offsets=offsets,
+        axes=axes,
+        lower=np.array([joint.lower for joint in joints]),
+        upper=np.array([joint.upper for joint in joints]),
+        tip=tool,
+        joints=tuple(joint.name for joint in joints),
+        self_collisions=self_collision_pairs(model, base_body),
+    )
+
+
+def load_model(path: Path) -> mujoco.MjModel:
+    """The compiled model of a file; raises `ChainError` if it is none."""
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as problem:
+        raise ChainError(f"{path} cannot be read as an MJCF file: {problem}") from problem
+
+
+def load_urdf(path: Path) -> mujoco.MjModel:
+    """The compiled model of a URDF file, without visual shapes and without meshes, whose files may be missing.
+
+    Links keep their names and stay bodies of their own, also where they are fixed to others.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ChainError: it is no URDF file.
+    """
+    try:
+        robot = ElementTree.fromstring(path.read_bytes())
+        for link in robot.iter("link"):
+            for shape in [*link.findall("visual"), *link.findall("collision")]:
+                if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
+                    link.remove(shape)
+        extension = (
+            robot.find("mujoco") if robot.find("mujoco") is not None else ElementTree.SubElement(robot, "mujoco")
+        )
+        assert extension is not None
+        # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
+        bounds = {"fusestatic": "false", "boundmass": "1e-6", "boundinertia": "1e-9", "balanceinertia": "true"}
+        ElementTree.SubElement(extension, "compiler", bounds)
+        return mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
+    except (ElementTree.ParseError, ValueError) as problem:
+        raise ChainError(f"{path} cannot be read as a URDF file: {problem}") from problem
+
+
+def _model_name(model: mujoco.MjModel) -> str:
+    """The name that the file gives to the model; "" if it gives none."""
+    name = bytes(model.names).split(b"\0", 1)[0].decode()
+    return "" if name == _UNNAMED else name
+
+
+def body_number(model: mujoco.MjModel, name: str) -> int:
+    """The number of a body; raises `ChainError`, which lists the bodies, if there is none of that name."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+    if number < 0:
+        raise ChainError(f"there is no body {name!r}; there are {_listed(model, mujoco.mjtObj.mjOBJ_BODY)}")
+    return int(number)
+
+
+def _tip_body(model: mujoco.MjModel, name: str) -> int:
+    """The body of the site of that name, or the body of that name."""
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+    if site < 0 and body < 0:
+        sites, bodies = (_listed(model, kind) for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY))
+        raise ChainError(f"there is no site or body {name!r}; there are the sites {sites} and the bodies {bodies}")
+    return int(model.site_bodyid[site]) if site >= 0 else int(body)
+
+
+def _listed(model: mujoco.MjModel, kind: mujoco.mjtObj) -> str:
+    count = model.nbody if kind == mujoco.mjtObj.mjOBJ_BODY else model.nsite
+    names = [mujoco.mj_id2name(model, kind, k) for k in range(count)]
+    return ", ".join(repr(name) for name in names if name) or "none with a name"
+
+
+def _tip_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if site >= 0:
+        return _pose(data.site_xmat[site], data.site_xpos[site])
+    body = data.body(name)
+    return _pose(body.xmat, body.xpos)
+
+
+def _pose(R: Floats, p: Floats) -> Floats:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.reshape(R, (3, 3)), p
+    return T
+
+
+def _tool_rotation(approach: str) -> Floats:
+    if approach not in APPROACHES:
+        raise ChainError(f"there is no approach axis {approach!r}; there are {', '.join(map(repr, APPROACHES))}")
+    return APPROACHES[approach]
+
+
+def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str, str]) -> list[int]:
+    """Numbers of the joints that move the tip relative to the base, from the base on."""
+    found: list[int] = []
+    body = tip
+    while body != base:
+        if body == 0:
+            raise ChainError(f"{names[1]!r} is not attached to {names[0]!r}; choose a base among its parents")
+        first = int(model.body_jntadr[body])
+        found = list(range(first, first + int(model.body_jntnum[body]))) + found if first >= 0 else found
+        body = int(model.body_parentid[body])
+    known = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    wrong = [k for k in found if int(model.jnt_type[k]) not in known]
+    if wrong or not found:
+        listed = ", ".join(repr(model.joint(k).name) for k in wrong) or "no joint"
+        raise ChainError(
+            f"between {names[0]!r} and {names[1]!r} there is {listed}; an arm has hinges, and may have a lift"
+        )
+    return found
+
+
+def _read_joint(model: mujoco.MjModel, data: mujoco.MjData, number: int, T_base_world: Floats) -> _Joint:
+    lower, upper = model.jnt_range[number] if model.jnt_limited[number] else (-CONTINUOUS, CONTINUOUS)
+    return _Joint(
+        str(model.joint(number).name) or f"joint {number}",
+        int(model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_SLIDE),
+        T_base_world[:3, :3] @ data.xanchor[number] + T_base_world[:3, 3],
+        T_base_world[:3, :3] @ data.xaxis[number],
+        float(lower),
+        float(upper),
+    )
+
+
+def _lift_and_hinges(joints: list[_Joint], names: tuple[str, str]) -> tuple[_Joint, list[_Joint]]:
+    """The lift, one that does not move if the arm has none, and the joints of the arm.
+
+    Raises:
+        ChainError: they are not those of an arm.
+    """
+    lifts, hinges = [joint for joint in joints if joint.slides], [joint for joint in joints if not joint.slides]
+    if len(hinges) not in (6, 7) or len(lifts) > 1 or [*lifts, *hinges] != joints:
+        what = ", ".join(f"{joint.name} ({'slide' if joint.slides else 'hinge'})" for joint in joints)
+        raise ChainError(
+            f"an arm has 6 or 7 hinges, after one vertical slide if it stands on a lift; between {names[0]!r} and "
+            f"{names[1]!r} there are: {what}. Choose another base or tip"
+        )
+    lift = lifts[0] if lifts else _NO_LIFT
+    if abs(lift.axis[2] - 1.0) > _PARALLEL or lift.lower <= -CONTINUOUS:
+        raise ChainError(f"the lift {lift.name} must slide along the base frame's z axis, up, and have limits")
+    return lift, hinges
+
+
+def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip of the chain: frames of the lift, of each hinge, and of the TCP.
+
+    If all axes are those of the base frame and the TCP has its orientation, all frames are parallel to it. Else each
+    hinge turns about the z axis of its own frame.
+    """
+    axis_numbers = [int(np.argmax(joint.axis)) for joint in hinges]
+    away = [np.abs(joint.axis - np.eye(3)[k]).max() for joint, k in zip(hinges, axis_numbers, strict=True)]
+    parallel = max(*away, np.abs(T_base_tip[:3, :3] - np.eye(3)).max()) < _PARALLEL
+    frames = [np.eye(4), np.eye(4)]
+    for joint, origin in zip(hinges, _origins(hinges), strict=True):
+        frames.append(_pose(np.eye(3) if parallel else frame_along(joint.axis), origin))
+    frames.append(T_base_tip)
+    places = [np.linalg.inv(parent) @ frame for parent, frame in itertools.pairwise(frames)]
+    rows = np.array([np.concatenate([T[:3, 3], T[:3, :3].ravel()]) for T in places])
+    if parallel:
+        rows = rows[:, :3]
+    return rows[:-1].copy(), np.array([5, *(axis_numbers if parallel else [2] * len(hinges))]), rows[-1].copy()
+
+
+def _origins(hinges: list[_Joint]) -> list[Floats]:
+    """A point on each axis: on the first one that nearest to the second, then always that nearest to the last point.
+
+    The sum of their distances bounds the reach of the arm, so it should be small.
+    """
+    first, second = hinges[:2]
+    normal = np.cross(first.axis, np.cross(first.axis, second.axis))
+    slope = float(normal @ second.axis)
+    along = float(normal @ (first.point - second.point)) / slope if abs(slope) > _PARALLEL else 0.0
+    points = [_nearest_on(first, second.point + along * second.axis)]
+    for joint in hinges[1:]:
+        points.append(_nearest_on(joint, points[-1]))
+    return points
+
+
+def _nearest_on(joint: _Joint, point: Floats) -> Floats:
+    """The point of a joint's axis that is nearest to a point."""
+    return np.asarray(joint.point + joint.axis * float(joint.axis @ (point - joint.point)))
+
+
+def tcp_pose_of_model(model: mujoco.MjModel, q: Mapping[str, float], base: str, tip: str, approach: str) -> Floats:
+    """T_base_tcp (4, 4) by MuJoCo with joints at the positions `q`, by their names; "" names no joint."""
+    data = mujoco.MjData(model)
+    for name, value in q.items():
+        if name:
+            data.joint(name).qpos = value
+    mujoco.mj_kinematics(model, data)
+    frame = data.body(base)
+    T = np.linalg.inv(_pose(frame.xmat, frame.xpos)) @ _tip_pose(model, data, tip)
+    T[:3, :3] = T[:3, :3] @ _tool_rotation(approach)
+    return np.asarray(T)
+
+
+def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, str], ...]:
+    """Names of the pairs of bodies at and below the body `base` whose geoms the model lets collide.
+
+    As in MuJoCo: by `contype` and `conaffinity`, not within one rigid body, not a body with its parent, and not a pair
+    that the model excludes.
+    """
+    robot = [body for body in range(model.nbody) if _is_below(model, body, base)]
+    excluded = {tuple(sorted(divmod(int(pair), 1 << 16))) for pair in model.exclude_signature}
+    pairs = []
+    for k, first in enumerate(robot):
+        for second in robot[k + 1 :]:
+            rigid, parents = model.body_weldid[[first, second]], model.body_parentid
+            is_parent = (
+                model.body_weldid[parents[rigid[0]]] == rigid[1] or model.body_weldid[parents[rigid[1]]] == rigid[0]
+            )
+            kept = rigid[0] != rigid[1] and not (is_parent and rigid.all()) and (first, second) not in excluded
+            if kept and _may_touch(model, first, second):
+                pairs.append((body_name(model, first), body_name(model, second)))
+    return tuple(pairs)
+
+
+def body_name(model: mujoco.MjModel, body: int) -> str:
+    """The name of a body, or its number if it has none."""
+    return str(model.body(body).name) or f"body {body}"
+
+
+def _is_below(model: mujoco.MjModel, body: int, base: int) -> bool:
+    while body not in (base, 0):
+        body = int(model.body_parentid[body])
+    return body == base
+
+
+def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
+    """Whether some geom of one body may collide with some geom of the other."""
+    masks = []
+    for body in (first, second):
+        geoms = slice(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+        masks.append((model.geom_contype[geoms], model.geom_conaffinity[geoms]))
+    (type_1, affinity_1), (type_2, affinity_2) = masks
+    return bool(np.any(type_1[:, None] & affinity_2) or np.any(affinity_1[:, None] & type_2))

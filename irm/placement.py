@@ -1,0 +1,98 @@
+"""Answers of the placement queries: base poses, best first, with a status."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.status import Status
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BasePlacement:
+    """Where the base may stand, best first. Arrays are read-only; k = 0 if no base was found.
+
+    Attributes:
+        status: YES if one of the bases is certain, NO if there is certainly none, UNKNOWN otherwise.
+        poses: (k, 3) base x, y [m] and yaw [rad] in [-π, π).
+        manipulability: (k,) μ of the map's cell; of paths and of several targets, the smallest one.
+        torso: (k,) torso height at which the arm reaches with this μ [m]; of paths and of several targets (k, m).
+        approach_yaw: (k,) yaw of the TCP in the world [rad]; of several targets (k, m).
+        certain: (k,) whether the arm certainly reaches from this base.
+    """
+
+    status: Status
+    poses: Floats
+    manipulability: Floats
+    torso: Floats
+    approach_yaw: Floats
+    certain: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __bool__(self) -> bool:
+        return len(self.poses) > 0
+
+    @staticmethod
+    def nothing(status: Status) -> BasePlacement:
+        """An answer without bases."""
+        none = np.empty(0)
+        return BasePlacement(status, np.empty((0, 3)), none, none, none, np.empty(0, dtype=bool))
+
+    @staticmethod
+    def of_rows(rows: Floats) -> BasePlacement:
+        """From kernel rows (k, 7), k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
+        rows.setflags(write=False)
+        certain = rows[:, 6] > 0.5
+        certain.setflags(write=False)
+        status = Status.YES if True in certain.tolist() else Status.UNKNOWN
+        return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain)
+
+    @staticmethod
+    def of_multi_rows(rows: Floats, torsos: Floats, yaws: Floats, status: Status) -> BasePlacement:
+        """Of m positions, from kernel rows (k, 5): x, y, yaw, smallest μ, certain; torsos and yaws (k, m)."""
+        certain = rows[:, 4] > 0.5
+        for array in (rows, torsos, yaws, certain):
+            array.setflags(write=False)
+        return BasePlacement(status, rows[:, :3], rows[:, 3], torsos, yaws, certain)
+
+    def with_first_yaw(self) -> BasePlacement:
+        """The same answer with one approach yaw (k,) for all positions."""
+        return replace(self, approach_yaw=self.approach_yaw[:, 0])
+
+
+@dataclass(frozen=True)
+class PlacementBatch:
+    """Answers to n queries with up to k bases each; row i is best first and filled with NaN beyond `count[i]`.
+
+    Attributes:
+        count: (n,) bases found.
+        poses: (n, k, 3) base x, y [m] and yaw [rad].
+        manipulability: (n, k).
+        torso: (n, k) [m].
+        approach_yaw: (n, k) [rad].
+        certain: (n, k) whether the arm certainly reaches from this base; False where none was found.
+    """
+
+    count: NDArray[np.int64]
+    poses: Floats
+    manipulability: Floats
+    torso: Floats
+    approach_yaw: Floats
+    certain: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+    @staticmethod
+    def of_rows(rows: Floats, count: NDArray[np.int64]) -> PlacementBatch:
+        """From kernel rows (n, k, 7), see `BasePlacement.of_rows`."""
+        certain = rows[..., 6] > 0.5
+        for array in (rows, count, certain):
+            array.setflags(write=False)
+        return PlacementBatch(count, rows[..., :3], rows[..., 4], rows[..., 5], rows[..., 3], certain)

@@ -1,1 +1,0 @@
-"""Where may the base stand? Inverse maps (equations 4 and 5) and placement queries for one or several TCP poses."""

@@ -1,0 +1,479 @@
+"""Compiled queries for one TCP pose or for many: the best free bases of a key, and the proof that there is none.
+
+Bases are tested in the order of μ (`irm.inverse_table.Ranking`). To test a base at a turn is to look up one place on
+the floor. Where little floor is free, most places of the best bases are not. So the floor around the TCP is divided
+into sectors of rings. A mask of 64 bits says for each ring which of its sectors may contain free floor; it is computed
+when the first base on that ring is tested. One operation on masks then rejects a base at all its turns.
+"""
+
+from __future__ import annotations
+
+from math import ceil, cos, floor, hypot, pi, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
+from irm.free_space import Raster, floor_distance, floor_gap, point_is_free
+from irm.inverse_table import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking, Tiles, YawWindow
+from irm.kinematics import wrap
+from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
+
+Floats = NDArray[np.float64]
+ROUNDING = 1e-5
+"""[m] added to distances that must not be underestimated: bases are stored in single precision."""
+SHORT = 0.999
+"""Share of a distance to free floor by which the kernels step over places that cannot be free."""
+_SECTOR_SHIFT, _RING_SHIFT = np.uint64(PARTS.bit_length() - 1), np.uint64((SECTORS * PARTS).bit_length() - 1)
+_SECTOR_BITS, _PART_BITS = np.uint64(SECTORS - 1), np.uint64(PARTS - 1)
+"""Where ring, sector and part are in `Ranking.where`."""
+_FIRST = 2
+"""Bases that are tested before any mask is computed: mostly one of them is free."""
+SECTOR_WIDTH = 2.0 * pi / SECTORS
+"""[rad] of a sector."""
+_COS, _SIN = (f((np.arange(SECTORS) + 0.5) * SECTOR_WIDTH) for f in (np.cos, np.sin))
+"""Directions of the middles of the sectors."""
+_ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
+"""Every sector."""
+_ONE = np.uint64(1)
+"""Indices without a sign are never counted from the end, which a kernel must otherwise test."""
+
+
+class TcpPlace(NamedTuple):
+    """A TCP pose for kernels: number of its `key`, position `x`, `y` [m], `height_offset` above the middle of the key's
+    layer [m], and whether its pitch and roll are `exact`ly those of the key."""
+
+    key: int
+    x: float
+    y: float
+    height_offset: float
+    exact: bool
+
+
+class Turns(NamedTuple):
+    """The yaws at which a key's bases are laid out around the TCP, the preferred ones first.
+
+    `yaws` (n,) [rad]; `directions` (n, 2): their cosines and sines; `sectors` (`PARTS`, n): the
+    sectors, one or two, in one of which a base of each part of sector 0 is after the turn; `all_sectors` (`PARTS`,):
+    these together; `all_around`: whether the turns cover all yaws in the steps of the map's own yaw samples, or of a
+    divisor of these; `yaw_shift`: what to add to a turn to get the approach yaw [rad].
+    """
+
+    yaws: Floats
+    directions: Floats
+    sectors: NDArray[np.uint64]
+    all_sectors: NDArray[np.uint64]
+    all_around: bool
+    yaw_shift: float
+
+
+class RingMasks(NamedTuple):
+    """The rings of floor around a TCP, `RING_WIDTH` wide: `sectors` (b,) that may contain free floor, one bit each, all
+    of them while it is not computed; `is_known` (b,) whether it is."""
+
+    sectors: NDArray[np.uint64]
+    is_known: NDArray[np.bool_]
+
+
+@njit(cache=True)
+def new_masks() -> RingMasks:
+    """Masks that are not computed yet, for all radii of a ranking."""
+    return RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_))
+
+
+@njit(cache=True, inline="always")
+def forget(masks: RingMasks) -> None:
+    """Let masks be those of a new TCP."""
+    for ring in range(RINGS):
+        masks.sectors[ring], masks.is_known[ring] = _ALL, False
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _free_sectors(raster: Raster, px: float, py: float, gap: float, ring: int) -> np.uint64:
+    """The mask of one ring around a TCP at (px, py), from which no free floor is nearer than `gap` [m].
+
+    A point outside the raster is at least as far from free floor as the nearest point of the raster is.
+    """
+    if ring == RINGS - 1:
+        return _ALL
+    if (ring + 1) * RING_WIDTH < gap:
+        return np.uint64(0)
+    radius = (ring + 0.5) * RING_WIDTH
+    reach = hypot(0.5 * RING_WIDTH, 0.5 * (radius + RING_WIDTH) * SECTOR_WIDTH) + ROUNDING
+    inverse = 1.0 / raster.resolution
+    near = np.float32(reach + 1.4143 * raster.resolution)
+    cx, cy, r = (px - raster.x0) * inverse, (py - raster.y0) * inverse, radius * inverse
+    last_i, last_j = raster.distance.shape[0] - 1, raster.distance.shape[1] - 1
+    mask = np.uint64(0)
+    for k in range(SECTORS):
+        i = int(min(max(cx + r * _COS[k], 0.0), float(last_i)))
+        j = int(min(max(cy + r * _SIN[k], 0.0), float(last_j)))
+        mask |= np.uint64(raster.distance[np.uint64(i), np.uint64(j)] <= near) << np.uint64(k)
+    return mask
+
+
+@njit(cache=True, inline="always")
+def _turned_back(mask: np.uint64, sector: np.uint64) -> np.uint64:
+    """A mask of sectors seen from one of them."""
+    return (mask >> sector) | (mask << ((np.uint64(SECTORS) - sector) & np.uint64(SECTORS - 1)))
+
+
+@njit(cache=True, inline="always")
+def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> bool:
+    """Whether a point is farther than `apart` from the first `count` rows of `taken`."""
+    near = 0
+    limit = apart * apart
+    for k in range(count):
+        dx, dy = x - taken[k, 0], y - taken[k, 1]
+        near += dx * dx + dy * dy <= limit
+    return near == 0
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _next_candidate(
+    where: NDArray[np.uint16], sectors: NDArray[np.uint64], rank: int, end: int, all_turns: NDArray[np.uint64]
+) -> np.int64:
+    """The first rank in `rank` … `end` whose base may be on free floor, as far as the masks are known; else `end`."""
+    at, last = np.uint64(rank), np.uint64(end)
+    while at < last:
+        place = np.uint64(where[at])
+        sector = (place >> _SECTOR_SHIFT) & _SECTOR_BITS
+        if _turned_back(sectors[place >> _RING_SHIFT], sector) & all_turns[place & _PART_BITS] != 0:
+            break
+        at += _ONE
+    return np.int64(at)
+
+
+@njit(cache=True, inline="always")
+def _free_turn(
+    x: float,
+    y: float,
+    place: TcpPlace,
+    turns: Turns,
+    part: int,
+    free_sectors: np.uint64,
+    raster: Raster,
+    taken: Floats,
+    count: int,
+    apart: float,
+) -> int:
+    """The first turn at which a base at (x, y) from the TCP is free and farther than `apart` from the first `count`
+    rows of `taken`; -1 if there is none."""
+    directions, sectors, found, turn = turns.directions, turns.sectors, -1, 0
+    while found < 0 and turn < directions.shape[0]:
+        if sectors[part, turn] & free_sectors != 0:
+            c, s = directions[turn, 0], directions[turn, 1]
+            at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
+            if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, apart):
+                found = turn
+        turn += 1
+    return found
+
+
+@njit(cache=True, inline="always")
+def next_in_order(
+    ranking: Ranking,
+    start: int,
+    place: TcpPlace,
+    turns: Turns,
+    raster: Raster,
+    masks: RingMasks,
+    taken: Floats,
+    count: int,
+    apart: float,
+) -> tuple[int, int]:
+    """The first base of a ranking, from `start` on, that is free and farther than `apart` from the first `count` rows
+    of `taken`.
+
+    Returns the rank of the base and its turn, or (end of the key's ranking, -1) if there is no such base.
+
+    On the rings a turn by one yaw sample of the map is the same as the next yaw sample of the same voxel. So only the
+    best sample of each voxel is needed, and all its positions around the TCP are equally good.
+    """
+    bounded = raster.cells.size > 0
+    gap = floor_gap(raster, place.x, place.y) - ROUNDING if bounded else 0.0
+    end, steps = ranking.first[place.key + 1], ranking.skip.shape[1] - 1
+    rank = max(start, ranking.skip[place.key, min(int(gap / RADIUS_STEP), steps)])
+    tests, turn = 0, -1
+    while rank < end:
+        free_sectors = _ALL
+        if bounded and tests >= _FIRST:
+            rank = _next_candidate(ranking.where, masks.sectors, rank, end, turns.all_sectors)
+            if rank == end:
+                break
+            ring = ranking.where[rank] // (SECTORS * PARTS)
+            if not masks.is_known[ring]:
+                masks.sectors[ring], masks.is_known[ring] = _free_sectors(raster, place.x, place.y, gap, ring), True
+                continue
+            sector = np.uint64(ranking.where[rank] // PARTS % SECTORS)
+            free_sectors = _turned_back(masks.sectors[ring], sector)
+        if ranking.radius[rank] >= gap:
+            part = ranking.where[rank] % PARTS
+            turn = _free_turn(
+                ranking.x[rank], ranking.y[rank], place, turns, part, free_sectors, raster, taken, count, apart
+            )
+            if turn >= 0:
+                break
+            tests += 1
+        rank += 1
+    return rank, turn
+
+
+Integers = NDArray[np.int64]
+SAME_PLACE = 1e-6
+"""[m] Two bases closer than this are the same base."""
+_SAME_ANGLE = 1e-9
+"""[rad] As in `irm.queries.arguments`: rounding of a range of yaws."""
+
+
+class PlaceQueries(NamedTuple):
+    """n TCP poses for kernels.
+
+    `keys` (n,): their numbers, -1 where the TCP is out of reach; `positions` (n, 3) of the TCP [m]; `height_offsets`
+    (n,) [m]; `ranges` (n, 2): lowest and highest turn of each [rad]; `exact` as in `TcpPlace`, for all.
+    """
+
+    keys: Integers
+    positions: Floats
+    height_offsets: Floats
+    ranges: Floats
+    exact: bool
+
+
+@njit(cache=True)
+def turns_of(yaws: Floats) -> Floats:
+    """(n, 2) cosines and sines."""
+    turns = np.empty((yaws.shape[0], 2))
+    for k in range(yaws.shape[0]):
+        turns[k, 0], turns[k, 1] = cos(yaws[k]), sin(yaws[k])
+    return turns
+
+
+@njit(cache=True, inline="always")
+def _outward(k: int, count: int) -> int:
+    """The k-th of the numbers below `count` in the order of their distance from the middle, the lower one first."""
+    half = (k + 1) // 2
+    return (count - 1) // 2 + (half if (k + count) % 2 else -half)
+
+
+@njit(cache=True)
+def lay_out_turns(window: YawWindow) -> Turns:
+    """The turns of a window, as `irm.queries.keys.base_turns` lays them out.
+
+    Those nearest to the middle of the window come first. Turns that cover all yaws are equally good.
+    """
+    length = window.high - window.low
+    all_around = length >= 2.0 * pi - _SAME_ANGLE
+    if all_around:
+        count = window.samples * ceil(2.0 * pi / window.step / window.samples - _SAME_ANGLE)
+        first, apart = window.low, 2.0 * pi / count
+    else:
+        count = ceil(length / window.step - _SAME_ANGLE) + 1
+        first = window.low if count > 1 else 0.5 * (window.low + window.high)
+        apart = length / (count - 1) if count > 1 else 0.0
+    yaws, sectors, all_sectors = np.empty(count), np.empty((PARTS, count), np.uint64), np.zeros(PARTS, np.uint64)
+    for k in range(count):
+        yaws[k] = first + (k if all_around else _outward(k, count)) * apart
+        turned = yaws[k] / SECTOR_WIDTH
+        for part in range(PARTS):
+            low, high = floor(turned + part / PARTS), floor(turned + (part + 1) / PARTS)
+            sectors[part, k] = np.uint64(1) << np.uint64(low % SECTORS) | np.uint64(1) << np.uint64(high % SECTORS)
+            all_sectors[part] |= sectors[part, k]
+    return Turns(yaws, turns_of(yaws), sectors, all_sectors, all_around, window.shift)
+
+
+@njit(cache=True, inline="always")
+def best_bases(
+    tiles: Tiles,
+    ranking: Ranking,
+    place: TcpPlace,
+    turns: Turns,
+    raster: Raster,
+    masks: RingMasks,
+    apart: float,
+    rows: Floats,
+    progress: Integers,
+) -> None:
+    """The k best bases for one TCP pose, each farther than `apart` from the better ones.
+
+    Args:
+        tiles: of the inverse map.
+        ranking: of its bases, for these turns.
+        place: of the TCP.
+        turns: yaws to try.
+        raster: of the free floor.
+        masks: of the floor around the TCP.
+        apart: [m].
+        rows: (k, 7) filled with x, y, yaw, approach yaw, μ, torso, certain (0 or 1).
+        progress: (3,) rows filled, rank where the search goes on, and the number of rows at which to pause. The
+            search is over if fewer rows than that are filled.
+    """
+    lower, upper = tiles.torso_lower, tiles.torso_upper
+    torso_follows = upper > lower
+    turn = 0
+    while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
+        k = progress[0]
+        rank, turn = next_in_order(ranking, progress[1], place, turns, raster, masks, rows, k, apart)
+        progress[1] = rank
+        if turn >= 0:
+            base = ranking.base[rank]
+            c, s = turns.directions[turn, 0], turns.directions[turn, 1]
+            rows[k, 0] = place.x + c * ranking.x[rank] - s * ranking.y[rank]
+            rows[k, 1] = place.y + s * ranking.x[rank] + c * ranking.y[rank]
+            rows[k, 2] = wrap(turns.yaws[turn] + tiles.yaw[base])
+            rows[k, 3] = wrap(turns.yaws[turn] + turns.yaw_shift)
+            rows[k, 4] = tiles.mu[base]
+            torso = tiles.torso[base] + place.height_offset
+            rows[k, 5] = min(upper, max(lower, torso)) if torso_follows else tiles.torso[base]
+            in_range = torso_follows and lower <= torso <= upper
+            inside = abs(place.height_offset) < 1e-9 or in_range or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
+            rows[k, 6] = 1.0 if (place.exact and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
+            progress[0] += 1
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _best_bases_of_one(
+    tiles: Tiles,
+    ranking: Ranking,
+    place: TcpPlace,
+    turns: Turns,
+    raster: Raster,
+    masks: RingMasks,
+    apart: float,
+    rows: Floats,
+    progress: Integers,
+) -> None:
+    best_bases(tiles, ranking, place, turns, raster, masks, apart, rows, progress)
+
+
+@njit(cache=True)
+def best_bases_in_window(
+    tiles: Tiles,
+    place: TcpPlace,
+    window: YawWindow,
+    raster: Raster,
+    apart: float,
+    rows: Floats,
+    progress: Integers,
+) -> None:
+    """`best_bases` for the turns of a window."""
+    turns = lay_out_turns(window)
+    ranking = tiles.rings if turns.all_around else tiles.ranked
+    _best_bases_of_one(tiles, ranking, place, turns, raster, new_masks(), apart, rows, progress)
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _best_bases_of_some(
+    tiles: Tiles,
+    ranking: Ranking,
+    queries: PlaceQueries,
+    order: Integers,
+    turns: Turns,
+    raster: Raster,
+    masks: RingMasks,
+    apart: float,
+    rows: Floats,
+    counts: Integers,
+    progress: Integers,
+) -> None:
+    """`best_bases` of those queries whose numbers are in `order`, with the same turns."""
+    for i in order:
+        progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
+        if queries.keys[i] >= 0:
+            x, y, offset = queries.positions[i, 0], queries.positions[i, 1], queries.height_offsets[i]
+            place = TcpPlace(queries.keys[i], x, y, offset, queries.exact)
+            forget(masks)
+            best_bases(tiles, ranking, place, turns, raster, masks, apart, rows[i], progress)
+        counts[i] = progress[0]
+        for k in range(counts[i], rows.shape[1]):
+            rows[i, k, :6] = np.nan
+            rows[i, k, 6] = 0.0
+
+
+@njit(cache=True)
+def best_bases_batch(
+    tiles: Tiles,
+    queries: PlaceQueries,
+    order: Integers,
+    window: YawWindow,
+    raster: Raster,
+    apart: float,
+    rows: Floats,
+    counts: Integers,
+) -> None:
+    """`best_bases` of some of n queries.
+
+    Args:
+        tiles: of the inverse map.
+        queries: n of them.
+        order: (m,) numbers of those to answer, in this order. Neighbours with the same range share their turns.
+        window: the rest of the window of all queries.
+        raster, apart: as in `best_bases`, for all.
+        rows: (n, k, 7) filled as in `best_bases`, with NaN where no base was found.
+        counts: (n,) filled with the number of bases found.
+    """
+    progress, masks, ranges = np.zeros(3, np.int64), new_masks(), queries.ranges
+    first, end = 0, order.shape[0]
+    while first < end:
+        low, high = ranges[order[first], 0], ranges[order[first], 1]
+        last = first + 1
+        while last < end and ranges[order[last], 0] == low and ranges[order[last], 1] == high:
+            last += 1
+        turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, window.shift))
+        ranking = tiles.rings if turns.all_around else tiles.ranked
+        some = order[first:last]
+        _best_bases_of_some(tiles, ranking, queries, some, turns, raster, masks, apart, rows, counts, progress)
+        first = last
+
+
+@njit(cache=True)
+def disc_meets_floor(
+    px: float, py: float, level: float, radius: float, turns: Floats, half_turn: float, raster: Raster
+) -> bool:
+    """Whether any free floor lies within `radius` of the wrist centre at any approach yaw.
+
+    The wrist centre is `level` behind the TCP [m]. `turns` (n,) are approach yaws, `2 half_turn` apart [rad].
+    """
+    if raster.cells.size == 0:
+        return True
+    slack = radius + level * half_turn + ROUNDING
+    nearest = np.inf
+    for turn in turns:
+        nearest = min(nearest, floor_gap(raster, px - level * cos(turn), py - level * sin(turn)))
+    return nearest <= slack
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def any_base_near(
+    tiles: Tiles, keys: Integers, px: float, py: float, turns: Floats, half_turn: float, raster: Raster, slack: float
+) -> bool:
+    """Whether any base of any of the `keys` lies within `slack` of free floor at one of the `turns` (n, 2).
+
+    Turns are `2 half_turn` apart [rad]; the arc between them is added to the slack.
+    """
+    bounded = raster.cells.size > 0
+    gap = floor_gap(raster, px, py) if bounded else 0.0
+    for key in keys:
+        for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
+            if not bounded:
+                return True
+            tx, ty = tiles.tile_x[tile], tiles.tile_y[tile]
+            distance = sqrt(tx * tx + ty * ty)
+            reach = slack + distance * half_turn + tiles.tile_radius[tile] * (1.0 + half_turn) + ROUNDING
+            if distance + reach < gap:
+                continue
+            turn = 0
+            while turn < turns.shape[0]:
+                c, s = turns[turn, 0], turns[turn, 1]
+                away = floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) - reach
+                if away > 0.0:
+                    turn += 1 + int(SHORT * away / (distance * 2.0 * half_turn + ROUNDING))
+                    continue
+                for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
+                    x = px + c * tiles.x[base] - s * tiles.y[base]
+                    y = py + s * tiles.x[base] + c * tiles.y[base]
+                    if floor_distance(raster, x, y) <= slack + hypot(tiles.x[base], tiles.y[base]) * half_turn:
+                        return True
+                turn += 1
+    return False

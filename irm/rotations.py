@@ -1,0 +1,82 @@
+"""Rotations of frames as matrices, in the paper's ZYX convention, and angles within one turn."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.errors import QueryError
+
+Floats = NDArray[np.float64]
+Angle = TypeVar("Angle", float, NDArray[np.floating[Any]])
+_POLE = 1e-6
+"""Horizontal length of the approach axis below which the yaw is undefined and is set to 0."""
+_NOT_RIGID = 1e-5
+"""How far RᵀR may be from the identity: poses in single precision count as poses."""
+
+
+def as_poses(T_base_tcp: ArrayLike) -> Floats:
+    """(n, 4, 4) poses.
+
+    Raises:
+        QueryError: not an array of finite numbers of that shape, or not rotations and translations.
+    """
+    try:
+        T = np.asarray(T_base_tcp, dtype=float)
+    except (TypeError, ValueError):
+        raise QueryError("TCP poses are an array (n, 4, 4) of finite numbers") from None
+    if T.ndim != 3 or T.shape[1:] != (4, 4) or not np.isfinite(T).all():
+        raise QueryError(f"TCP poses are an array (n, 4, 4) of finite numbers, not {T.shape}")
+    R = T[:, :3, :3]
+    off = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    off = np.maximum(off, np.abs(T[:, 3] - (0, 0, 0, 1)).max(axis=1, initial=0.0))
+    valid = (off < _NOT_RIGID) & (np.linalg.det(R) > 0.0)
+    if not valid.all():
+        raise QueryError(f"pose {int(valid.argmin())} is not a rotation and a translation:\n{T[int(valid.argmin())]}")
+    return T
+
+
+def rotation(yaw: float, pitch: float, roll: float) -> Floats:
+    """R(γ, β, α) = Rz(yaw) Ry(pitch) Rx(roll) (3, 3), the paper's ZYX convention."""
+    return np.array(_rows(np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)))
+
+
+def rotations(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
+    """The same for many angles (n,) [rad]: (n, 3, 3)."""
+    rows = _rows(np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll))
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))
+
+
+def _rows(cy: Any, sy: Any, cp: Any, sp: Any, cr: Any, sr: Any) -> list[list[Any]]:
+    """Rows of R(γ, β, α), from the cosines and sines of its angles: numbers or arrays."""
+    return [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+
+
+def yaw_pitch_roll(R: Floats) -> Floats:
+    """(n, 3) angles of rotations (n, 3, 3); at the poles the yaw is 0, and the roll is the whole turn."""
+    horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
+    pitch = np.arctan2(-R[:, 2, 0], horizontal)
+    regular = horizontal > _POLE
+    yaw = np.where(regular, np.arctan2(R[:, 1, 0], R[:, 0, 0]), 0.0)
+    sign = np.sign(pitch)
+    roll = np.where(regular, np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(sign * R[:, 0, 1], R[:, 1, 1]))
+    return np.column_stack([yaw, pitch, roll])
+
+
+def wrap_to_pi(angle: Angle) -> Angle:
+    """The same angle, or array of angles, in [-π, π)."""
+    return (angle + pi) % (2 * pi) - pi
+
+
+def frame_along(axis: Floats) -> Floats:
+    """A rotation (3, 3) with the given z axis."""
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])

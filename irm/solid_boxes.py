@@ -1,0 +1,265 @@
+"""Solid boxes, such as table tops, against what of the arm has its place by the TCP pose alone.
+
+A map knows the floor plan and the arm's joints. It does not know that a low gripper whose approach rises has its wrist
+inside the table. Some parts of the arm have the same place in the TCP frame in every configuration: the last link;
+balls of the link before it, around points of the last joint's axis; and a ball of the link before that one, around the
+point where the last two axes meet. Where such a part is inside a box, no base serves the TCP pose. Fingers count where
+they are inside both when closed and when open.
+
+The link before the last one may be anywhere in the rings through which its corners turn about the last axis. Where a
+ring is inside a box, the angles of the last two joints decide: they place the last two links before the gripper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+
+from irm.errors import QueryError
+from irm.robot import Robot
+from irm.robot_outline import geom_corners
+
+if TYPE_CHECKING:
+    import mujoco
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+_TOUCH = 0.001
+"""[m] of penetration that still counts as contact; more than round solids differ from the polyhedra around them."""
+_MEET = 1e-6
+"""[m] by which two axes that meet may miss each other."""
+_BALL_STEP = 0.01
+"""[m] between the balls on the last joint's axis."""
+
+
+class Balls(NamedTuple):
+    """`centres` (2, n, 3) in the TCP frame with closed and with open fingers, and `radii` (n,) of n balls [m]."""
+
+    centres: Floats
+    radii: Floats
+
+
+class Forearm(NamedTuple):
+    """The two links before the last one with the last two joints at 0, the one nearer to the gripper first.
+
+    Their `corners`, each (n, 3), and the `origins` (2, 3) and `axes` (2, 3) of the joints that follow them, in the TCP
+    frame [m].
+    """
+
+    corners: tuple[Floats, Floats]
+    origins: Floats
+    axes: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class SolidBoxes:
+    """Boxes in the world, and balls in the TCP frame that stand for parts of a robot's arm.
+
+    Attributes:
+        boxes: (k, 7) rows of centre x, y, z, size along x, y, z [m] and yaw [rad].
+        filled: balls that the arm certainly fills, of radius 0 for corners.
+        swept: balls around the rings that the link before the last one may fill.
+        opened: corners of the open fingers.
+        forearm: the two links before the last one.
+
+    Example:
+        table = SolidBoxes.of(FETCH, [(0.0, 0.0, 0.73, 0.7, 1.0, 0.04)])
+        inverse_map.query_path(path, target=cup, pitch=-0.2, solids=table, free_space=floor)
+    """
+
+    boxes: Floats
+    filled: Balls
+    swept: Balls
+    opened: Balls
+    forearm: Forearm
+
+    @staticmethod
+    def of(robot: Robot, boxes: ArrayLike) -> SolidBoxes:
+        """Boxes for one robot.
+
+        Args:
+            robot: with a model.
+            boxes: (k, 6) rows of centre x, y, z and size along x, y, z [m], or (k, 7) with a yaw [rad] last.
+
+        Raises:
+            QueryError: these are not rows of 6 or 7 finite numbers, or a size is not positive.
+        """
+        rule = "boxes are rows of 6 or 7 finite numbers: x, y, z, size x, size y, size z > 0 and, perhaps, yaw"
+        try:
+            rows = np.asarray(boxes, dtype=float)
+        except (TypeError, ValueError):
+            raise QueryError(rule) from None
+        if rows.ndim != 2 or rows.shape[1] not in (6, 7) or not np.isfinite(rows).all() or np.any(rows[:, 3:6] <= 0):
+            raise QueryError(rule)
+        return SolidBoxes(np.column_stack([rows, np.zeros((len(rows), 7 - rows.shape[1]))]), *_parts(robot))
+
+    def block(self, T_world_tcp: Floats, pivots: Floats, half_turn: float = 0.0) -> Bools:
+        """Whether the arm penetrates a box at each of some TCP poses, from wherever it reaches them.
+
+        Args:
+            T_world_tcp: (n, 4, 4).
+            pivots: (n, 2) x, y of vertical axes [m].
+            half_turn: [rad]; if positive, whether it does so at every turn of the pose about its pivot by at most this.
+
+        Returns:
+            (n,); false also where only parts that depend on the configuration are inside.
+        """
+        return self._are_inside(self.filled, T_world_tcp, pivots, half_turn)
+
+    def may_block(self, T_world_tcp: Floats) -> Bools:
+        """(n,) whether it depends on the configuration if the arm is free at the TCP poses (n, 4, 4)."""
+        return self._are_inside(self.swept, T_world_tcp, T_world_tcp[:, :2, 3], 0.0)
+
+    def block_open_fingers(self, T_world_tcp: Floats) -> Bools:
+        """(n,) whether a finger of the open gripper is in a box at the TCP poses (n, 4, 4)."""
+        return self._are_inside(self.opened, T_world_tcp, T_world_tcp[:, :2, 3], 0.0)
+
+    def are_clear(self, T_world_tcp: Floats, configurations: Floats) -> Bools:
+        """Whether the two links before the gripper are certainly outside all boxes.
+
+        Args:
+            T_world_tcp: (4, 4).
+            configurations: (k, 1 + n) that reach it.
+
+        Returns:
+            (k,); nothing is said of the links nearer to the base.
+        """
+        (wrist, forearm), origins, axes = self.forearm
+        wrist_angle, last_angle = configurations[:, -2], configurations[:, -1]
+        near = _turned(np.broadcast_to(wrist, (len(last_angle), *wrist.shape)), origins[0], axes[0], -last_angle)
+        far = _turned(np.broadcast_to(forearm, (len(last_angle), *forearm.shape)), origins[1], axes[1], -wrist_angle)
+        clear = np.ones(len(last_angle), dtype=bool)
+        for points in (near, _turned(far, origins[0], axes[0], -last_angle)):
+            world = points @ T_world_tcp[:3, :3].T + T_world_tcp[:3, 3]
+            for box in self.boxes:
+                local, half = _in_box(box, world), box[3:6] / 2 - _TOUCH
+                clear &= np.any((local.min(axis=1) > half) | (local.max(axis=1) < -half), axis=1)
+        return clear
+
+    def _are_inside(self, balls: Balls, T_world_tcp: Floats, pivots: Floats, half_turn: float) -> Bools:
+        """(n,) whether a ball is in a box, with closed and with open fingers."""
+        R, origin = T_world_tcp[:, None, :3, :3], T_world_tcp[:, None, :3, 3]
+        inside = np.zeros(len(T_world_tcp), dtype=bool)
+        for box in self.boxes:
+            deep = np.ones((len(T_world_tcp), len(balls.radii)), dtype=bool)
+            for centres in balls.centres:
+                points = (R @ centres[..., None])[..., 0] + origin
+                narrower = np.linalg.norm(points[..., :2] - pivots[:, None], axis=2) * half_turn
+                deep &= balls.radii - _distance(box, points, narrower) > _TOUCH
+            inside |= deep.any(axis=1)
+        return inside
+
+
+def _distance(box: Floats, points: Floats, narrower: Floats) -> Floats:
+    """Distances of points (n, p, 3) from a box (7,), negative inside [m]; infinite where nothing is left of it.
+
+    The box is narrower by as much (n, p) on all four sides.
+    """
+    local = _in_box(box, points)
+    half = np.broadcast_to(box[3:6] / 2, points.shape) - narrower[..., None] * (1.0, 1.0, 0.0)
+    beyond = np.abs(local) - half
+    outside, inside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1), np.minimum(beyond.max(axis=-1), 0.0)
+    return np.where(half.min(axis=-1) > 0.0, outside + inside, np.inf)
+
+
+def _in_box(box: Floats, points: Floats) -> Floats:
+    """Points (..., 3) of the world in the frame of a box (7,)."""
+    c, s = np.cos(box[6]), np.sin(box[6])
+    return np.asarray((points - box[:3]) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def _turned(points: Floats, origin: Floats, axis: Floats, angles: Floats) -> Floats:
+    """Points (k, n, 3) turned about one line by k angles [rad]."""
+    c, s = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
+    arm = points - origin
+    along = (arm @ axis)[..., None] * axis
+    return np.asarray(origin + along + c * (arm - along) + s * np.cross(axis, arm))
+
+
+@lru_cache(maxsize=8)
+def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
+    """What the arm certainly fills at a TCP pose, what it may fill, and the links that may."""
+    import mujoco  # a function needs the simulator, the package does not
+
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    closed, opened = (_posed(model, robot, finger) for finger in (0.0, robot.max_finger_position))
+    before, last = (model.joint(name) for name in robot.arm_joints[-2:])
+    hand = np.concatenate([_corners(_shapes(model, data, int(last.bodyid[0]), robot)) for data in (closed, opened)])
+    hand = hand.reshape(2, -1, 3)
+    fingers = [int(model.joint(name).bodyid[0]) for name in robot.finger_joints]
+    tips = [
+        np.concatenate([_corners(_shapes(model, data, body, robot)) for body in fingers]) for data in (closed, opened)
+    ]
+    hand = np.concatenate([hand, np.array(tips)], axis=1)
+    wrist = _shapes(model, closed, int(before.bodyid[0]), robot)
+    forearm = _shapes(model, closed, int(model.body_parentid[before.bodyid[0]]), robot)
+    (second, along_second), (origin, along) = (_axis(closed, joint.id, robot) for joint in (before, last))
+    corners = _corners(wrist)
+    places = (corners - origin) @ along
+    steps = np.arange(places.min(initial=0.0), places.max(initial=0.0), _BALL_STEP)
+    on_axis, meeting = origin + steps[:, None] * along, _meeting_point(second, along_second, origin, along)
+    balls, room = np.concatenate([on_axis, meeting]), np.concatenate([_room(wrist, on_axis), _room(forearm, meeting)])
+    centres = np.concatenate([hand, np.array([balls[room > 0.0]] * 2)], axis=1)
+    filled = Balls(centres, np.concatenate([np.zeros(hand.shape[1]), room[room > 0.0]]))
+    rings = origin + places[:, None] * along
+    swept = Balls(np.array([rings] * 2), np.linalg.norm(corners - rings, axis=1))
+    opened = Balls(np.array([tips[1]] * 2), np.zeros(len(tips[1])))
+    links = corners, _corners(forearm)
+    return filled, swept, opened, Forearm(links, np.array([origin, second]), np.array([along, along_second]))
+
+
+def _posed(model: mujoco.MjModel, robot: Robot, finger: float) -> mujoco.MjData:
+    """The model with a finger position [m], all other joints at 0."""
+    import mujoco  # see `_parts`
+
+    data = mujoco.MjData(model)
+    for name in robot.finger_joints:
+        data.joint(name).qpos[0] = finger
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def _axis(data: mujoco.MjData, joint: int, robot: Robot) -> tuple[Floats, Floats]:
+    """A point and the direction of a joint's axis in the TCP frame."""
+    tcp, R = data.site(robot.tcp_site).xpos, data.site(robot.tcp_site).xmat.reshape(3, 3)
+    return (data.xanchor[joint] - tcp) @ R, data.xaxis[joint] @ R
+
+
+def _shapes(model: mujoco.MjModel, data: mujoco.MjData, body: int, robot: Robot) -> list[Floats]:
+    """Corners (n, 3) in the TCP frame of every solid that is rigidly connected with a body."""
+    tcp, R = data.site(robot.tcp_site).xpos, data.site(robot.tcp_site).xmat.reshape(3, 3)
+    welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    return [
+        (geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom] - tcp) @ R
+        for geom in np.flatnonzero(welded & solid).tolist()
+    ]
+
+
+def _corners(shapes: list[Floats]) -> Floats:
+    """(n, 3) corners of all shapes."""
+    return np.concatenate([np.zeros((0, 3)), *shapes])
+
+
+def _room(shapes: list[Floats], points: Floats) -> Floats:
+    """(n,) radius of the largest ball around each point (n, 3) that is inside one of the shapes; negative outside."""
+    room = np.full(len(points), -np.inf)
+    for shape in shapes:
+        faces = ConvexHull(shape).equations
+        room = np.maximum(room, -(points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
+    return room
+
+
+def _meeting_point(first: Floats, along_first: Floats, second: Floats, along_second: Floats) -> Floats:
+    """(1, 3) where two lines meet, (0, 3) if they do not."""
+    normal = np.cross(along_first, along_second)
+    apart = second - first
+    if normal @ normal < _MEET or abs(apart @ normal) > _MEET * float(np.sqrt(normal @ normal)):
+        return np.zeros((0, 3))
+    along = np.cross(apart, along_second) @ normal / (normal @ normal)
+    return np.asarray([first + along * along_first])

@@ -1,1 +1,0 @@
-"""From which bases a camera of the robot sees the target at the grasp."""

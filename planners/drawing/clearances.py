@@ -1,0 +1,228 @@
+"""Pictures of a plan from above: one for each clearance, and the supports before the target is taken.
+
+Regions and candidates behind each clearance location are computed again from the plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from irm.chain import ArmChain
+from planners.collision.world import CollisionWorld
+from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance, draw_legend
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.placing.locations import placement_grid
+from planners.placing.negative_goal_region import (
+    SupportGrid,
+    SweptVolume,
+    clearance_order,
+    dilated,
+    join_volumes,
+    negative_goal_region,
+)
+from planners.placing.surfaces import Surface
+from planners.placing.swept_volume import path_volume
+from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
+from planners.tamp.solution import BoundAction, Solution
+
+Array = NDArray[np.float64]
+
+_COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
+"""Pictures side by side, and how many of them where one is so many times as wide as it is high."""
+_PAGE, _TITLE, _LEGEND = 13.8, 0.45, 0.7
+"""[inch] Width of all pictures, heights of a title and of the legend."""
+_MOST = 11
+"""Clearances drawn at most; of a longer plan the first ones are drawn."""
+_WORK_CELL = 0.025
+"""[m] size of the cells that are tested for reachability."""
+_WORK_YAWS = 8
+_WORK_TORSOS, _WORK_ROLLS = 3, 9
+"""Gripper yaws, torso heights and upper-arm rolls tried for each of them."""
+_ON_TOP = 0.001
+"""[m] above the support; lower obstacles do not stand out of it."""
+_STRAIGHT = ("approach", "close", "lift")
+"""Phases of a pick-up between its free motions."""
+_SAME_BASE = 1e-3
+"""[m], [rad] below which two base poses are the same."""
+
+
+def draw_plan(solution: Solution, path: Path) -> None:
+    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
+
+    Raises:
+        ValueError: the plan has no actions.
+    """
+    choices = choices_of(solution)
+    pictures = [(_title(number, choice), choice) for number, choice in enumerate(choices[:_MOST], start=1)]
+    pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
+    x_low, x_high, y_low, y_high = pictures[0][1].extent
+    aspect = (y_high - y_low) / (x_high - x_low)
+    most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE
+    columns, width = min(most, len(pictures)), _PAGE / most
+    rows = -(-len(pictures) // columns)
+    figure = Figure(figsize=(width * columns, (width / aspect + _TITLE) * rows + _LEGEND), layout="constrained")
+    all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for axes, (title, picture) in zip(all_axes, pictures, strict=False):
+        draw_clearance(axes, picture, title)
+    for axes in all_axes[len(pictures) :]:
+        axes.set_axis_off()
+    draw_legend(figure, 2 * columns)
+    figure.savefig(path, dpi=130)
+
+
+def _title(number: int, choice: ClearancePicture) -> str:
+    because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
+    return f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}"
+
+
+def choices_of(solution: Solution) -> list[ClearancePicture]:
+    """The choices of clearance locations in a plan, in order."""
+    pictures: list[ClearancePicture] = []
+    for index, action in enumerate(solution.actions):
+        if action.is_clearance:
+            picked = next((step for step in reversed(solution.actions[:index]) if step.name == "PickUp"), None)
+            later = [step.target for step in solution.actions[index:] if step.name == "PickUp"]
+            pictures.append(_choice(solution, action, picked, later, [picture.moved for picture in pictures]))
+    return pictures
+
+
+def last_picture(solution: Solution) -> ClearancePicture:
+    """The supports when everything has been cleared, and NGR1: what taking the target sweeps.
+
+    Raises:
+        ValueError: the plan does not take the target, because it is in the gripper from the start.
+    """
+    if not solution.actions:
+        raise ValueError("a plan without actions has nothing to draw")
+    taken = solution.actions[-1]
+    scene, volume = taken.scene, _swept(taken)
+    last = scene.body(solution.clearances[-1] if solution.clearances else solution.target)
+    grids = [SupportGrid.over(support) for support in _supports(solution)]
+    return ClearancePicture(
+        [DrawnSurface(grid, negative_goal_region(grid, last.top - last.bottom, volume)) for grid in grids],
+        scene.objects,
+        solution.target,
+        cleared=solution.clearances,
+        stands=taken.trajectory.base[-1:, :2],
+        outlines=_outlines_on_support(scene),
+    )
+
+
+def _supports(solution: Solution) -> Sequence[StaticObstacle]:
+    """The supports that the plan could put objects on."""
+    put = next((action for action in solution.actions if action.surfaces), None)
+    return (solution.actions[-1].scene.support,) if put is None else [surface.support for surface in put.surfaces]
+
+
+def _outlines_on_support(scene: Scene) -> list[Array]:
+    """Corners (k, 2) [m] from above of each static obstacle that stands on the support or beside it and is higher."""
+    top = scene.support.top
+    return [one.outline for one in scene.static_obstacles if one.lower[2] < top + _ON_TOP and one.top > top + _ON_TOP]
+
+
+def _choice(
+    solution: Solution,
+    put: BoundAction,
+    picked: BoundAction | None,
+    later: Sequence[str],
+    cleared: Sequence[str],
+) -> ClearancePicture:
+    """The regions and candidates behind the location of a put-down; the regions are those that the planner kept clear.
+
+    Args:
+        solution: the plan.
+        put: the put-down.
+        picked: the action that takes the object, None if it is in the gripper from the start.
+        later: names of the objects that are taken afterwards, the target last.
+        cleared: names of the objects put aside before.
+    """
+    scene = put.scene if picked is None else picked.scene
+    body, (put_state, held) = scene.body(put.target), _grip(put, "open")
+    start = put.scene.state.base if picked is None else _grip(picked, "close")[0].base
+    world, radius = CollisionWorld.from_scene(scene), body.radius
+    in_work = [_work_mask(world, surface, start, held, body) for surface in put.surfaces]
+    candidates = [placement_grid(surface.support) for surface in put.surfaces]
+    allowed = np.concatenate(
+        [each.free(grid, radius)[:, :2] for each, grid in zip(put.surfaces, candidates, strict=True)]
+    )
+    reached = np.any(
+        [_at(surface.grid, mask, allowed) for surface, mask in zip(put.surfaces, in_work, strict=True)], axis=0
+    )
+    released = put.released
+    return ClearancePicture(
+        [
+            DrawnSurface(surface.grid, surface.region, mask, dilated(surface.grid, surface.blocked, radius))
+            for surface, mask in zip(put.surfaces, in_work, strict=True)
+        ],
+        scene.objects,
+        solution.target,
+        [name for name in later if name != solution.target],
+        np.concatenate(candidates),
+        allowed[clearance_order(allowed, reached, start[:2])],
+        chosen=None if released is None else released.position[:2],
+        moved=body.name,
+        obstructed=put.obstructed,
+        is_far=not np.allclose(start, put_state.base, atol=_SAME_BASE),
+        cleared=cleared,
+        stands=np.array([start[:2], put_state.base[:2]]),
+        outlines=_outlines_on_support(scene),
+    )
+
+
+def _swept(picked: BoundAction) -> SweptVolume:
+    """What a pick-up sweeps on its straight lines: robot, and from the lift on the object."""
+    trajectory, world = picked.trajectory, CollisionWorld.from_scene(picked.scene)
+    ends = [*(phase.start for phase in trajectory.phases[1:]), np.inf]
+    volumes = []
+    for phase, end in zip(trajectory.phases, ends, strict=True):
+        during = (trajectory.times >= phase.start) & (trajectory.times <= end)
+        if phase.name in _STRAIGHT and during.any():
+            X = np.hstack((trajectory.base[during], trajectory.q[during]))
+            opening = world.scene.robot.opening(float(trajectory.finger_position[during].max()))
+            volumes.append(path_volume(world, X, opening, phase.touched if phase.held else None))
+    return join_volumes(volumes)
+
+
+def _grip(action: BoundAction, phase_name: str) -> tuple[RobotState, HeldObject]:
+    """The robot when the fingers begin to close or to open, and the object between them."""
+    phase = next(phase for phase in action.trajectory.phases if phase.name == phase_name)
+    assert phase.touched is not None
+    sample = action.trajectory.sample(phase.start)
+    return RobotState(sample.base, sample.q, sample.finger_position), phase.touched
+
+
+def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldObject, body: Body) -> NDArray[np.bool_]:
+    """R_work: cells at which the arm can put the object down without driving, other objects ignored."""
+    grid, cells = surface.grid, SupportGrid.over(surface.support, _WORK_CELL)
+    centres = cells.centres().reshape(-1, 2)
+    yaws = np.arange(_WORK_YAWS) * (2 * np.pi / _WORK_YAWS)
+    height = grid.height + (body.top - body.bottom) / 2 - held.T_tcp_object[2, 3]
+    bases = np.tile(base, (_WORK_YAWS, 1))
+    chain = ArmChain.from_robot(world.scene.robot)
+    configurations = ConfigurationGrid.over(chain, _WORK_TORSOS, _WORK_ROLLS)
+    everything = world.scene.mask(world.scene.names)
+    reached = np.zeros(len(centres), dtype=np.bool_)
+    for index, centre in enumerate(centres):
+        level = np.column_stack(
+            (np.tile(centre, (_WORK_YAWS, 1)), np.full(_WORK_YAWS, height), yaws, np.zeros(_WORK_YAWS))
+        )
+        found = scan_configurations(
+            world, GripperPoses(bases, level), configurations, 0.0, ignore=everything, first_free=True
+        )
+        reached[index] = len(found.q) > 0
+    coarse = reached.reshape(cells.shape)
+    return _at(cells, coarse, grid.centres().reshape(-1, 2)).reshape(grid.shape)
+
+
+def _at(grid: SupportGrid, mask: NDArray[np.bool_], points: Array) -> NDArray[np.bool_]:
+    """The mask's values at points (n, 2), False beyond the grid."""
+    cells = np.floor((points - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+    is_inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
+    cells = np.clip(cells, 0, np.array(grid.shape) - 1)
+    values: NDArray[np.bool_] = mask[cells[:, 0], cells[:, 1]] & is_inside
+    return values

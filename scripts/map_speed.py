@@ -1,0 +1,280 @@
+"""x"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from clutter_env.reporting.progress import progress_bar
+from clutter_env.reporting.tables import NOTHING, markdown_table
+from irm.cache import cached_map
+from irm.free_space import EVERYWHERE, FreeSpace
+from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.inverse_table import base_turns, find_key, flat_key
+from irm.placement import BasePlacement
+from irm.query_options import FULL_TURN, YAW_STEP, as_position, as_yaw_range
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import wrap_to_pi
+from irm.status import Status
+
+
+def full_scan(
+    inverse_map: InverseReachabilityMap,
+    position: Iterable[float],
+    *,
+    pitch: float = 0.0,
+    roll: float = 0.0,
+    yaw_range: tuple[float, float] = FULL_TURN,
+    free_space: FreeSpace | None = None,
+    yaw_step: float = YAW_STEP,
+) -> BasePlacement:
+    """The base of highest μ, found by a test of every base of the key at every yaw (section 3.2.2 of the paper).
+
+    Arguments as in `InverseReachabilityMap.query`. The status is never better than UNKNOWN, and NO only where the map
+    has no key.
+    """
+    grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
+    space = free_space or EVERYWHERE
+    point, bounds = as_position(position), as_yaw_range(yaw_range)
+    key = find_key(grid, point[2], pitch, roll)
+    if key is None:
+        return BasePlacement.nothing(Status.NO)
+    turns, flat = base_turns(grid, key, bounds, yaw_step), flat_key(grid, key.layer, key.group)
+    mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
+    c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
+    x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
+    y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
+    score = np.where(space.are_free(x, y), tiles.mu[mine], np.float32(0.0))
+    if score.size == 0 or not score.max() > 0:
+        return BasePlacement.nothing(Status.UNKNOWN)
+    turn, base = np.unravel_index(int(score.argmax()), score.shape)
+    yaw = wrap_to_pi(float(turns[turn] + tiles.yaw[mine][base]))
+    approach_yaw = turns[turn] + key.yaw_shift
+    row = [x[turn, base], y[turn, base], yaw, approach_yaw, score[turn, base], tiles.torso[mine][base], 0.0]
+    return BasePlacement.of_rows(np.array([row]))
+
+
+TABLE = (0.8, 1.6)
+"""[m] Depth and width of the table."""
+GROWN = 0.3
+"""[m] by which the table's outline is grown, as in the paper's Fig. 2."""
+CUP_HEIGHTS = (0.75, 0.95)
+"""[m] TCP heights for the cups, and for the map that is restricted to them."""
+RANGES = {"180": (-np.pi, np.pi), "90": (-np.pi / 2, np.pi / 2)}
+"""Approach yaws, as the paper names them."""
+BATCH = 20_000
+PAPER = {"R180": (1180.6, 313.3), "P180": (249.7, 25.4), "R90": (695.0, 156.6), "P90": (138.6, 15.5)}
+"""Mean and deviation [ms] in the paper, Fig. 3, with 7,899 poses (Python 2.7)."""
+ON_RINGS = (7_899, 26_000)
+"""Sizes of the paper: of its restricted map, and of its whole one."""
+Query = Callable[..., BasePlacement]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One column of the box plot.
+
+    Attributes:
+        poses: of the map.
+        method: letter of the map (R: equation 4, P: equation 5), "compiled" or "batch", and the range of yaws.
+        times: CPU times of one thread [ms].
+        same_best: queries in which the best μ equals that of the compiled query exactly.
+    """
+
+    poses: int
+    method: str
+    times: tuple[float, ...]
+    same_best: int
+
+
+def map_of_size(robot: RobotSpec, poses: int, seed: int) -> ReachabilityMap:
+    """A map with a given number of poses.
+
+    The paper's sizes are random parts of the 62-orientation map, the smaller one at the heights of cups. Any other size
+    gives the whole map of 114 orientations at a fixed torso height.
+    """
+    if poses not in ON_RINGS:
+        return cached_map(robot, orientations=114, lift=False)
+    whole = cached_map(robot)
+    height = whole.positions[:, 2]
+    low, high = CUP_HEIGHTS if poses == ON_RINGS[0] else (0.4, 1.4)
+    candidates = np.flatnonzero((height > low) & (height < high))
+    return whole.subset(np.sort(np.random.default_rng(seed).choice(candidates, poses, replace=False)))
+
+
+def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list[Timing]:
+    """Times of all methods on one map: R180, P180, R90, P90, and the compiled query alone and in batches."""
+    rm = map_of_size(robot, poses, seed)
+    floor = FreeSpace.from_boxes([(0.0, 0.0, *TABLE)], radius=GROWN)
+    proposed, classical = InverseReachabilityMap(rm), ClassicalInverseReachabilityMap(rm)
+    cups = _cups(queries, seed)
+    results = []
+    for name, yaw_range in RANGES.items():
+        keywords: dict[str, Any] = {"yaw_range": yaw_range, "free_space": floor}
+        scan: Query = lambda cup, **how: full_scan(proposed, cup, **how)  # noqa: E731
+        answers, fast = _timed(proposed.query, cups, keywords, f"compiled {name}, {len(rm)} poses")
+        for letter, query in (("R", classical.query), ("P", scan)):
+            others, times = _timed(query, cups, keywords, f"{letter}{name}, {len(rm)} poses")
+            same = sum(bool(_best(a) == _best(b)) for a, b in zip(answers, others, strict=True))
+            results.append(Timing(len(rm), f"{letter}{name}", times, same))
+        results.append(Timing(len(rm), f"compiled {name}", fast, len(cups)))
+        results.append(_batch(proposed, len(rm), name, keywords, answers, cups, seed))
+    results.append(_own_ranges(proposed, floor, cups, seed))
+    return results
+
+
+def _own_ranges(proposed: InverseReachabilityMap, floor: FreeSpace, cups: NDArray[np.float64], seed: int) -> Timing:
+    """Calls as the planner makes them: each with one yaw of its own and three bases."""
+    yaws = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(cups))
+    proposed.query(cups[0], yaw_range=(0.0, 0.0), free_space=floor, k=3)
+    times, same = [], 0
+    for cup, yaw in zip(cups, yaws.tolist(), strict=True):
+        start = time.process_time_ns()
+        answer = proposed.query(cup, yaw_range=(yaw, yaw), free_space=floor, k=3)
+        times.append((time.process_time_ns() - start) * 1e-6)
+        same += bool(_best(answer) == _best(full_scan(proposed, cup, yaw_range=(yaw, yaw), free_space=floor)))
+    return Timing(len(proposed), "compiled own 180", tuple(times), same)
+
+
+def _cups(count: int, seed: int) -> NDArray[np.float64]:
+    """(n, 3) TCP positions above the table."""
+    rng = np.random.default_rng(seed)
+    half_depth, half_width = TABLE[0] / 2 - 0.05, TABLE[1] / 2 - 0.05
+    low, high = (-half_depth, -half_width, CUP_HEIGHTS[0] + 0.03), (half_depth, half_width, CUP_HEIGHTS[1] - 0.001)
+    return rng.uniform(low, high, size=(count, 3))
+
+
+def _timed(
+    query: Query, cups: NDArray[np.float64], keywords: dict[str, Any], title: str
+) -> tuple[list[BasePlacement], tuple[float, ...]]:
+    query(cups[0], **keywords)
+    answers, times = [], []
+    for cup in progress_bar(cups, title):
+        start = time.process_time_ns()
+        answers.append(query(cup, **keywords))
+        times.append((time.process_time_ns() - start) * 1e-6)
+    return answers, tuple(times)
+
+
+def _batch(
+    proposed: InverseReachabilityMap,
+    poses: int,
+    name: str,
+    keywords: dict[str, Any],
+    answers: Sequence[BasePlacement],
+    cups: NDArray[np.float64],
+    seed: int,
+) -> Timing:
+    """Time per query in ten batches; for the cups themselves, whether the best μ is the same."""
+    how = {"yaw_ranges": keywords["yaw_range"], "free_space": keywords["free_space"]}
+    own = proposed.query_batch(cups, **how).manipulability[:, 0]
+    same = sum(bool(_best(a) == (0.0 if np.isnan(mu) else mu)) for a, mu in zip(answers, own, strict=True))
+    times = []
+    for k in range(10):
+        many = _cups(BATCH, seed + 1 + k)
+        start = time.process_time_ns()
+        proposed.query_batch(many, **how)
+        times.append((time.process_time_ns() - start) * 1e-6 / BATCH)
+    return Timing(poses, f"batch {name}", tuple(times), same)
+
+
+def _best(placement: BasePlacement) -> float:
+    return float(placement.manipulability[0]) if len(placement) else 0.0
+
+
+def speed_table(rows: Sequence[Timing], queries: int) -> str:
+    """Mean, deviation, median and ratio to the classical map, as a Markdown table."""
+    head = ("poses", "query", "mean ± deviation [ms]", "median [ms]", "faster than R (median)", "same best μ")
+    body = [
+        ("7,899 (paper)", name, f"{mean} ± {spread}", NOTHING, _paper_ratio(name), NOTHING)
+        for name, (mean, spread) in PAPER.items()
+    ]
+    for row in rows:
+        angle = row.method.lstrip("RP").split()[-1]
+        reference = next(r for r in rows if r.poses == row.poses and r.method == f"R{angle}")
+        times = np.array(row.times)
+        ratio = np.median(reference.times) / np.median(times)
+        spread, median = f"{times.mean():.3g} ± {times.std():.2g}", f"{np.median(times):.3g}"
+        body.append((f"{row.poses:,}", row.method, spread, median, f"{ratio:,.3g}", f"{row.same_best} of {queries}"))
+    return markdown_table(head, body)
+
+
+def _paper_ratio(name: str) -> str:
+    return f"{PAPER['R' + name[1:]][0] / PAPER[name][0]:.2g}"
+
+
+def plot_speed(rows: Sequence[Timing], file: Path) -> None:
+    """One box plot for every map, as the paper's Fig. 3."""
+    sizes = list(dict.fromkeys(row.poses for row in rows))
+    figure = Figure(figsize=(4.2 * len(sizes), 4.4), layout="constrained")
+    axes = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]
+    colours = {"R": "#d55e00", "P": "#0072b2", "c": "#009e73", "b": "#cc79a7"}
+    for axis, poses in zip(axes, sizes, strict=True):
+        mine = [row for row in rows if row.poses == poses]
+        boxes = axis.boxplot(
+            [row.times for row in mine],
+            tick_labels=[row.method.replace(" ", "\n") for row in mine],
+            patch_artist=True,
+            showfliers=False,
+            medianprops={"color": "black"},
+            widths=0.6,
+        )
+        for box, row in zip(boxes["boxes"], mine, strict=True):
+            box.set(facecolor=colours[row.method[0]], alpha=0.75)
+        axis.set(title=f"{poses:,} poses", yscale="log")
+        axis.tick_params(axis="x", labelsize=8)
+        axis.grid(axis="y", alpha=0.3)
+    axes[0].set_ylabel("CPU time of one query [ms]")
+    figure.suptitle(
+        "R: equation 4, P: equation 5, both in NumPy; compiled: equation 5; ± approach range [degrees]", fontsize=9
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=130)
+
+
+BUILDS: dict[str, dict[str, Any]] = {
+    "62 orientations": {},
+    "62 orientations, torso fixed": {"lift": False},
+    "level gripper, 15 degrees, 0.7 to 1.2 m": {"orientations": 266, "pitches": (0.0,), "heights": (0.7, 1.2)},
+    "266 orientations": {"orientations": 266},
+}
+
+
+@dataclass(frozen=True)
+class BuildCost:
+    """CPU times of one thread [s], after compilation."""
+
+    name: str
+    poses: int
+    build_s: float
+    invert_s: float
+    save_s: float
+    load_s: float
+    megabytes: float
+
+
+def measure_build(robot: RobotSpec, name: str) -> BuildCost:
+    """Build, invert, save and load one of the `BUILDS`."""
+    ReachabilityMap.build(robot, voxel=0.25, orientations=6)
+    start = time.process_time()
+    rm = ReachabilityMap.build(robot, progress=progress_bar, **BUILDS[name])
+    built = time.process_time()
+    InverseReachabilityMap(rm)
+    inverted = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "map.npz"
+        rm.save(file)
+        saved = time.process_time()
+        ReachabilityMap.load(file, robot)
+        loaded = time.process_time()
+        size = file.stat().st_size / 1e6
+    return BuildCost(name, len(rm), built - start, inverted - built, saved - inverted, loaded - saved, size)
