@@ -1,17 +1,20 @@
-"""Motions in which the base may drive while the arm is rigid, or stand while the arm moves."""
+"""Motions of the whole robot, not timed yet, and the two ways in which planning them fails."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from planners.motion.arm import ArmPath
-from planners.motion.base import BasePath
 from planners.scene import HeldObject
 
 Array = NDArray[np.float64]
+
+CLEARANCE = 0.01
+"""[m] that free motions keep from everything where they can: the arm lags, and what is held sinks by some mm."""
+SAME_BASE = 1e-6
+"""[m, rad] by which base poses may differ that count as the same: rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +38,9 @@ class WholeBodyPath:
         array.setflags(write=False)
         object.__setattr__(self, "configurations", array)
 
-    @classmethod
-    def joined(cls, drive: BasePath | None, arm: ArmPath) -> WholeBodyPath:
-        """The base drives, if it has to, then the arm moves; opening and held object are those of the arm's path."""
-        before = np.empty((0, arm.configurations.shape[1])) if drive is None else drive.configurations
-        rows = np.vstack([before, arm.configurations])
-        return cls(rows, arm.opening, arm.held, arm.ignore)
-
     @property
     def base(self) -> Array:
-        """(3,) base pose at the start: x [m], y [m], yaw [rad]."""
+        """(3,) base pose at the start."""
         return np.asarray(self.configurations[0, :3])
 
     @property
@@ -65,3 +61,23 @@ class WholeBodyPath:
     def reversed(self) -> WholeBodyPath:
         """The same motion backwards."""
         return replace(self, configurations=self.configurations[::-1])
+
+
+@dataclass(frozen=True)
+class BlockedBy:
+    """No path as the scene is: these objects are in the way, in this phase of the motion."""
+
+    blockers: frozenset[str]
+    phase: str
+
+
+@dataclass(frozen=True)
+class NoPath:
+    """No path, whatever is cleared, and why: limits, static obstacles, self-collision, or the search gave up."""
+
+    reason: str
+
+
+def on_base(base: ArrayLike, waypoints: Array) -> Array:
+    """Whole-body configurations (n, 11): a base pose (3,) with each of `waypoints` (n, 8)."""
+    return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
