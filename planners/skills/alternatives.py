@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planners.clearing.lower_bound import FloorLimits, minimum_clearances
 from planners.context import PlanningContext
 from planners.grasping.canonical import CanonicalGrasps
-from planners.motion.pick_and_place import can_take
+from planners.motion.approaches import can_take
 from planners.placing.canonical import CanonicalPlacements, placement_cells
 from planners.placing.surfaces import Surface
 from planners.planner import Planner
