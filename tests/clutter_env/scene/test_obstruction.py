@@ -23,8 +23,7 @@ from clutter_env.scene.obstruction import (
 )
 from clutter_env.scene.table_scene import TableScene
 from planners.collision.world import PADDING
-from planners.grasping.families import SIDE
-from planners.grasping.gripper import FINGER_GAP
+from planners.grasping.grasp_poses import FINGER_GAP, SIDE
 from planners.scene.cover import BACK, HELD_GAP
 from scripts.obstruction import SceneSet, agreement, share
 from scripts.side_approaches import reachable_yaws
