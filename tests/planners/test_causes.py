@@ -11,7 +11,7 @@ import pytest
 from assets.robots import FETCH
 from planners import STRATEGIES, Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
 from planners.clock import Deadline
-from planners.motion.arm import BlockedBy, NoPath
+from planners.motion.path import BlockedBy, NoPath
 from planners.planner import best_outcome
 from planners.symbolic.astar import shortest_plan
 from planners.symbolic.problem import TaskProblem
