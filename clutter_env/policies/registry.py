@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -83,6 +84,12 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
             raise PolicyError(
                 f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)"
             )
+    required = [p for p in inspect.signature(policy.reset).parameters.values() if p.default is p.empty and p.kind < 2]
+    if len(required) > 1 and not getattr(policy, "is_privileged", False):
+        raise PolicyError(
+            f"policy {name!r} has reset({', '.join(p.name for p in required)}), the protocol of version 0.1; now it is "
+            "reset(info), or reset(info, env) with is_privileged = True"
+        )
     return policy
 
 
