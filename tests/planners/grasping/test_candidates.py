@@ -27,7 +27,7 @@ def candidates(scene: Scene) -> GraspCandidates:
     return PlanningContext.of(scene, grasps="side").grasps()
 
 
-@pytest.fixture(scope="module", params=[0, 1, 2])
+@pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)])
 def scene(request: pytest.FixtureRequest) -> Scene:
     return random_scene(25, request.param)
 
