@@ -1,4 +1,4 @@
-"""What can be chosen when an environment is made, checked before anything is built."""
+"""Options of an environment, checked before anything is built."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ class EnvConfig:
     layout: str | Layout | Mapping[str, Any] = "paper"
     """Table and surroundings: a name in `LAYOUTS`, or a `Layout`."""
     control_mode: str = "joint"
-    """What the action's numbers mean: "joint" or "ee"."""
+    """Meaning of an action's numbers: "joint" or "ee"."""
     reward_mode: str = "sparse"
     success: str = "clean"
-    """What counts as success: "lifted", or "clean": lifted, and no object has fallen or been disturbed."""
+    """Kind of success: "lifted", or "clean": lifted, and no object has fallen or been disturbed."""
     terminate_on_fallen: bool = False
     """Whether the episode ends when an object falls."""
     obs_mode: str = "state"
@@ -60,7 +60,7 @@ class EnvConfig:
     """A name known to `assets.robots.robot`, or a `RobotSpec`."""
     render_mode: str | None = None
     shapes: str = "cylinder"
-    """What the objects are: "cylinder", "box" or "mixed"."""
+    """Shapes of the objects: "cylinder", "box" or "mixed"."""
     object_set: str = "standard"
     """Sizes and masses of random objects: a name in `OBJECT_SETS`."""
     obstructed: bool | int = False
@@ -97,7 +97,7 @@ class EnvConfig:
             raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
 
     def _check_objects(self, layout: Layout) -> None:
-        """Raise ConfigError unless the table has room for the objects."""
+        """Raise ConfigError unless the objects fit on the table."""
         fit = capacity(layout, self.shapes, self.find_object_set())
         if self.num_objects > fit:
             raise ConfigError(

@@ -1,4 +1,4 @@
-"""What a recorded file was made with: version, commit and environment, so that a changed one cannot pass for the old.
+"""Provenance of a recorded file: version, commit and environment, so that a changed one cannot pass for the old.
 
 Results, demonstrations, maps, weights and suites keep `provenance(env)`; their readers say `differences(recorded,
 provenance(env))`.

@@ -1,16 +1,12 @@
 """Compare two policies on the same held-out scenes, with 95% intervals."""
 
-from clutter_env.learning.comparison.evaluation import held_out_seeds, play
-from clutter_env.learning.comparison.tables import markdown, summarise
-from clutter_env.learning.policies.baselines import greedy_agent, random_agent
-from clutter_env.learning.task import Task
+from clutter_env.evaluation.evaluate import evaluate
+from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.tables import markdown, summarise
 
-SCENES = 5
-env = Task("clutter_env/Skill-o10-v0").make()
-policies = {"random": random_agent(env, seed=0), "greedy": greedy_agent(env)}
-rows = [
-    summarise("o10", name, [[play(env, act, seed) for seed in held_out_seeds(SCENES)]], floors={}, seed=0)
-    for name, act in policies.items()
-]
+scenes = SceneSet(env_id="clutter_env/Skill-o10-v0", count=5)
+rows = []
+for name in ("random-skills", "greedy"):
+    evaluation = evaluate(name, scenes)
+    rows.append(summarise(scenes.name, name, [evaluation.scores], floors={}, seed=0))
 print(markdown(rows))
-env.close()

@@ -39,7 +39,7 @@ class Entry:
         name: of the file.
         env_id: of the environment.
         keywords: of the environment.
-        expert: who acts: a name of `clutter_env.learning.demonstrations.experts`, or "greedy" for skills.
+        expert: who acts: a name of `clutter_env.policies.experts`, or "greedy" for skills.
         seed: of the scene.
         steps_per_frame: control steps of 0.05 s from frame to frame.
     """
@@ -95,39 +95,42 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
         env = gym.make(entry.env_id, max_episode_steps=100, **keywords)
         yield from _skill_frames(env, entry)
     else:
-        from clutter_env.learning.demonstrations.experts import expert_keywords
+        from clutter_env.policies.experts import make_expert
 
-        env = gym.make(entry.env_id, **expert_keywords(entry.expert), **keywords)
+        wanted = dict(getattr(make_expert(entry.expert), "env_keywords", {}))
+        env = gym.make(entry.env_id, **wanted, **keywords)
         yield from _expert_frames(env, entry)
     env.close()
 
 
 def _expert_frames(env: gym.Env, entry: Entry) -> Iterator[Frame]:
-    from clutter_env.learning.demonstrations.experts import make_expert
+    from clutter_env.policies.experts import make_expert
+    from clutter_env.policies.protocol import begin_episode
 
-    observation, _ = env.reset(seed=entry.seed)
-    expert = make_expert(env, entry.expert)
-    expert.reset()
+    observation, info = env.reset(seed=entry.seed)
+    expert = make_expert(entry.expert)
+    begin_episode(expert, info, env)
     step, is_over = 0, False
     while not (is_over or expert.done):
         if step % entry.steps_per_frame == 0:
             yield _image(env, observation)
-        observation, _, terminated, truncated, _ = env.step(expert.act())
+        observation, _, terminated, truncated, _ = env.step(expert.act(observation))
         step, is_over = step + 1, terminated or truncated
     yield _image(env, observation)
 
 
 def _skill_frames(env: gym.Env, entry: Entry) -> Iterator[Frame]:
     """One frame, shown for a second, after every skill."""
-    from clutter_env.learning.policies.baselines import greedy_agent
+    from clutter_env.policies.baselines import GreedyPolicy
 
-    observation, _ = env.reset(seed=entry.seed)
-    act = greedy_agent(env)
+    observation, info = env.reset(seed=entry.seed)
+    policy = GreedyPolicy()
+    policy.reset(info, env)
     is_over = False
     while not is_over:
         for _ in range(FRAMES_PER_SECOND):
             yield np.asarray(env.render())
-        observation, _, terminated, truncated, _ = env.step(act(observation))
+        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
         is_over = terminated or truncated
     yield np.asarray(env.render())
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from clutter_env.learning.demonstrations.collect import JobRunner, Outcome
-    from clutter_env.learning.demonstrations.dataset import Dataset, Job
+    from clutter_env.data.collect import JobRunner, SeedResult
+    from clutter_env.data.dataset import Dataset, Job
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,12 @@ def run(arguments: Arguments) -> None:
     from collections import Counter
     from functools import partial
 
-    from clutter_env.learning.demonstrations.collect import make_job
-    from clutter_env.learning.demonstrations.dataset import Dataset
-    from clutter_env.learning.exports.minari import export_minari
-    from clutter_env.learning.task import Task
+    from clutter_env.data.collect import make_job
+    from clutter_env.data.dataset import Dataset
+    from clutter_env.data.minari import export_minari
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
+    from clutter_env.task import Task
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
@@ -94,19 +94,19 @@ def run(arguments: Arguments) -> None:
 
 def collect_with_bar(job: Job, dataset: Dataset, run: JobRunner) -> tuple[list[int], int]:
     """Collect with a progress bar: the seeds of the dataset, and how many episodes were collected now."""
-    from clutter_env.learning.demonstrations.collect import collect
+    from clutter_env.data.collect import collect
     from clutter_env.reporting.progress import progress_bar
 
     made = 0
     there = len(list(dataset.episodes_directory.glob("*.hdf5")))
     with progress_bar(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
 
-        def report(outcome: Outcome) -> None:
-            """Show the outcome of a seed in the bar."""
+        def report(result: SeedResult) -> None:
+            """Show the result of a seed in the bar."""
             nonlocal made
-            if outcome.content:
+            if result.content:
                 made += 1
                 bar.update()
-            bar.set_postfix(seed=outcome.seed, last=outcome.reason.partition(":")[0] or "kept")
+            bar.set_postfix(seed=result.seed, last=result.reason.partition(":")[0] or "kept")
 
         return collect(job, dataset, run, report), made

@@ -3,9 +3,9 @@
     clutter-env compare --suites side-15-v1 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
 
-The controls (greedy and random skills, the bulldozer) always play. Runs of one algorithm that differ in their seed form
-one row. Two Markdown tables and a picture are written to the output directory; every result is written there as soon as
-its episode ends: run the same command again after an interruption.
+The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their
+seed form one row. Two Markdown tables and a picture are written to the output directory. Every score is written there
+as soon as its episode ends: run the same command again after an interruption.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
-    from clutter_env.learning.comparison.scene_sets import SceneSet
+    from clutter_env.evaluation.scenes import SceneSet
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Arguments:
     """Number of scenes of each environment (50 if not given) and suite (all if not given)."""
     feasibility: Literal["oracle", "none"] = "oracle"
     """For policies that act by skills: whether skills without a free grasp are refused, or tried all the same."""
+    count_crashes: bool = False
+    """Count an exception of a policy as a failed episode; otherwise it ends the comparison."""
     workers: int = 2
     """Number of processes."""
     ray: str = ""
@@ -54,13 +56,10 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, summarise, print."""
-    from functools import partial
-
-    from clutter_env.learning.comparison.compare import Comparison, evaluate_all, make_jobs, make_rows
-    from clutter_env.learning.comparison.picture import plot
-    from clutter_env.learning.comparison.records import ResultRecords
-    from clutter_env.learning.comparison.tables import markdown, markdown_by_floor
-    from clutter_env.parallel import run_jobs
+    from clutter_env.evaluation.compare import Comparison, compare
+    from clutter_env.evaluation.picture import plot
+    from clutter_env.evaluation.records import ResultRecords
+    from clutter_env.evaluation.tables import markdown, markdown_by_floor
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
@@ -71,17 +70,21 @@ def run(arguments: Arguments) -> None:
         seed=arguments.seed,
         feasibility=arguments.feasibility,
     )
-    jobs = make_jobs(comparison)
     records = ResultRecords(arguments.out / "results.jsonl")
-    workers = partial(run_jobs, workers=arguments.workers, ray=arguments.ray)
-    with progress_bar(total=len(jobs), unit="episode") as bar:
-        results = evaluate_all(jobs, records, workers, lambda done: bar.update(done - bar.n))
-    rows = make_rows(comparison, results)
+    with progress_bar(total=comparison.num_episodes, unit="episode") as bar:
+        rows = compare(
+            comparison,
+            records,
+            workers=arguments.workers,
+            ray=arguments.ray,
+            count_crashes=arguments.count_crashes,
+            tick=bar.update,
+        )
     tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"
+    print(tables)
     command = command_line("clutter-env compare", arguments, leave_out=("workers", "ray", "out", "json"))
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
     plot(rows, arguments.out / "plot.png")
-    print(tables)
     if arguments.json is not None:
         write_json(arguments.json, rows)
 
@@ -93,8 +96,8 @@ def scene_sets(arguments: Arguments) -> list[SceneSet]:
         LearningError: they name none, or a number of scenes that there is not.
         SuiteError: no such suite.
     """
-    from clutter_env.learning.comparison.scene_sets import SceneSet
-    from clutter_env.learning.errors import LearningError
+    from clutter_env.errors import LearningError
+    from clutter_env.evaluation.scenes import SceneSet
 
     if not arguments.suites and not arguments.envs:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes")

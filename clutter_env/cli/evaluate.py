@@ -3,7 +3,7 @@
     clutter-env evaluate --suite side-15-v1 --policy lookahead
     clutter-env evaluate --suite side-15-v1 --policy my_module:MyPolicy --split validation
 
-A policy has the methods `reset(env, info)` and `act(observation)`. The rules are in docs/suites.md.
+A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ class Arguments:
     policy: str = "lookahead"
     """A strategy of the expert with side grasps ("lookahead", "ngr", "dogar", "srivastava") or with all grasps
     ("lookahead-all", …), "keyframes" (learned decisions and motions), "planned-decisions", "planned-motions" (each also
-    "…-all" and "…-shelf"), "random", "random-skills", "greedy", "bulldozer", "scripted", the directory of a training
-    run, or module:Class."""
+    "…-all" and "…-shelf"), "random", "random-skills", "greedy", "direct-approach", "scripted", the directory of a
+    training run, or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
-    """Only the first so many scenes; such results are not results on the suite."""
+    """Number of scenes, the first ones; such results are not results on the suite."""
+    count_crashes: bool = False
+    """Count an exception of the policy as a failed episode; otherwise it ends the evaluation."""
     workers: int = 2
     """Number of processes."""
     ray: str = ""
@@ -45,26 +47,34 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, print, write."""
-    from clutter_env.learning.comparison.suite_runs import Evaluation, evaluate
+    from clutter_env.evaluation.evaluate import evaluate, minimum_clearances
+    from clutter_env.evaluation.results import results
+    from clutter_env.evaluation.scenes import SceneSet
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
-    evaluation = Evaluation(
-        suite=arguments.suite,
-        policy=arguments.policy,
-        split=arguments.split,
-        scenes=arguments.scenes,
-        seed=arguments.seed,
-        feasibility=arguments.feasibility,
-    )
-    with progress_bar(total=len(evaluation.jobs), unit="episode") as bar:
-        content = evaluate(evaluation, arguments.workers, arguments.ray, bar.update)
-    name = f"{arguments.suite}_{arguments.policy.replace(':', '.').replace('/', '.')}.json"
-    file = arguments.json or Path("outputs/evaluate") / name
-    write_json(file, content)
+    scenes = SceneSet(arguments.suite, arguments.split, count=arguments.scenes)
+    with progress_bar(total=len(scenes.scenes), unit="episode") as bar:
+        evaluation = evaluate(
+            arguments.policy,
+            scenes,
+            seed=arguments.seed,
+            feasibility=arguments.feasibility,
+            workers=arguments.workers,
+            ray=arguments.ray,
+            count_crashes=arguments.count_crashes,
+            tick=bar.update,
+        )
+    content = results(evaluation, minimum_clearances(scenes, evaluation.grasps))
     print(_text(content))
     means = content["summary"]["mean"]
     print("\nmeans over all episodes: " + ", ".join(f"{name} {value:.3g}" for name, value in means.items()))
+    if evaluation.crashes:
+        print(f"\n{evaluation.crashes} episodes, counted as failures, ended with an exception of the policy")
+    # The table stands on the screen before the file is written: a full disk does not lose it.
+    name = f"{arguments.suite}_{arguments.policy.replace(':', '.').replace('/', '.')}.json"
+    file = arguments.json or Path("outputs/evaluate") / name
+    write_json(file, content)
     print(f"\ndigest: {content['digest']}\nwritten: {file}")
 
 

@@ -30,12 +30,11 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Export, and say what was written."""
-    from clutter_env.learning.demonstrations.dataset import Dataset
-    from clutter_env.learning.errors import LearningError
-    from clutter_env.learning.exports.hdf5 import export_hdf5
-    from clutter_env.learning.exports.lerobot import export_lerobot
-    from clutter_env.learning.exports.minari import export_minari
-    from clutter_env.learning.exports.robomimic import export_robomimic
+    from clutter_env.data.dataset import Dataset
+    from clutter_env.data.hdf5 import export_hdf5
+    from clutter_env.data.lerobot import export_lerobot
+    from clutter_env.data.minari import export_minari
+    from clutter_env.errors import LearningError
     from clutter_env.reporting.files import write_json
 
     if arguments.image_size and arguments.to != "lerobot":
@@ -52,7 +51,7 @@ def run(arguments: Arguments) -> None:
     elif arguments.to == "minari":
         path = export_minari(dataset, out)
     else:
-        path = (export_hdf5 if arguments.to == "hdf5" else export_robomimic)(dataset, out)
+        path = export_hdf5(dataset, out, robomimic=arguments.to == "robomimic")
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
     size = sum(file.stat().st_size for file in files)
     print(f"{episodes} episodes in {path}: {size / 1e6:.1f} MB")

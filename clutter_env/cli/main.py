@@ -24,10 +24,8 @@ if TYPE_CHECKING:
 COMMANDS = {
     "episode": "run the expert in physics: one episode in full, or statistics of many",
     "collect": "collect demonstrations of an expert that replay bit for bit",
-    "decisions": "collect decisions of canonical plans, without physics",
     "export": "write demonstrations for LeRobot, Minari, robomimic, or as one HDF5 file",
     "train": "train a policy, from rewards or from demonstrations",
-    "curve": "success of learned motions against the number of demonstrations",
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "play": "play one episode of a policy, in a window or as a film",

@@ -33,17 +33,43 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, and say how it ended."""
-    from clutter_env.learning.comparison.played import play_policy, played_task
+    from typing import Any
+
+    import clutter_env
+    from clutter_env.errors import UsageError
+    from clutter_env.evaluation.evaluate import evaluate
+    from clutter_env.evaluation.scenes import SceneSet
+    from clutter_env.rendering.film import Film
     from clutter_env.rendering.renderer import has_display
 
-    film = arguments.film
-    if film is None and not has_display():
-        film = Path("outputs/play") / f"{arguments.policy.replace(':', '.')}-{arguments.objects}-{arguments.seed}"
-    task = played_task(arguments.objects, arguments.layout, arguments.obstructed)
-    played = play_policy(task, arguments.policy, arguments.seed, film)
-    score = played.score
+    if arguments.objects not in clutter_env.OBJECT_COUNTS:
+        valid = ", ".join(map(str, clutter_env.OBJECT_COUNTS))
+        raise UsageError(f"--objects {arguments.objects} is not valid; valid numbers: {valid}")
+    path = arguments.film
+    if path is None and not has_display():
+        path = Path("outputs/play") / f"{arguments.policy.replace(':', '.')}-{arguments.objects}-{arguments.seed}"
+    scene = SceneSet(
+        env_id=f"clutter_env/Retrieve-o{arguments.objects}-v0",
+        obstructed=arguments.obstructed,
+        layout=arguments.layout,
+        count=1,
+        first_seed=arguments.seed,
+    )
+    film: Film | None = None
+
+    def watch(env: Any, policy: Any) -> None:
+        nonlocal film
+        if path is not None:
+            film = film or Film(env.unwrapped)
+            film.watch(str(getattr(policy, "phase", "")))
+
+    mode = "human" if path is None else "rgb_array"
+    (score,) = evaluate(arguments.policy, scene, watch=watch, render_mode=mode).scores
     lifted = "the target was lifted" if score.lifted else f"the target was not lifted ({score.failure})"
     around = f"{score.disturbed} objects disturbed, {score.fallen} fallen"
     print(f"{lifted} after {score.sim_s:.1f} s; {around}: {'clean success' if score.clean else 'no clean success'}")
-    if played.film is not None:
-        print(f"film: {played.film}")
+    if path is not None and film is not None:
+        film.finish("lifted" if score.lifted else "not lifted")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        print(f"film: {film.save_film(path)}")
+        film.close()

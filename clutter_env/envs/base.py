@@ -41,7 +41,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     """A robot, a table, objects; subclasses define the task by the abstract methods."""
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
-    """Of an instance on a machine without a display, "human" is left out: checkers try every mode that is listed."""
+    """An instance on a machine without a display leaves out "human": checkers try every mode that is listed."""
 
     def __init__(self, config: EnvConfig) -> None:
         self.config = config
@@ -140,7 +140,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def measurements(self) -> Measurements:
-        """What the environment measures in the present state."""
+        """Measurements of the present state."""
         return self._simulator.measurements
 
     @property
@@ -155,7 +155,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def control_mode(self) -> str:
-        """What the numbers of an action mean, "joint" or "ee"."""
+        """Meaning of the numbers of an action, "joint" or "ee"."""
         return self.config.control_mode
 
     @property
@@ -194,7 +194,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
 
         A trajectory sampled at 20 Hz that keeps the robot's velocity and acceleration limits (of the base: those of its
-        own axes) is followed exactly; a goal farther away is approached as fast as it can be, with room to brake.
+        own axes) is followed exactly; a goal farther away is approached as fast as braking before it allows.
 
         Args:
             q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad], then other arms that act.
@@ -295,7 +295,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def _kind(self) -> dict[str, Any]:
-        """What a saved state and the environment that restores it must have in common; JSON values."""
+        """Properties that a saved state and the environment that restores it must share; JSON values."""
         return {
             "task": type(self).__name__,
             "mujoco": mujoco.__version__,

@@ -23,7 +23,7 @@ from clutter_env.simulation.saved_state import Fields
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
 GOAL_BOUND = 16.0
-"""[m] Bound of goals in the world frame; far outside the floor that the base may use."""
+"""[m] Bound of goals in the world frame; far outside the ground that the base may use."""
 
 REACH_LOW, REACH_HIGH = (0.50, -0.40, 0.85), (0.95, 0.40, 1.30)
 """[m] Box of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""

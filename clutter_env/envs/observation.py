@@ -24,7 +24,7 @@ from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
 POSITION_BOUND = 16.0
-"""[m] Clip of relative positions; the diagonal of the floor that the base may use is shorter."""
+"""[m] Clip of relative positions; the diagonal of the ground that the base may use is shorter."""
 JOINT_BOUND = 8.0
 """[rad], [m] Clip of joint positions; wider than every joint's range."""
 VELOCITY_BOUND = 16.0
@@ -58,7 +58,7 @@ class EntryLayout(Mapping[str, slice]):
 
     @property
     def size(self) -> int:
-        """How many numbers the entry has."""
+        """Count of numbers in the entry."""
         return len(self.columns)
 
     @property
@@ -133,7 +133,7 @@ OBJECT_FIELDS = tuple(column.name for column in OBSERVATION_LAYOUT["objects"].co
 
 
 def entry_slices(layout: Mapping[str, EntryLayout], entries: Sequence[str], num_objects: int) -> dict[str, slice]:
-    """Where each entry stands when the entries are written one after the other.
+    """Slices of the entries in the vector of all entries, one after the other.
 
     The vector "observation" of the goal environments is ("robot", "tcp", "gripper", "objects").
 
@@ -164,14 +164,15 @@ _TURN = np.array(
         (_0, _0, _0, _MHS, _0, _0, _HC),
     ]
 )
-"""Which of 0, 1, cos yaw, sin yaw, -sin yaw, cos yaw/2, sin yaw/2, -sin yaw/2 stands where in `_poses_in_base`."""
+"""Matrix of `_poses_in_base`, each entry an index into 0, 1, cos yaw, sin yaw, -sin yaw, cos yaw/2, sin yaw/2,
+-sin yaw/2."""
 
 Vector = NDArray[np.float64]
 Observation = dict[str, NDArray[np.float32]]
 
 
 class BaseFrame(NamedTuple):
-    """The robot's base on the floor: x, y [m], cosine and sine of its yaw and of half of it."""
+    """The robot's base on the ground: x, y [m], cosine and sine of its yaw and of half of it."""
 
     x: float
     y: float
@@ -182,7 +183,7 @@ class BaseFrame(NamedTuple):
 
 
 def base_frame(world: World) -> BaseFrame:
-    """Where the base is now."""
+    """Present pose of the base."""
     x, y, yaw = world.data.qpos[world.index.drive_qpos[:3]].tolist()
     return BaseFrame(x, y, math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2))
 
@@ -210,7 +211,7 @@ class Observer:
 
     @property
     def bounds(self) -> NDArray[np.float32]:
-        """What no number of an observation exceeds; all entries, one after the other."""
+        """Largest magnitudes of all numbers of an observation, one entry after the other."""
         return self._bounds.astype(np.float32)
 
     @property

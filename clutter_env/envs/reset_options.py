@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,7 +160,7 @@ def explicit_scene(
 
     Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
     "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row": 0 for the table, 1
-    for the board above it in a layout with two rows. A cylinder with "lying": True lies on its side, its axis along
+    for the shelf above it in a layout with two rows. A cylinder with "lying": True lies on its side, its axis along
     its yaw; its height is then its length.
 
     Raises:
@@ -169,17 +169,11 @@ def explicit_scene(
     """
     if not 1 <= len(descriptions) <= max_objects:
         raise OptionError(f"option 'objects' holds {len(descriptions)} objects; it must be 1 to {max_objects}")
-    parsed = [_parse(index, entry, layout) for index, entry in enumerate(descriptions)]
+    rows = [_parsed(index, entry, layout) for index, entry in enumerate(descriptions)]
     scene = TableScene(
-        half_extents=np.array([p.half_extents for p in parsed]),
-        is_box=np.array([p.is_box for p in parsed]),
-        positions=np.array([p.position for p in parsed]),
-        yaws=np.array([p.yaw for p in parsed]),
-        masses=np.array([p.mass for p in parsed]),
+        **{name: np.array([row[name] for row in rows]) for name in rows[0]},
         base=sample_base(rng, layout),
-        target=int(rng.integers(len(parsed))),
-        is_lying=np.array([p.is_lying for p in parsed]),
-        levels=np.array([p.level for p in parsed]),
+        target=int(rng.integers(len(rows))),
     )
     footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
     _check_on_table(layout, footprints)
@@ -188,18 +182,8 @@ def explicit_scene(
     return scene
 
 
-@dataclass(frozen=True)
-class _Parsed:
-    is_box: bool
-    half_extents: tuple[float, float, float]
-    position: tuple[float, float]
-    yaw: float
-    mass: float
-    is_lying: bool
-    level: float
-
-
-def _parse(index: int, entry: Mapping[str, Any], layout: Layout) -> _Parsed:
+def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
+    """The row of one described object in each array of its scene."""
     place = f"option 'objects'[{index}]"
     shape = entry.get("shape", "cylinder")
     if not isinstance(shape, str) or shape not in _SHAPE_KEYS:
@@ -218,21 +202,22 @@ def _parse(index: int, entry: Mapping[str, Any], layout: Layout) -> _Parsed:
         half_x, half_y = (_number(place, key, entry[key], *full) / 2 for key in ("depth", "width"))
     else:
         half_x = half_y = _number(place, "radius", entry["radius"], *HALF_WIDTH_LIMITS)
-    return _Parsed(
-        is_box=shape == "box",
-        half_extents=(half_x, half_y, _number(place, "height", entry["height"], *HEIGHT_LIMITS) / 2),
-        position=_position(place, entry["position"]),
-        yaw=_number(place, "yaw", entry.get("yaw", 0.0), -2 * math.pi, 2 * math.pi),
-        mass=_number(place, "mass", entry.get("mass", DEFAULT_MASS), *MASS_LIMITS),
-        is_lying=is_lying,
-        level=_level(place, entry.get("row", 0), layout),
-    )
+    return {
+        "half_extents": (half_x, half_y, _number(place, "height", entry["height"], *HEIGHT_LIMITS) / 2),
+        "is_box": shape == "box",
+        "positions": _position(place, entry["position"]),
+        "yaws": _number(place, "yaw", entry.get("yaw", 0.0), -2 * math.pi, 2 * math.pi),
+        "masses": _number(place, "mass", entry.get("mass", DEFAULT_MASS), *MASS_LIMITS),
+        "is_lying": is_lying,
+        "levels": _level(place, entry.get("row", 0), layout),
+    }
 
 
 def _number(place: str, key: str, value: object, lowest: float, highest: float) -> float:
-    if not _is_number(value) or not lowest <= float(value) <= highest:
+    is_number = isinstance(value, Real | np.number) and not isinstance(value, bool)
+    if not is_number or not lowest <= float(value) <= highest:  # type: ignore[arg-type]  # a number
         raise OptionError(f"{place}: {key}={value!r} must be a number from {lowest:.4g} to {highest:.4g}")
-    return float(value)
+    return float(value)  # type: ignore[arg-type]  # a number
 
 
 def _level(place: str, row: object, layout: Layout) -> float:
@@ -242,10 +227,6 @@ def _level(place: str, row: object, layout: Layout) -> float:
         valid = ", ".join(map(str, rows))
         raise OptionError(f"{place}: row={row!r} is not valid in layout {layout.name!r}; valid rows: {valid}")
     return layout.levels[row]
-
-
-def _is_number(value: object) -> TypeGuard[Real]:
-    return isinstance(value, Real | np.number) and not isinstance(value, bool)
 
 
 def _position(place: str, value: object) -> tuple[float, float]:

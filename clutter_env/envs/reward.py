@@ -22,7 +22,7 @@ POTENTIAL_TERMS = ("reach", "grasp", "lift")
 DENSE_SCALES: Mapping[str, float] = MappingProxyType(
     {"reach": 0.2, "grasp": 0.2, "lift": 0.6, "success": 10.0, "disturbed": -3.0, "lost": -10.0}
 )
-"""What one unit of each term is worth in the dense reward.
+"""Worth of one unit of each term in the dense reward.
 
 The potential is at most 1 altogether, less than the penalty for one disturbed object: disturbing never pays, however
 much sooner the target is lifted, with discounts from 0.95 on."""
@@ -55,7 +55,7 @@ def potential_terms(world: World, measurements: Measurements, monitor: SuccessMo
 
 
 def event_terms(monitor: SuccessMonitor, is_success: bool) -> dict[str, float]:
-    """What has happened in a step: success (0 or 1), objects newly disturbed or fallen, target lost (0 or 1)."""
+    """Events of a step: success (0 or 1), objects newly disturbed or fallen, target lost (0 or 1)."""
     return {
         "success": float(is_success),
         "disturbed": float(monitor.newly_disturbed),

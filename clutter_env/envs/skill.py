@@ -39,7 +39,7 @@ from planners import (
 SIMULATIONS = ("physics", "kinematic")
 FEASIBILITIES = ("oracle", "none")
 _PUSHING = MonitorConfig(displacement=math.inf, tilt=math.pi)
-"""Of an attempt that runs into objects: their motion does not stop it."""
+"""Tolerances of an attempt that runs into objects: their motion does not stop it."""
 SKILL_COST = 0.05
 """Reward lost by every skill; success is worth 1."""
 FINAL_HOLD_STEPS = 20
@@ -150,7 +150,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
     def render(self) -> Any:
-        """As `RetrieveEnv.render`; with the kinematic model the images show the first state."""
+        """Render as `RetrieveEnv.render` does; with the kinematic model the images show the first state."""
         return self._physics_env.render()
 
     def close(self) -> None:

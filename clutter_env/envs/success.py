@@ -127,7 +127,7 @@ class SuccessMonitor:
         self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
 
     def memory(self) -> dict[str, Any]:
-        """What has to be kept of the past in a saved state, as JSON values."""
+        """The past that a saved state must keep, as JSON values."""
         first, *others = self._hands
         memory = {
             "chord_starts": self._chord_starts.tolist(),
@@ -206,7 +206,7 @@ class SuccessMonitor:
         return float(TABLE_HEIGHT + self._world.scene.levels[self._target])
 
     def _derive(self) -> None:
-        """What follows from paths and falls: the counts, and the square (n,) [m²] of the motion that ends a chord.
+        """Derive from paths and falls the counts, and the square (n,) [m²] of the motion that ends a chord.
 
         The last chord of a path ends at `DISTURBED_PATH`; the paths of disturbed objects are not followed.
         """
@@ -223,7 +223,7 @@ class SuccessMonitor:
 
 
 def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[str, Any]:
-    """What `SuccessMonitor.memory` returned, as arrays, for `SuccessMonitor.recall`.
+    """Arrays for `SuccessMonitor.recall` from what `SuccessMonitor.memory` returned.
 
     Raises:
         StateError: it is not the memory of so many objects and grippers.

@@ -1,6 +1,6 @@
 """Tables and their surroundings, known by name or made by the user.
 
-World frame: origin on the floor under the table's centre, x from the robot towards the table, y left, z up.
+World frame: origin on the ground under the table's centre, x from the robot towards the table, y left, z up.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from clutter_env.errors import ConfigError
 
 TABLE_HEIGHT = 0.75
-"""[m] of every table's top face above the floor."""
+"""[m] of every table's top face above the ground."""
 
 TABLE = "table_top"
 """Name of the box on which objects stand at the start."""
@@ -40,7 +40,7 @@ BOX_POSITION_BOUND = 10.0
 START_DISTANCE = (0.6, 1.1)
 """[m] from the table's front edge to the base centre at the start."""
 SHELF_START_DISTANCE = (0.95, 1.3)
-"""[m]; farther away, because the carried gripper is about as high as the shelf board."""
+"""[m]; farther away, because the carried gripper is about as high as the shelf."""
 START_SIDE_MARGIN = 0.1
 """[m] from the table's side edges, inwards."""
 START_CLEARANCE = 0.4
@@ -75,13 +75,13 @@ class Layout:
     is_front_only: bool = True
     """Counters beside it and a wall behind it."""
     board_height: float | None = None
-    """[m] from the table top to the shelf board above it, None without a shelf."""
+    """[m] from the table top to the shelf above it, None without a shelf."""
     boxes: tuple[Box, ...] = ()
     """More furniture, in the world frame: obstacles for the robot and for the planner."""
     supports: tuple[str, ...] | None = None
     """Names of the boxes on whose top faces objects may be put, the table's first; None for table and counters."""
     second_board_height: float | None = None
-    """[m] from the shelf board to a second one above it, None without: objects stand below both."""
+    """[m] from the shelf to a second one above it, None without: objects stand below both."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -103,13 +103,13 @@ class Layout:
             if names.count(name) > 1:
                 raise ConfigError(f"{place}: two boxes are named {name!r}; the names: {', '.join(names)}")
         for box in self.boxes:
-            self._check_room(box)
+            self._check_clearance(box)
         if self.supports is not None:
             object.__setattr__(self, "supports", _checked_supports(place, self.supports, furniture(self)))
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the board's."""
+        """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the shelf's."""
         if self.board_height is None or self.second_board_height is None:
             return (0.0,)
         return 0.0, self.board_height + _PANEL_THICKNESS
@@ -133,8 +133,8 @@ class Layout:
         x, y = self.depth / 2, self.width / 2
         return (-x, -y, TABLE_HEIGHT), (x, y, TABLE_HEIGHT + height)
 
-    def _check_room(self, box: Box) -> None:
-        """The box leaves room for the objects on the table and for the robot before it."""
+    def _check_clearance(self, box: Box) -> None:
+        """The box leaves the space of the objects on the table and of the robot before it free."""
         if _overlaps(box, *self._table_volume(HEADROOM_RANGE[0])):
             raise ConfigError(
                 f"layout {self.name!r}: box {box.name!r} is less than {HEADROOM_RANGE[0]} m above the table, "
@@ -194,7 +194,7 @@ def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool
 
 
 def furniture(layout: Layout) -> tuple[Box, ...]:
-    """All boxes of a layout, on the floor and above the table: the table, what its flags add, and its own `boxes`.
+    """All boxes of a layout, on the ground and above the table: the table, what its flags add, and its own `boxes`.
 
     The names are relied on elsewhere.
     """
@@ -232,7 +232,7 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
 
 
 def _shelf(x: float, y: float, board_heights: tuple[float, float | None]) -> list[Box]:
-    """Side panels just outside the table and one or two boards across them, each at its height above what is below."""
+    """Side panels just outside the table and one or two shelves across them, each at its height above what is below."""
     panel = _PANEL_THICKNESS / 2
     first, second = board_heights
     height = first if second is None else first + _PANEL_THICKNESS + second

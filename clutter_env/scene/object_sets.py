@@ -19,7 +19,7 @@ STANDARD_HEIGHT = 0.20
 HEADROOM_LEFT = 0.05
 """[m] between a random object's top and what hangs above the table, at least."""
 MAX_OBJECTS = 60
-"""Objects in one scene at most, on any table: the planners' bit masks have no room for more."""
+"""Objects in one scene at most, on any table: the planners' bit masks hold no more."""
 _PACKING = 0.46
 """Share of the area that random placement reliably fills; the limit is 0.547 (random sequential adsorption)."""
 
@@ -37,7 +37,7 @@ class ObjectSet:
         edge_margin: [m] from an object's axis to the table's edge at least.
         are_cylinders_lying: whether cylinders lie on their sides instead of standing.
         has_side_grasps: whether a level gripper grasps these objects at the robot's usual height above the table, so
-            that obstructed targets can be told.
+            that obstructed targets can be recognised.
     """
 
     radius: Range = (0.025, 0.035)
@@ -85,7 +85,7 @@ def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
 
 
 def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["standard"]) -> int:
-    """How many objects of these shapes random placement reliably puts on the table."""
+    """Number of objects of these shapes that random placement reliably puts on the table."""
     cylinder, depth = sum(objects.radius), sum(objects.half_depth)
     box = math.hypot(depth, sum(objects.half_width))
     if objects.are_cylinders_lying:

@@ -1,9 +1,9 @@
-"""How many objects stand in the way of side grasps: a fast geometric test that needs no planner.
+"""Counts of objects in the way of side grasps: a fast geometric test that needs no planner.
 
 For every object and every direction of approach, the outline of the level gripper and of the wrist behind it is laid
 over the table. The objects whose footprint it touches are in the way. Only directions count that the robot reaches on
 the empty table; they come from a table that was made with the planner (`assets/approaches/<robot>.json`).
-Under a board the robot drives straight in and out with the arm rigid, as in the planner: what gripper and wrist touch
+Under a shelf the robot drives straight in and out with the arm rigid, as in the planner: what gripper and wrist touch
 on the way, and the grasped object on the way out, is in the way too.
 The forearm and the rest of the robot are left out; `docs/suites.md` says how well this agrees with the planner.
 """
@@ -65,7 +65,7 @@ class Solids(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SideApproaches:
-    """What is known of a robot's side grasps.
+    """Side grasps of a robot, read from a file.
 
     Attributes:
         margins: of the planner.
@@ -191,7 +191,7 @@ def _hits_on_drive(
     approach: Array,
     opening: Array,
 ) -> NDArray[np.bool_]:
-    """Which objects gripper, wrist or the grasped object touch on the straight drive out at k grasps, (k, n).
+    """Objects that gripper, wrist or the grasped object touch on the straight drive out at k grasps, (k, n).
 
     The drive goes against x, from where the gripper has backed off. That gripper, wrist and object move so is the same
     as that the others move along x: each of these becomes the box that it sweeps, from its axis on.
@@ -230,7 +230,7 @@ class _Pairs(NamedTuple):
 def _hits(
     approaches: SideApproaches, scene: TableScene, tcp: Array, approach: Array, opening: Array
 ) -> NDArray[np.bool_]:
-    """Which objects gripper or wrist touch at k grasps, (k, n)."""
+    """Objects that gripper or wrist touch at k grasps, (k, n)."""
     x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
     c, s = approach[:, :1], approach[:, 1:]
     ahead, aside = x * c + y * s, y * c - x * s

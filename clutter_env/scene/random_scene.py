@@ -84,13 +84,13 @@ def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64],
         positions = _place_once(rng, layout, radii, margin)
         if positions is not None:
             return positions
-    raise OptionError(f"no room for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
+    raise OptionError(f"no space for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
 
 
 def _place_once(
     rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float
 ) -> NDArray[np.float64] | None:
-    """One attempt, object by object; None when the next object found no room."""
+    """One attempt, object by object; None when the next object found no space."""
     half_size = layout.depth / 2 - margin, layout.width / 2 - margin
     circles: list[tuple[float, float, float]] = []
     widest = float(radii.max(initial=0.0))

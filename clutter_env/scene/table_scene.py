@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class TableScene:
-    """What a reset puts into the world. Arrays are read-only.
+    """Objects, target and robot as a reset puts them into the world. Arrays are read-only.
 
     `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
     table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, `is_lying`
@@ -38,7 +38,7 @@ class TableScene:
 
     @property
     def num_objects(self) -> int:
-        """How many objects there are."""
+        """Number of objects."""
         return len(self.yaws)
 
     @property

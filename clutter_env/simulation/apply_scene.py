@@ -80,7 +80,7 @@ def _inertias(scene: TableScene) -> NDArray[np.float64]:
 
 
 def _start_poses(scene: TableScene) -> NDArray[np.float64]:
-    """Free-joint positions (n, 7): exactly touching table or board; a lying cylinder's z axis is horizontal."""
+    """Free-joint positions (n, 7): exactly touching table or shelf; a lying cylinder's z axis is horizontal."""
     poses = np.zeros((scene.num_objects, 7))
     poses[:, :2] = scene.positions
     poses[:, 2] = TABLE_HEIGHT + scene.levels + scene.standing_extents[:, 2]

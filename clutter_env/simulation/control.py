@@ -173,8 +173,8 @@ class JointController:
     def action_towards(self, q_target: ArrayLike, gripper_width: ArrayLike, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
-        If the limits do not allow that in one step, the action approaches it and leaves room to brake; a fixed goal may
-        be overshot by the braking distance of one step (3 cm, 0.05 rad) before it is reached.
+        If the limits do not allow that in one step, the action approaches it and leaves distance to brake; a fixed goal
+        may be overshot by the braking distance of one step (3 cm, 0.05 rad) before it is reached.
 
         Raises:
             ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.

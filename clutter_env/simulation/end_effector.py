@@ -143,7 +143,7 @@ class TcpFollower:
         self._controller.reset(self.q)
 
     def step(self, T_base_tcp: Vector) -> Vector:
-        """The configuration (1 + n,) one control step later, on the way to a TCP pose (4, 4) in the base frame."""
+        """The configuration (1 + n,) one control step later, on the path to a TCP pose (4, 4) in the base frame."""
         twist = np.clip(self._controller.twist_towards(T_base_tcp), -1.0, 1.0)
         self._qd = self._controller.joint_velocity(twist, self.q, self._qd)
         self.q = self.q + self._qd * CONTROL_STEP

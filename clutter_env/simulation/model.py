@@ -35,13 +35,13 @@ _FURNITURE_COLOURS = {
     "shelf": (0.66, 0.54, 0.41, 1.0),
 }
 _OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
-"""Of furniture that a layout brings itself."""
-_SHELF_BOARDS_ALPHA = 0.2
-"""Boards above objects are drawn transparent: what they share, seen from above."""
+"""Colour of furniture that a layout brings itself."""
+_SHELVES_ALPHA = 0.2
+"""Opacity of the shelves above objects, which share it, seen from above."""
 _TOP_X = -0.45
 """[m] of the camera "top": between the table and where the robot starts."""
-_FLOOR_SIZE = 15.0
-"""[m] How far the floor is drawn; contacts know no such end. An unbounded floor doubles the time of an image."""
+_GROUND_SIZE = 15.0
+"""[m] Drawn extent of the ground; contacts know no such end. Unbounded ground doubles the time of an image."""
 _SLICES, _STACKS = 24, 6
 """Facets of drawn cylinders and capsules around and along their axes: software renderers are bound by their number."""
 _EXTENT = 2.0
@@ -50,7 +50,7 @@ _EXTENT = 2.0
 
 @dataclass(frozen=True)
 class ModelIndex:
-    """Where things are in a compiled model; arrays are read-only."""
+    """Addresses of things in a compiled model; arrays are read-only."""
 
     base_body: int
     tcp_site: int
@@ -189,7 +189,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     world.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[_FLOOR_SIZE, _FLOOR_SIZE, 0.5],
+        size=[_GROUND_SIZE, _GROUND_SIZE, 0.5],
         rgba=[0.93, 0.94, 0.95, 1],
         contype=1,
         conaffinity=1,
@@ -199,7 +199,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     for box in furniture(layout):
         colour = list(_FURNITURE_COLOURS.get(box.name.split("_")[0], _OTHER_COLOUR))
         if box.name in boards:
-            colour[3] = _SHELF_BOARDS_ALPHA / len(boards)
+            colour[3] = _SHELVES_ALPHA / len(boards)
         world.add_body().add_geom(
             name=box.name,
             type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -317,7 +317,7 @@ VISUAL_GROUP, HIDDEN_GROUP = 1, 3
 
 
 def mesh_folder(robot: RobotSpec) -> Path | None:
-    """Where the robot's meshes are installed (found without importing their package), None if they are not."""
+    """Folder where the robot's meshes are installed (found without importing their package), None if they are not."""
     spec = importlib.util.find_spec(robot.mesh_package) if robot.mesh_package else None
     if spec is None or not spec.submodule_search_locations:
         return None

@@ -2,7 +2,7 @@
 
 MuJoCo's integration state does not include which bodies sleep, so the lists of awake bodies are saved as well. MuJoCo
 reads and writes memory at the indices in these lists without any check: wrong ones crash the process. Geoms are not
-saved: a state saved without meshes can be restored with them, and the other way round.
+saved: a state saved without meshes can be restored with them, and without them after saving with them.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ def _refuse_constant(name: str) -> NoReturn:
 def _read_scene(value: object, most_objects: int) -> TableScene:
     """The scene in a state of an environment with at most so many objects.
 
-    States that were saved before cylinders could lie, or objects stand on boards, lack these entries.
+    States that were saved before cylinders could lie, or objects stand on shelves, lack these entries.
     """
     missing = [name for name in ("is_lying", "levels") if isinstance(value, dict) and name not in value]
     read = Fields(value, "scene", [entry.name for entry in fields(TableScene) if entry.name not in missing])
@@ -154,7 +154,7 @@ def _read_scene(value: object, most_objects: int) -> TableScene:
 LARGEST = 1e10
 """Largest magnitude of a number in a state: MuJoCo resets a simulation with a larger one (mjMAXVAL)."""
 _UNIT_TOLERANCE = 1e-6
-"""Of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
+"""Tolerance of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
 
 
 class Fields:

@@ -142,7 +142,7 @@ class Simulator:
         return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
 
     def memory(self) -> dict[str, Any]:
-        """What controller and measurements remember besides the physics, as JSON values."""
+        """Memory of controller and measurements besides the physics, as JSON values."""
         control = self.world.controller.state
         several = {"other_held": self.measurements.other_held, "other_fingers": control.other_fingers}
         return {
@@ -182,7 +182,9 @@ class Simulator:
             ik_failures=memory.integer(IK_FAILURES, 0, 2**31) if counts_failures else 0,
             held=memory.integer("held", -1, saved.scene.num_objects - 1),
             is_touching=memory.flag("is_touching"),
-            other_held=_slots(memory, others, saved.scene.num_objects),
+            other_held=tuple(memory.integers("other_held", others, -1, saved.scene.num_objects - 1).tolist())
+            if others
+            else (),
         )
 
     def restore(self, state: CheckedState) -> None:
@@ -232,8 +234,3 @@ def _planar_pose(base: NDArray[np.float64]) -> NDArray[np.float64]:
     pose[:2, :2] = ((cosine, -sine), (sine, cosine))
     pose[:2, 3] = base[:2]
     return pose
-
-
-def _slots(memory: Fields, grippers: int, num_objects: int) -> tuple[int, ...]:
-    """What the other grippers hold."""
-    return tuple(memory.integers("other_held", grippers, -1, num_objects - 1).tolist()) if grippers else ()

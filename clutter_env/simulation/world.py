@@ -32,7 +32,7 @@ _NO_OBJECT = -1
 
 @dataclass(frozen=True)
 class Measurements:
-    """What observation, reward and success are computed from, after a control step.
+    """Measured quantities after a control step, from which observation, reward and success follow.
 
     `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
     top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything. Of a robot that acts
@@ -157,7 +157,7 @@ class World:
         return measurements
 
     def lowest_point(self, measurements: Measurements, slot: int) -> float:
-        """Height [m] of an object's lowest point above the floor."""
+        """Height [m] of an object's lowest point above the ground."""
         assert self.scene is not None
         height, w, x, y, z = measurements.poses[slot, 2:].tolist()
         down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)

@@ -199,6 +199,7 @@ def first_scenes(name: str, count: int) -> dict[str, Any]:
     return {**content, "scenes": {split: content["scenes"][split][:count] for split in SPLITS}}
 
 
+@pytest.mark.slow
 def test_new_floors_leave_the_scenes_as_they_are() -> None:
     content = first_scenes("side-15-v1", 1)
     right = copy.deepcopy(content["scenes"])
@@ -212,6 +213,7 @@ def test_new_floors_leave_the_scenes_as_they_are() -> None:
     }
 
 
+@pytest.mark.slow
 def test_new_floors_of_another_scene_are_refused() -> None:
     content = first_scenes("side-15-v1", 1)
     content["scenes"]["test"][0]["digests"]["masses"] = "0" * 12

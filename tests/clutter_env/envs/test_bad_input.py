@@ -55,11 +55,6 @@ def test_wrong_keywords_name_the_valid_ones(name: str, value: object, hint: str)
     assert name in str(caught.value) or repr(value) in str(caught.value)
 
 
-def test_wrong_render_mode_is_refused() -> None:
-    with pytest.raises(ClutterEnvError, match="depth_array"):
-        RetrieveEnv(render_mode="ascii")
-
-
 @pytest.mark.parametrize("shapes", ["cylinder", "box", "mixed"])
 def test_too_many_objects_say_how_many_fit(shapes: str) -> None:
     for layout in LAYOUTS:

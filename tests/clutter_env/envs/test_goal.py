@@ -68,15 +68,6 @@ def test_pick_starts_within_reach_and_has_both_kinds_of_goals() -> None:
     assert GOAL_TOLERANCE == 0.05
 
 
-def test_goal_environments_take_options() -> None:
-    pick = gym.make("clutter_env/Pick-v0", num_objects=3)
-    _, info = pick.reset(seed=0, options={"target": "object_02"})
-    assert info["target"] == "object_02"
-    reach = gym.make("clutter_env/Reach-v0")
-    with pytest.raises(ValueError, match="no object"):
-        reach.reset(options={"target": "object_00"})
-
-
 @pytest.mark.parametrize("env_id", ["clutter_env/Reach-v0", "clutter_env/Pick-v0"])
 def test_wrapped_environments_pass_the_checker_of_stable_baselines3(env_id: str) -> None:
     pytest.importorskip("stable_baselines3")

@@ -132,13 +132,6 @@ def test_wrong_layouts_say_what_is_wrong(change: dict, hint: str) -> None:
         replace(BENCH, **change)
 
 
-@pytest.mark.parametrize("layout", ["round", 3, None, {"depth": 0.5}, {**asdict(BENCH), "legs": 3}])
-def test_what_is_no_layout_names_the_valid_ones(layout: object) -> None:
-    with pytest.raises(ConfigError, match=r"paper.*Layout|name, depth, width") as caught:
-        gym.make(ID, layout=layout)
-    assert "layout=" in str(caught.value)
-
-
 @pytest.mark.parametrize("robot", ["wall-e", 3, None, {"name": "fetch"}, {**asdict(FETCH), "legs": 2}])
 def test_what_is_no_robot_names_the_valid_ones(robot: object) -> None:
     with pytest.raises(ConfigError, match=r"known robots: .*fetch.*RobotSpec|fields of a RobotSpec"):

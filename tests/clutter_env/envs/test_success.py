@@ -102,17 +102,6 @@ def test_a_spoilt_lift_is_a_success_of_the_plain_kind_only(spoil: str, success: 
     assert info["num_fallen"] == (spoil == "topple")
 
 
-def test_an_episode_goes_on_after_a_fall_unless_told_to_end() -> None:
-    for ends in (False, True):
-        env = RetrieveEnv(num_objects=5, terminate_on_fallen=ends)
-        env.reset(seed=1)
-        topple(env, (env.target_slot + 1) % 5)
-        _, reward, terminated, _, info = env.step(np.zeros(12))
-        assert terminated == ends
-        assert info["num_fallen"] == 1
-        assert reward == 0.0
-
-
 def test_objects_at_rest_are_never_disturbed() -> None:
     env = RetrieveEnv(num_objects=30)
     env.reset(seed=3)

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
@@ -123,20 +122,6 @@ def test_constants_of_the_objects_are_those_that_mujoco_derives(object_set: str,
         assert np.allclose(ours[name], getattr(model, name), rtol=1e-14, atol=0, equal_nan=True), name
 
 
-def test_start_poses_stay_in_front() -> None:
-    env = RetrieveEnv(num_objects=1)
-    bases = []
-    for seed in range(50):
-        env.reset(seed=seed)
-        bases.append(env.data.qpos[:3].copy())
-    x, y, yaw = np.array(bases).T
-    assert (x < -0.35 - 0.6 + 1e-9).all()
-    assert x.std() > 0.05
-    assert y.std() > 0.1
-    assert yaw.std() > 0.1
-    assert np.allclose(env.data.qpos[env.world.index.drive_qpos[3:]], FETCH.home)
-
-
 def test_colours_are_distinct_and_only_the_target_is_red() -> None:
     env = RetrieveEnv(num_objects=60)
     env.reset(seed=0)
@@ -171,8 +156,3 @@ def test_described_objects_stand_in_the_row_that_is_asked_for() -> None:
         env.reset(options={"objects": [can, can]})
     with pytest.raises(OptionError, match="valid rows: 0, 1"):
         env.reset(options={"objects": [can | {"row": 2}]})
-
-
-def test_a_second_board_needs_a_first() -> None:
-    with pytest.raises(ConfigError, match="board_height"):
-        Layout("floating", depth=0.7, width=1.0, second_board_height=0.35)

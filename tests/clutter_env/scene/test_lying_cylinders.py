@@ -109,13 +109,6 @@ def test_they_are_in_the_way_of_grasps_like_boxes_of_the_same_outline() -> None:
     assert found[0][0] > 0
 
 
-@pytest.mark.parametrize("object_set", ["low", "lying"])
-def test_obstructed_is_refused_for_sets_without_side_grasps(object_set: str) -> None:
-    env = gym.make("clutter_env/Retrieve-o10-v0", object_set=object_set).unwrapped
-    with pytest.raises(OptionError, match=r"too low for side grasps; valid values: 'standard', 'tall', 'heavy'"):
-        env.reset(seed=0, options={"obstructed": True})
-
-
 def rewritten(state: bytes, change: Any) -> bytes:
     """The state with its scene changed, sealed again."""
     content = opened(state)

@@ -65,10 +65,6 @@ def test_the_tables_were_made_with_the_planners_present_margins(name: str) -> No
     assert side_approaches(name).margins == PlannerMargins(SIDE.directions, PADDING, FINGER_GAP, BACK, HELD_GAP)
 
 
-def test_an_object_alone_has_nothing_in_the_way() -> None:
-    assert blockers(cylinders([(0.0, 0.0)])).tolist() == [0]
-
-
 def test_an_object_within_a_ring_is_obstructed_more_than_most_of_the_ring() -> None:
     found = blockers(cylinders([(0.0, 0.0), *ring(8, 0.11)]))
     assert found[0] == 2
@@ -221,10 +217,6 @@ def test_too_few_or_too_low_objects_are_refused() -> None:
         make(object_set="low", obstructed=True)
     with pytest.raises(OptionError, match="at least 2"):
         gym.make("clutter_env/Pick-v0").reset(seed=0, options={"obstructed": True})
-
-
-def test_the_robots_are_those_with_a_table() -> None:
-    assert {"fetch", "panda_mobile", "pr2_left", "pr2_right"} <= set(robots_with_approaches())
 
 
 @pytest.mark.parametrize("robot", [robot("panda_mobile"), PR2, PR2.using("left")], ids=lambda spec: spec.full_name)

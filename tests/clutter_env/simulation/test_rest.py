@@ -10,31 +10,7 @@ import pytest
 
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
-from clutter_env.simulation.world import World
-from tests.clutter_env.toppling import topple_objects, wake
-
-
-def lay_down(world: World, slot: int, spin: float) -> None:
-    """Put an object on its side on the floor, rolling at `spin` [rad/s] about its axis."""
-    model, data, index = world.model, world.data, world.index
-    pose = data.qpos[index.object_qpos].reshape(-1, 7)[slot]
-    radius = world.scene.half_extents[slot, 0]
-    pose[:] = (-2.0, -2.0, radius, math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
-    velocity = data.qvel[index.object_dof].reshape(-1, 6)[slot]
-    velocity[:] = (-spin * radius, 0.0, 0.0, 0.0, 0.0, spin)
-    wake(model, data)
-
-
-def test_a_rolling_cylinder_stops_and_sleeps_within_two_seconds() -> None:
-    env = RetrieveEnv(num_objects=3)
-    env.reset(seed=0)
-    lay_down(env.world, 1, spin=5.0)
-    start = env.data.qpos[env.world.index.object_qpos].reshape(-1, 7)[1, :2].copy()
-    for _ in range(40):
-        env.step(np.zeros(env.action_size, np.float32))
-    moved = np.linalg.norm(env.measurements.poses[1, :2] - start)
-    assert 0.02 < moved < 0.5, "it rolls before it stops"
-    assert env.data.body_awake[env.world.index.object_bodies][1] == int(mujoco.mjtSleepState.mjS_ASLEEP)
+from tests.clutter_env.toppling import topple_objects
 
 
 def test_toppled_objects_sleep_within_five_seconds() -> None:

@@ -50,7 +50,7 @@ def run(env, actions: np.ndarray) -> list[bytes]:
     return record
 
 
-@pytest.mark.parametrize(("mode", "keywords"), [("joint", {}), ("ee", {"object_set": "lying", "shapes": "mixed"})])
+@pytest.mark.parametrize(("mode", "keywords"), [("joint", {}), ("ee", {"shapes": "mixed"})])
 def test_round_trip_changes_nothing(mode: str, keywords: dict) -> None:
     env = in_clutter(mode, **keywords)
     assert moved_objects(env) > 2, "the scenario must move objects"

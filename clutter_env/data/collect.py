@@ -1,0 +1,206 @@
+"""Collection of demonstrations: seeds in ascending order, in parallel, each kept if it replays in a new process."""
+
+from __future__ import annotations
+
+import errno
+import tempfile
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.data.episode import record
+from clutter_env.data.episode_file import write_episode
+from clutter_env.data.replay import replay_in_fresh_process, with_images
+from clutter_env.errors import CollectionError, LearningError
+from clutter_env.parallel import Crash, Killed
+from clutter_env.policies.experts import find_expert, make_expert
+from clutter_env.task import HELD_OUT, Task
+
+MAX_DEATHS = 3
+"""The collection stops when the worker of one seed has died so many times."""
+MAX_REJECTED, MAX_REJECTED_PER_KEPT = 30, 4
+"""The collection stops with more than 30 rejected seeds, plus 4 for every episode kept: the task or the expert is
+probably wrong."""
+
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
+@dataclass(frozen=True)
+class SeedResult:
+    """The result of one seed.
+
+    Attributes:
+        seed: of the scene.
+        content: the episode's file; empty if there is none.
+        reason: why there is none; "" if there is one.
+        steps: of the episode.
+    """
+
+    seed: int
+    content: bytes = b""
+    reason: str = ""
+    steps: int = 0
+
+
+JobRunner: TypeAlias = Callable[
+    [Callable[[int], SeedResult], Iterable[int | None]], Iterator[tuple[int, SeedResult | Crash | Killed]]
+]
+"""Runs `demonstrate` on seeds in parallel: `run_jobs` with its number of workers chosen."""
+
+
+def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_size: int = 0) -> Job:
+    """A job that can be collected.
+
+    Args:
+        task: environment and keyword arguments.
+        expert: one of `experts.expert_names`; "" for the first.
+        episodes: successful episodes wanted, at least 1.
+        first_seed: from 0 to `HELD_OUT` - 1.
+        image_size: [pixels] of camera images; 0 for none.
+
+    Raises:
+        LearningError: a value out of its range.
+        UnknownTask: no such environment, or not with these keyword arguments.
+        UnknownExpert: no such expert for this environment; the message lists the known ones.
+    """
+    if episodes < 1:
+        raise LearningError(f"episodes={episodes} is not valid; it must be at least 1")
+    if not 0 <= first_seed < HELD_OUT:
+        raise LearningError(f"seed={first_seed} is not valid; it must be from 0 to {HELD_OUT - 1}")
+    task.make(**({"obs_mode": "rgbd", "image_size": image_size} if image_size else {})).close()
+    return Job(task, find_expert(task.env_id, expert), episodes, first_seed, image_size=image_size)
+
+
+def demonstrate(job: Job, seed: int) -> SeedResult:
+    """Record one episode and replay it in a new process; only clean successes are demonstrations. Runs in a worker.
+
+    Raises:
+        OSError: no space for a temporary file.
+        RenderingUnavailable: images are wanted, and this machine cannot render.
+    """
+    try:
+        env = job.task.make()
+        try:
+            episode = record(job.task, env, make_expert(job.expert), seed, job.options)
+        finally:
+            env.close()
+    except Exception as problem:
+        if isinstance(problem, OSError) and problem.errno in _NO_SPACE:
+            raise
+        return SeedResult(seed, reason=f"crashed: {type(problem).__name__}: {problem}\n{traceback.format_exc()}")
+    if not episode.succeeded:
+        why = episode.report.get("failure") or "the episode ended without success"
+        return SeedResult(seed, reason=f"no success: {why}", steps=len(episode))
+    if not episode.is_clean:
+        return SeedResult(seed, reason="not clean: an object has fallen or been disturbed", steps=len(episode))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "episode.hdf5"
+        write_episode(path, episode)
+        replayed = replay_in_fresh_process(path)
+        if not (replayed.is_identical and replayed.is_success):
+            return SeedResult(seed, reason=f"does not replay: {replayed}", steps=len(episode))
+        if job.image_size:
+            write_episode(path, with_images(episode, job.image_size))
+        return SeedResult(seed, path.read_bytes(), steps=len(episode))
+
+
+def collect(
+    job: Job, dataset: Dataset, run: JobRunner, report: Callable[[SeedResult], None] = lambda _: None
+) -> list[int]:
+    """Demonstrate seeds in ascending order until the dataset has all its episodes.
+
+    Never more seeds are in progress than episodes are missing, so that no episode is made in vain.
+
+    Args:
+        job: what to collect.
+        dataset: where to; seeds that it has decided already are not tried again.
+        run: for example `partial(run_jobs, workers=2)`.
+        report: called with every result.
+
+    Returns:
+        The seeds of the dataset.
+
+    Raises:
+        CollectionError: a full disk, a worker that dies again and again, or far too many rejected seeds.
+    """
+    seeds = _Seeds(job, dataset)
+    for seed, result in run(partial(demonstrate, job), seeds.to_try()):
+        if isinstance(result, SeedResult):
+            seeds.finish(result)
+            report(result)
+        else:
+            seeds.try_again(seed, result)
+    chosen = dataset.chosen_seeds(job)
+    assert chosen is not None
+    dataset.finish(chosen)
+    return chosen
+
+
+class _Seeds:
+    """Which seeds are kept, rejected, in progress, and to be tried again because their worker died."""
+
+    def __init__(self, job: Job, dataset: Dataset) -> None:
+        self._job, self._dataset = job, dataset
+        self._kept = self._rejected = 0
+        self._in_progress: set[int] = set()
+        self._again: list[int] = []
+        self._deaths: Counter[int] = Counter()
+
+    def to_try(self) -> Iterator[int | None]:
+        """Undecided seeds in ascending order; None while those in progress may be all that are needed."""
+        seed = self._job.first_seed
+        while True:
+            if self._again:
+                yield self._again.pop()
+            elif self._kept + len(self._in_progress) >= self._job.episodes:
+                if not self._in_progress:
+                    return
+                yield None
+            elif self._dataset.has_episode(seed):
+                self._kept += 1
+                seed += 1
+            elif self._dataset.is_decided(seed):
+                self._rejected += 1
+                seed += 1
+            else:
+                self._in_progress.add(seed)
+                seed += 1
+                yield seed - 1
+
+    def finish(self, result: SeedResult) -> None:
+        """Store the result of a seed."""
+        self._in_progress.remove(result.seed)
+        try:
+            if result.content:
+                self._dataset.put(result.seed, result.content)
+                self._kept += 1
+            else:
+                self._dataset.reject(result.seed, result.reason)
+                self._rejected += 1
+        except OSError as problem:
+            raise CollectionError(
+                f"seed {result.seed} could not be stored in {self._dataset.directory}: {problem.strerror}; every "
+                "episode stored before is complete; free some space and run the same command again"
+            ) from problem
+        if self._rejected > MAX_REJECTED + MAX_REJECTED_PER_KEPT * self._kept:
+            reasons = Counter(reason.splitlines()[0] for reason in self._dataset.reasons().values()).most_common(3)
+            raise CollectionError(f"{self._rejected} seeds rejected and only {self._kept} kept; most often: {reasons}")
+
+    def try_again(self, seed: int, problem: Crash | Killed) -> None:
+        """Note that a seed's worker died."""
+        stored = "every episode stored before is complete; run the same command again to go on"
+        if isinstance(problem, Crash) and problem.is_final:
+            raise CollectionError(f"seed {seed} could not be demonstrated: {problem.summary}; {stored}")
+        self._deaths[seed] += 1
+        if self._deaths[seed] >= MAX_DEATHS:
+            cause = problem.summary if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
+            raise CollectionError(
+                f"the worker of seed {seed} ended {self._deaths[seed]} times ({cause}); out of memory, or killed? "
+                f"{stored}, with fewer --workers if memory is short"
+            )
+        self._again.append(seed)

@@ -1,0 +1,114 @@
+"""The columns of a recorded episode: names, units and meaning of every number that is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from assets import RobotSpec
+from clutter_env.envs.observation import Column, EntryLayout, observation_layout
+
+
+class Columns(NamedTuple):
+    """What one array of an episode holds, one row a step.
+
+    Attributes:
+        about: the meaning of a row, in words.
+        names: of the numbers of a row, flattened; none for images and for MuJoCo's own state.
+        units: of each of them; "" without one.
+    """
+
+    about: str
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+
+_POSE = tuple(f"tcp_{row}{column}" for row in "0123" for column in "0123")
+_POSE_UNITS = tuple("m" if column == 3 and row < 3 else "" for row in range(4) for column in range(4))
+
+
+def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, Columns]:
+    """The columns of every array that an episode of an environment has, by its name in the file.
+
+    Args:
+        env: that the episode is recorded in.
+        observation: any one of it.
+    """
+    robot: RobotSpec = env.get_wrapper_attr("robot")
+    layout = observation_layout(robot)
+    found = {f"observations/{name}": _observation(name, layout, value) for name, value in observation.items()}
+    joints = [link.joint.removesuffix("_joint") for link in robot.chain]
+    keyframe = ("base_x", "base_y", "base_yaw", *joints, "finger_position")
+    keyframe_units = ("m", "m", "rad", "m", *["rad"] * (len(joints) - 1), "m")
+    before = "row t belongs to observation t and action t, the last row to no action"
+    return found | {
+        "actions": _action(str(env.get_wrapper_attr("control_mode")), joints),
+        "rewards": Columns("reward of the step", ("reward",), ("",)),
+        "terminations": Columns("whether the step ended the episode by success or failure", ("terminated",), ("",)),
+        "truncations": Columns("whether the step ended the episode early", ("truncated",), ("",)),
+        "infos/is_success": Columns("info is_success, that of reset first", ("is_success",), ("",)),
+        "infos/num_fallen": Columns("info num_fallen, that of reset first", ("num_fallen",), ("",)),
+        "infos/num_disturbed": Columns("info num_disturbed, that of reset first", ("num_disturbed",), ("",)),
+        "infos/state": Columns("MuJoCo's mjSTATE_FULLPHYSICS, that after reset first; for mj_setState"),
+        "infos/skill": Columns(f"index into expert/skills; {before}: -1", ("skill",), ("",)),
+        "infos/phase": Columns(f"phase of the motion, index into expert/phases; {before}: -1", ("phase",), ("",)),
+        "infos/contact_skill": Columns(
+            f"pick-place action that the phase leads to or comes from: 0 none, 1 pick, 2 place; {before}: 0",
+            ("skill",),
+            ("",),
+        ),
+        "infos/contact_object": Columns(
+            f"index of its object as in the observation; {before}; -1 without one", ("object",), ("",)
+        ),
+        "infos/contact_base": Columns(
+            f"base pose at the grasp or release, in the world; {before}; NaN without one",
+            ("base_x", "base_y", "base_yaw"),
+            ("m", "m", "rad"),
+        ),
+        "infos/contact_tcp": Columns(
+            f"T_world_tcp (4, 4) at the grasp or release; {before}; NaN without one", _POSE, _POSE_UNITS
+        ),
+        "infos/keyframe": Columns(
+            f"whole-body configuration at the end of the phase; {before}; NaN without a plan", keyframe, keyframe_units
+        ),
+    }
+
+
+def _observation(name: str, layout: Mapping[str, EntryLayout], value: Any) -> Columns:
+    """The columns of one entry of an observation."""
+    if name in ("achieved_goal", "desired_goal"):
+        return Columns(f"{name.partition('_')[0]} point in the world", ("x", "y", "z"), ("m", "m", "m"))
+    if name == "observation":
+        rows = (len(value) - sum(layout[entry].size for entry in _OWN)) // layout["objects"].size
+        parts = [column._replace(name=f"{entry}.{column.name}") for entry in _OWN for column in layout[entry].columns]
+        return _named(
+            "the entries robot, tcp, gripper and objects, one after the other", [*parts, *_rows(layout, rows)]
+        )
+    if name == "objects":
+        return _named("one row of each object, one after the other", _rows(layout, len(value) // layout[name].size))
+    if name in layout:
+        return _named(f"observation entry {name}, relative to the base", layout[name].columns)
+    return Columns(f"image {name}")
+
+
+_OWN = ("robot", "tcp", "gripper")
+
+
+def _rows(layout: Mapping[str, EntryLayout], rows: int) -> list[Column]:
+    columns = layout["objects"].columns
+    return [column._replace(name=f"object_{row}.{column.name}") for row in range(rows) for column in columns]
+
+
+def _named(about: str, columns: Iterable[Column]) -> Columns:
+    every = tuple(columns)
+    return Columns(about, tuple(column.name for column in every), tuple(column.unit for column in every))
+
+
+def _action(control_mode: str, joints: list[str]) -> Columns:
+    base = ("base_forward", "base_left", "base_yaw_rate")
+    tcp = tuple(f"tcp_{kind}_{axis}" for kind in ("velocity", "rotation") for axis in "xyz")
+    names = (*base, *(joints if control_mode == "joint" else tcp), "gripper")
+    about = f"control mode {control_mode}: shares of the greatest velocity, and of the gripper's opening, -1 to 1"
+    return Columns(about, names, ("",) * len(names))

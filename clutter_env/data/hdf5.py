@@ -1,0 +1,75 @@
+"""All episodes of a dataset in one HDF5 file: in our own layout, or in that of robomimic."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.data.dataset import Dataset
+from clutter_env.data.episode import Episode
+from clutter_env.errors import DatasetError
+from clutter_env.reporting.files import written_atomically
+
+_GYM_TYPE = 2
+"""robomimic's number of Gymnasium environments (`EnvType.GYM_TYPE`)."""
+_TEXT = h5py.string_dtype(encoding="utf-8")
+
+
+def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
+    """Write a file that is there completely or not at all; the file.
+
+    Ours has the groups episode_0, episode_1, … in the order of the seeds, each with everything that the episode's own
+    file has. robomimic's has data/demo_0/{obs, next_obs, actions, …}; observations keep their names, the last `dones`
+    of an episode is 1, `mask/train` names all episodes.
+
+    Raises:
+        DatasetError: the file exists, or the dataset is not complete.
+    """
+    if path.exists():
+        raise DatasetError(f"{path} exists; choose another file or remove it")
+    seeds, identity, total = dataset.seeds, dataset.identity, 0
+    with written_atomically(path) as part, h5py.File(part, "w", track_order=True) as file:
+        file.attrs["provenance"] = json.dumps(identity.get("provenance"))
+        if robomimic:
+            data, task = file.create_group("data"), dataset.task
+            for index, episode in enumerate(dataset):
+                _write_demo(data.create_group(f"demo_{index}"), episode)
+                total += len(episode)
+            data.attrs["total"] = total
+            data.attrs["env_args"] = json.dumps(
+                {"env_name": task.env_id, "type": _GYM_TYPE, "env_kwargs": dict(task.keywords)}
+            )
+            file.create_dataset("mask/train", data=[f"demo_{index}" for index in range(len(seeds))], dtype=_TEXT)
+            return path
+        for index, seed in enumerate(seeds):
+            with h5py.File(dataset.episode_path(seed), "r") as source:
+                group = file.create_group(f"episode_{index}")
+                for name in source:
+                    source.copy(name, group)
+                group.attrs.update({**dict(source.attrs), "id": index})
+                total += int(source.attrs["total_steps"])
+        file.attrs["total_steps"], file.attrs["total_episodes"] = total, len(seeds)
+    return path
+
+
+def _write_demo(group: h5py.Group, episode: Episode) -> None:
+    """One episode of T steps: T rows in each array; `next_obs` is one step later."""
+    group.attrs["num_samples"] = len(episode)
+    group.attrs["seed"] = episode.seed
+    dones = np.zeros(len(episode), np.int64)
+    dones[-1:] = 1
+    arrays: dict[str, NDArray[Any]] = {
+        "actions": episode.actions,
+        "rewards": episode.rewards,
+        "dones": dones,
+        "states": episode.states[:-1],
+    }
+    for name, values in episode.observations.items():
+        arrays[f"obs/{name}"], arrays[f"next_obs/{name}"] = values[:-1], values[1:]
+    for name, values in arrays.items():
+        group.create_dataset(name, data=values, compression="gzip", compression_opts=1)

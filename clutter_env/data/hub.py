@@ -1,0 +1,141 @@
+"""Vectors of environments as LeRobot's evaluation wants them: `make_env`, the entry point of an environment hub.
+
+A repository on the hub needs one line in its env.py: `from clutter_env.data.hub import make_env`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from numpy.typing import NDArray
+
+from clutter_env.errors import ConfigError
+
+ENV_ID = "clutter_env/Retrieve-o15-v0"
+TASKS = {
+    "Retrieve": "take the target out of the clutter",
+    "Reach": "reach the point with the gripper",
+    "Pick": "lift the object to the point",
+    "Skill": "take the target out of the clutter, one skill after the other",
+}
+"""What to do, in words, by the family of the environment."""
+_AGENT = ("robot", "tcp", "gripper", "observation")
+_ENVIRONMENT = ("objects", "goal", "achieved_goal", "desired_goal")
+"""The order of the entries is the same for environments and for files, which sort their names."""
+_COLOUR = "_rgb"
+
+
+def agent_entries(names: Collection[str]) -> list[str]:
+    """The entries of an observation about the robot itself; in goal environments "observation" has the objects too."""
+    return [name for name in _AGENT if name in names]
+
+
+def environment_entries(names: Collection[str]) -> list[str]:
+    """The entries about objects and goals, known exactly."""
+    return [name for name in _ENVIRONMENT if name in names]
+
+
+def image_entries(names: Collection[str]) -> dict[str, str]:
+    """The entries with colour images, by the names of the cameras."""
+    return {name.removesuffix(_COLOUR): name for name in names if name.endswith(_COLOUR)}
+
+
+class HubObservation(gym.Wrapper):
+    """Observations with the keys "agent_pos", "environment_state" and, with cameras, "pixels".
+
+    Attributes:
+        task, task_description: what to do, in words.
+    """
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        assert isinstance(env.observation_space, spaces.Dict)
+        self.task = self.task_description = _task_of(env)
+        parts = env.observation_space.spaces
+        self._agent, self._environment = agent_entries(parts), environment_entries(parts)
+        self._images = image_entries(parts)
+        found: dict[str, spaces.Space[Any]] = {"agent_pos": _joined(parts, self._agent)}
+        if self._environment:
+            found["environment_state"] = _joined(parts, self._environment)
+        if self._images:
+            found["pixels"] = spaces.Dict({camera: parts[name] for camera, name in self._images.items()})
+        self.observation_space = spaces.Dict(found)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Reset the environment."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return self._grouped(observation), info
+
+    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Step the environment."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return self._grouped(observation), float(reward), terminated, truncated, info
+
+    def _grouped(self, observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+        found: dict[str, Any] = {"agent_pos": np.concatenate([observation[name] for name in self._agent])}
+        if self._environment:
+            found["environment_state"] = np.concatenate([observation[name] for name in self._environment])
+        if self._images:
+            found["pixels"] = {camera: observation[name] for camera, name in self._images.items()}
+        return found
+
+
+def make_env(
+    n_envs: int = 1, use_async_envs: bool = False, cfg: Mapping[str, Any] | None = None
+) -> dict[str, dict[int, VectorEnv]]:
+    """A vector of environments, reset in the step that ends an episode (SAME_STEP); `info["is_success"]` is success.
+
+    Args:
+        n_envs: environments in the vector.
+        use_async_envs: whether each of them gets a process of its own.
+        cfg: "env_id", by default clutter_env/Retrieve-o15-v0, and keyword arguments of the environment, such as
+            "control_mode" or obs_mode="rgbd" for cameras in place of exact object poses.
+
+    Returns:
+        The vector, under the environment's id and the number 0 of its only task.
+
+    Raises:
+        ConfigError: no environment of that id, or a number of environments below 1.
+    """
+    keywords = dict(cfg or {})
+    env_id = keywords.pop("env_id", ENV_ID)
+    if n_envs < 1:
+        raise ConfigError(f"n_envs={n_envs} is not valid; it must be at least 1")
+    if env_id not in gym.registry:
+        known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
+        raise ConfigError(f"no environment {env_id!r}; known ones: {known}")
+    makers = [partial(_make_one, env_id, keywords)] * n_envs
+    if use_async_envs:
+        vector: VectorEnv = AsyncVectorEnv(makers, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)
+    else:
+        vector = SyncVectorEnv(makers, autoreset_mode=AutoresetMode.SAME_STEP)
+    return {env_id: {0: vector}}
+
+
+def _make_one(env_id: str, keywords: Mapping[str, Any]) -> gym.Env:
+    import clutter_env  # noqa: F401  registers the environments in a new process
+
+    return HubObservation(gym.make(env_id, **keywords))
+
+
+def _task_of(env: gym.Env) -> str:
+    """What to do in an environment."""
+    assert env.spec is not None
+    return TASKS[env.spec.name.partition("-")[0]]
+
+
+def _joined(parts: Mapping[str, spaces.Space[Any]], names: Collection[str]) -> spaces.Box:
+    """The box of some entries, one after the other."""
+    boxes = [box for box in (parts[name] for name in names) if isinstance(box, spaces.Box)]
+    low, high = (
+        np.concatenate(edges).astype(np.float32) for edges in ([box.low for box in boxes], [box.high for box in boxes])
+    )
+    return spaces.Box(low, high, dtype=np.float32)

@@ -1,0 +1,323 @@
+"""A complete dataset as a LeRobot dataset (format v3.0), written without LeRobot, whose pins clash with others'.
+
+    meta/info.json, meta/stats.json, meta/tasks.parquet, meta/episodes/chunk-000/file-000.parquet
+    data/chunk-000/file-000.parquet                  one row a control step
+    videos/observation.images.NAME/chunk-000/file-000.mp4
+
+Row t of an episode has the observation before action t. `LeRobotDataset("name", root=DIRECTORY)` reads it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.data.dataset import Dataset
+from clutter_env.data.episode import Episode
+from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
+from clutter_env.data.replay import with_images
+from clutter_env.errors import DatasetError, LearningError
+from clutter_env.reporting.files import write_json
+
+FORMAT = "v3.0"
+_CHUNK, _DATA_MB, _VIDEO_MB = 1000, 100, 200
+"""Values that LeRobot writes in info.json; the sizes are those at which its own writer begins a new file."""
+_FILE = "chunk-000/file-000"
+_FIRST = {"chunk_index": 0, "file_index": 0}
+_INDEX = "__index_level_0__"
+"""pandas' name of a column that is the index of a table and has no name."""
+_QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+_FRAMES = 50
+"""Images of an episode that count at most in statistics, spread evenly."""
+_CODEC, _PIXELS = "h264", "yuv420p"
+_VIDEO_OPTIONS = {"crf": "18", "preset": "medium", "bf": "0", "g": "2"}
+"""Little loss; no frame refers to a later one, and every second frame is complete, so that any one is found soon."""
+
+
+def export_lerobot(dataset: Dataset, directory: Path, image_size: int = 0) -> Path:
+    """Write the dataset; the directory.
+
+    Args:
+        dataset: complete.
+        directory: a new one.
+        image_size: [pixels] of camera images that are rendered for episodes without any; 0 for none.
+
+    Raises:
+        DatasetError: the directory exists, or the dataset is not complete.
+        LearningError: pyarrow, or for images PyAV, is not installed; an odd image size.
+        RenderingUnavailable: images are to be rendered, and this machine cannot render.
+    """
+    if directory.exists():
+        raise DatasetError(f"{directory} exists; choose another directory or remove it")
+    part = directory.with_name(f".{directory.name}.{os.getpid()}.part")
+    part.mkdir(parents=True)
+    try:
+        env = dataset.task.make()
+        fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
+        env.close()
+        with ExitStack() as stack:
+            writer = _Writer(part, fps, TASKS[dataset.task.family.capitalize()], stack)
+            for episode in dataset:
+                has_images = image_entries(list(episode.observations))
+                writer.add(with_images(episode, image_size) if image_size and not has_images else episode)
+        writer.finish(robot, dataset.identity)
+        os.replace(part, directory)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return directory
+
+
+class _Writer:
+    """Tables, videos and statistics, which grow episode by episode."""
+
+    def __init__(self, directory: Path, fps: int, task: str, stack: ExitStack) -> None:
+        try:
+            self._arrow: Any = importlib.import_module("pyarrow")
+            self._parquet: Any = importlib.import_module("pyarrow.parquet")
+        except ImportError as problem:
+            raise LearningError("LeRobot datasets need pyarrow; pip install 'clutter-env[data]'") from problem
+        self._directory, self._fps, self._task, self._stack = directory, fps, task, stack
+        self._steps: Any = None
+        self._episodes: list[dict[str, Any]] = []
+        self._features: dict[str, dict[str, Any]] = {}
+        self._rows: dict[str, list[NDArray[Any]]] = {}
+        self._images: dict[str, list[dict[str, Any]]] = {}
+        self._videos: dict[str, _Video] = {}
+
+    def add(self, episode: Episode) -> None:
+        """One episode: its rows, its frames of the videos, its line in the table of episodes."""
+        self._features = self._features or _features(episode, self._fps)
+        index, first = len(self._episodes), sum(map(len, self._rows.get("index", [])))
+        columns = _columns(episode, index, first, self._fps)
+        statistics = {name: _vector_statistics(values) for name, values in columns.items()}
+        line: dict[str, Any] = {
+            "episode_index": index,
+            "tasks": [self._task],
+            "length": len(episode),
+            "dataset_from_index": first,
+            "dataset_to_index": first + len(episode),
+            **{f"data/{name}": value for name, value in _FIRST.items()},
+            **{f"meta/episodes/{name}": value for name, value in _FIRST.items()},
+        }
+        for camera, name in image_entries(list(episode.observations)).items():
+            key, images = f"observation.images.{camera}", episode.observations[name][:-1]
+            if key not in self._videos:
+                path = self._directory / f"videos/{key}/{_FILE}.mp4"
+                self._videos[key] = self._stack.enter_context(_Video(path, images.shape[1:3], self._fps))
+            video = self._videos[key]
+            line |= {f"videos/{key}/{name}": value for name, value in _FIRST.items()}
+            line[f"videos/{key}/from_timestamp"] = video.frames / self._fps
+            video.write(images)
+            line[f"videos/{key}/to_timestamp"] = video.frames / self._fps
+            statistics[key] = _image_statistics(images)
+            self._images.setdefault(key, []).append(statistics[key])
+        for name, values in columns.items():
+            self._rows.setdefault(name, []).append(values)
+        for name, entry in statistics.items():
+            line |= {f"stats/{name}/{kind}": value for kind, value in entry.items()}
+        self._episodes.append(line)
+        table = self._arrow.table({name: self._column(values) for name, values in columns.items()})
+        if self._steps is None:
+            path = self._directory / f"data/{_FILE}.parquet"
+            path.parent.mkdir(parents=True)
+            self._steps = self._parquet.ParquetWriter(path, table.schema)
+        self._steps.write_table(table)
+
+    def finish(self, robot: str, identity: Mapping[str, Any]) -> None:
+        """Write what is left, when all episodes are in."""
+        self._steps.close()
+        self._write(f"meta/episodes/{_FILE}.parquet", self._arrow.Table.from_pylist(self._episodes))
+        tasks = self._arrow.table({"task_index": np.arange(1), _INDEX: [self._task]})
+        self._write("meta/tasks.parquet", tasks.replace_schema_metadata({"pandas": json.dumps(_pandas_note())}))
+        info = {
+            "codebase_version": FORMAT,
+            "robot_type": robot,
+            "total_episodes": len(self._episodes),
+            "total_frames": sum(map(len, self._rows["index"])),
+            "total_tasks": 1,
+            "chunks_size": _CHUNK,
+            "data_files_size_in_mb": _DATA_MB,
+            "video_files_size_in_mb": _VIDEO_MB,
+            "fps": self._fps,
+            "splits": {"train": f"0:{len(self._episodes)}"},
+            "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+            "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+            if self._images
+            else None,
+            "features": self._features,
+        }
+        write_json(self._directory / "meta/info.json", info)
+        write_json(self._directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
+        statistics = {name: _vector_statistics(np.concatenate(rows)) for name, rows in self._rows.items()}
+        pictures = {name: _mean_statistics(entries) for name, entries in self._images.items()}
+        write_json(self._directory / "meta/stats.json", statistics | pictures)
+
+    def _column(self, values: NDArray[Any]) -> Any:
+        """Numbers (n,), or lists of one length (n, k)."""
+        if values.ndim == 1:
+            return self._arrow.array(values)
+        flat = self._arrow.array(np.ascontiguousarray(values).reshape(-1))
+        return self._arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+    def _write(self, name: str, table: Any) -> None:
+        path = self._directory / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._parquet.write_table(table, path)
+
+
+class _Video:
+    """An mp4 file, one frame a control step, for random access; a context.
+
+    Raises:
+        LearningError: PyAV is not installed, or a side of the image has an odd number of pixels.
+    """
+
+    def __init__(self, path: Path, size: Sequence[int], fps: int) -> None:
+        if any(side % 2 for side in size):
+            raise LearningError(f"images of {size[0]} x {size[1]} pixels do not fit a video; take even numbers")
+        try:
+            self._av: Any = importlib.import_module("av")
+        except ImportError as problem:
+            raise LearningError("videos need PyAV; pip install 'clutter-env[data]'") from problem
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._av.open(str(path), "w")
+        self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_VIDEO_OPTIONS))
+        self._stream.height, self._stream.width = size
+        self._stream.pix_fmt = _PIXELS
+        self.frames = 0
+
+    def __enter__(self) -> _Video:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self._file.mux(self._stream.encode())
+        self._file.close()
+
+    def write(self, images: NDArray[np.uint8]) -> None:
+        """Append images (n, height, width, 3)."""
+        for image in images:
+            frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+            frame.pts = self.frames
+            self._file.mux(self._stream.encode(frame))
+            self.frames += 1
+
+
+def _columns(episode: Episode, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
+    """The numbers of an episode, T rows each, by the name of the feature."""
+    steps = len(episode)
+    frame = np.arange(steps, dtype=np.int64)
+    parts = {name: values[:-1] for name, values in episode.observations.items()}
+    found = {"observation.state": _joined(parts, agent_entries(parts))}
+    if environment := environment_entries(parts):
+        found["observation.environment_state"] = _joined(parts, environment)
+    return found | {
+        "action": episode.actions.astype(np.float32),
+        "next.reward": episode.rewards.astype(np.float32),
+        "next.done": frame == steps - 1,
+        "next.success": episode.is_success[1:].astype(bool),
+        "timestamp": (frame / fps).astype(np.float32),
+        "frame_index": frame,
+        "episode_index": np.full(steps, index, np.int64),
+        "index": first + frame,
+        "task_index": np.zeros(steps, np.int64),
+    }
+
+
+def _joined(parts: Mapping[str, NDArray[Any]], names: list[str]) -> NDArray[np.float32]:
+    return np.concatenate([parts[name].reshape(len(parts[name]), -1) for name in names], axis=1).astype(np.float32)
+
+
+def _features(episode: Episode, fps: int) -> dict[str, dict[str, Any]]:
+    """LeRobot's features: type, shape and names of every column and every video."""
+
+    def column_names(entries: list[str]) -> list[str]:
+        return [f"{entry}.{name}" for entry in entries for name in episode.columns[f"observations/{entry}"].names]
+
+    names: dict[str, list[str]] = {
+        "observation.state": column_names(agent_entries(episode.observations)),
+        "observation.environment_state": column_names(environment_entries(episode.observations)),
+        "action": list(episode.columns["actions"].names),
+    }
+    found: dict[str, dict[str, Any]] = {
+        name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": names.get(name)}
+        for name, values in _columns(episode, 0, 0, fps).items()
+    }
+    for camera, entry in image_entries(episode.observations).items():
+        height, width = episode.observations[entry].shape[1:3]
+        found[f"observation.images.{camera}"] = {
+            "dtype": "video",
+            "shape": [height, width, 3],
+            "names": ["height", "width", "channels"],
+            "info": {
+                "video.height": height,
+                "video.width": width,
+                "video.codec": _CODEC,
+                "video.pix_fmt": _PIXELS,
+                "video.is_depth_map": False,
+                "video.fps": fps,
+                "video.channels": 3,
+                "has_audio": False,
+            },
+        }
+    return found
+
+
+def _vector_statistics(rows: NDArray[Any]) -> dict[str, Any]:
+    """Of each number of rows (n, k): min, max, mean, std, quantiles, each a list (k,), and the count [n]."""
+    values = np.asarray(rows, dtype=np.float64).reshape(len(rows), -1)
+    return {
+        "min": values.min(axis=0).tolist(),
+        "max": values.max(axis=0).tolist(),
+        "mean": values.mean(axis=0).tolist(),
+        "std": values.std(axis=0).tolist(),
+        "count": [len(values)],
+        **{name: np.quantile(values, share, axis=0).tolist() for name, share in _QUANTILES.items()},
+    }
+
+
+def _image_statistics(images: NDArray[np.uint8]) -> dict[str, Any]:
+    """Of each colour of images (n, h, w, 3), from 0 to 1: lists of shape (3, 1, 1)."""
+    chosen = images[np.unique(np.linspace(0, len(images) - 1, _FRAMES).round().astype(int))]
+    found = _vector_statistics(chosen.reshape(-1, chosen.shape[-1]) / 255.0)
+    shaped = {name: [[[value]] for value in values] for name, values in found.items() if name != "count"}
+    return {**shaped, "count": [len(chosen)]}
+
+
+def _mean_statistics(entries: list[dict[str, Any]]) -> dict[str, Any]:
+    """Statistics of images of all episodes, from those of each: exact but for the quantiles, which are averaged."""
+    counts = np.array([entry["count"][0] for entry in entries], dtype=float)
+    shares = (counts / counts.sum()).reshape(-1, 1, 1, 1)
+    stacked = {name: np.array([entry[name] for entry in entries]) for name in entries[0] if name != "count"}
+    found = {name: (values * shares).sum(axis=0) for name, values in stacked.items()}
+    spread = stacked["std"] ** 2 + (stacked["mean"] - found["mean"]) ** 2
+    found["min"], found["max"] = stacked["min"].min(axis=0), stacked["max"].max(axis=0)
+    found["std"] = np.sqrt((spread * shares).sum(axis=0))
+    return {**{name: values.tolist() for name, values in found.items()}, "count": [int(counts.sum())]}
+
+
+def _pandas_note() -> dict[str, Any]:
+    """The note by which pandas takes the texts of the tasks as the table's index."""
+    text = {"name": None, "pandas_type": "unicode", "numpy_type": "object"}
+    number = {"pandas_type": "int64", "numpy_type": "int64", "metadata": None}
+    return {
+        "index_columns": [_INDEX],
+        "column_indexes": [{**text, "field_name": None, "metadata": {"encoding": "UTF-8"}}],
+        "columns": [
+            {"name": "task_index", "field_name": "task_index", **number},
+            {**text, "field_name": _INDEX, "metadata": None},
+        ],
+        "pandas_version": "2.2.0",
+    }

@@ -1,0 +1,87 @@
+"""A complete dataset as a Minari dataset, which `minari.load_dataset` reads."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from gymnasium import spaces
+
+from clutter_env.data.dataset import Dataset
+from clutter_env.data.episode_file import episode_arrays
+from clutter_env.errors import DatasetError, LearningError
+from clutter_env.reporting.files import json_values
+
+
+def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: bool = False) -> Path:
+    """Write the dataset below `root` (Minari's own is $MINARI_DATASETS_PATH or ~/.minari/datasets); its directory.
+
+    Infos hold the physics states and the labels of the steps; the metadata also say what the dataset was collected
+    with, and the names and units of all columns.
+
+    Args:
+        dataset: complete.
+        root: directory of Minari datasets.
+        dataset_id: such as "clutter_env/retrieve-o15-v0"; "" for the environment's id in lower case.
+        replace: whether a dataset of that name is replaced.
+
+    Raises:
+        DatasetError: there is a dataset of that name already, or `dataset` is not complete.
+        LearningError: Minari is not installed.
+    """
+    try:
+        from minari.data_collector import EpisodeBuffer
+        from minari.dataset.minari_storage import MinariStorage
+    except ImportError as problem:
+        raise LearningError("Minari datasets need Minari; pip install 'clutter-env[rl]'") from problem
+    seeds, identity, task = dataset.seeds, dataset.identity, dataset.task
+    dataset_id = dataset_id or task.env_id.lower()
+    final = root / dataset_id
+    if final.exists() and not replace:
+        raise DatasetError(f"{final} exists; choose another dataset id or remove it")
+    part = final.with_name(f".{final.name}.{os.getpid()}.part")
+    (part / "data").mkdir(parents=True)
+    image_size = identity.get("image_size", 0)
+    env = task.make()
+    with_images = task.make(obs_mode="rgbd", image_size=image_size) if image_size else env
+    try:
+        assert isinstance(env.observation_space, spaces.Dict)
+        assert isinstance(with_images.observation_space, spaces.Dict)
+        storage = MinariStorage.new(
+            part / "data",
+            observation_space=spaces.Dict({**with_images.observation_space.spaces, **env.observation_space.spaces}),
+            action_space=env.action_space,
+            env_spec=env.spec,
+            jpeg_encoding=False,  # lossy
+        )
+        columns: dict[str, Any] = {}
+        for episode in dataset:
+            arrays = episode_arrays(episode)
+            infos = {name.partition("/")[2]: values for name, values in arrays.items() if name.startswith("infos/")}
+            columns = json_values(episode.columns)
+            buffer = EpisodeBuffer(
+                seed=episode.seed,
+                options=dict(episode.options) if episode.options else None,
+                observations=dict(episode.observations),
+                actions=episode.actions,
+                rewards=episode.rewards,
+                terminations=arrays["terminations"],
+                truncations=arrays["truncations"],
+                infos=infos,
+            )
+            storage.update_episodes([buffer])
+        about = (
+            f"{len(seeds)} demonstrations of {task.env_id}; every one replays bit for bit from its seed and actions."
+        )
+        metadata = {"dataset_id": dataset_id, "algorithm_name": identity["expert"], "description": about}
+        storage.update_metadata({**metadata, "provenance": identity.get("provenance"), "columns": columns})
+        if final.exists():
+            shutil.rmtree(final)
+        os.replace(part, final)
+    finally:
+        env.close()
+        with_images.close()
+        shutil.rmtree(part, ignore_errors=True)
+    return final

@@ -1,0 +1,144 @@
+"""A comparison: several policies on the same sets of scenes, one row of the table per policy and set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from clutter_env.errors import LearningError
+from clutter_env.evaluation.evaluate import Evaluation, evaluate, minimum_clearances
+from clutter_env.evaluation.records import ResultRecords
+from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.tables import Row, summarise
+from clutter_env.policies.registry import load_policy, policy_families
+from clutter_env.policies.runs import load_run, run_directories, run_task
+from clutter_env.reporting.files import json_text
+from clutter_env.suites import Floor
+
+CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"retrieve": ("greedy", "random-skills", "direct-approach"), "reach": ("random",), "pick": ("random",)}
+)
+"""Policies without training that play in every comparison, by the family of the environment."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The policies and the scenes that are compared.
+
+    Attributes:
+        scene_sets: every policy plays those of them that it can play.
+        policies: names for `load_policy`; `CONTROLS` play in any case.
+        runs: directories of training runs; each plays the sets of its family with as many objects.
+        seed: of the built-in random policies and of the bootstrap.
+        feasibility: of the Skill environment, for policies that act by skills.
+
+    Raises:
+        PolicyError: an unknown policy, with the known ones.
+        LearningError: a directory without a training run; a policy or run that plays none of the scenes.
+        SuiteError: no such suite or split.
+    """
+
+    scene_sets: Sequence[SceneSet]
+    policies: Sequence[str] = ()
+    runs: Sequence[Path] = ()
+    seed: int = 0
+    feasibility: str = "oracle"
+
+    def __post_init__(self) -> None:
+        for name in self.policies:
+            load_policy(name, self.seed)
+        playing = {name for scenes in self.scene_sets for name in self.contenders(scenes)}
+        idle = [name for name in (*self.policies, *map(str, self.runs)) if name not in playing]
+        if idle:
+            sets = ", ".join(scenes.name for scenes in self.scene_sets)
+            raise LearningError(f"{', '.join(idle)} cannot play any of these scenes: {sets}")
+
+    def contenders(self, scenes: SceneSet) -> list[str]:
+        """The policies that play a set of scenes: those asked for, the runs, the controls."""
+        named = [name for name in self.policies if scenes.family in policy_families(name)]
+        runs = [str(run) for run in self.runs if scenes.family in policy_families(str(run))]
+        fitting = [run for run in runs if run_task(Path(run)).num_objects == scenes.num_objects]
+        return list(dict.fromkeys((*named, *fitting, *CONTROLS.get(scenes.family, ()))))
+
+    @property
+    def num_episodes(self) -> int:
+        """Number of episodes of all policies."""
+        return sum(len(self.contenders(scenes)) * len(scenes.scenes) for scenes in self.scene_sets)
+
+
+def compare(
+    comparison: Comparison,
+    records: ResultRecords | None = None,
+    *,
+    workers: int = 1,
+    ray: str = "",
+    count_crashes: bool = False,
+    tick: Callable[[], object] = lambda: None,
+) -> list[Row]:
+    """Evaluate every policy on every set of scenes; runs, and pairs of runs, that differ in their seeds form one row.
+
+    Args:
+        comparison: the policies and the scenes.
+        records: file of the scores, where an interrupted comparison goes on.
+        workers: number of processes.
+        ray: address of Ray; "" for processes of this machine.
+        count_crashes: an exception of a policy is a failed episode; otherwise it ends the comparison.
+        tick: called after every episode.
+
+    Raises:
+        See `evaluate`.
+    """
+    how: dict[str, Any] = {"workers": workers, "ray": ray, "records": records}
+    rows = []
+    for scenes in comparison.scene_sets:
+        contenders = comparison.contenders(scenes)
+        evaluations = [
+            evaluate(
+                name,
+                scenes,
+                seed=comparison.seed,
+                feasibility=comparison.feasibility,
+                count_crashes=count_crashes,
+                tick=tick,
+                **how,
+            )
+            for name in contenders
+        ]
+        floors: dict[str, list[Floor]] = {}
+        if scenes.family == "retrieve":
+            for grasps in sorted({evaluation.grasps for evaluation in evaluations}):
+                floors[grasps] = minimum_clearances(scenes, grasps, **how)
+        names = {policy: policy for policy in contenders} | run_names(contenders)
+        groups: dict[str, list[Evaluation]] = {}
+        for evaluation in evaluations:
+            groups.setdefault(names[evaluation.policy], []).append(evaluation)
+        seeds = [scene.seed for scene in scenes.scenes]
+        for name, group in groups.items():
+            by_seed = dict(zip(seeds, floors.get(group[0].grasps, ()), strict=False))
+            rows.append(summarise(scenes.name, name, [one.scores for one in group], by_seed, comparison.seed))
+    return rows
+
+
+def run_names(policies: Iterable[str]) -> dict[str, str]:
+    """The name in a table of each policy that is made of training runs, by its own name.
+
+    It is that of the algorithms. Policies of the same algorithms that differ in more than their seeds also have the
+    names of their directories; other policies are left out.
+    """
+    groups: dict[str, list[str]] = {}
+    runs = {policy: run_directories(policy) for policy in policies}
+    for policy, directories in runs.items():
+        if directories:
+            records = [load_run(directory) for directory in directories]
+            settings = [{name: value for name, value in record.items() if name != "seed"} for record in records]
+            groups.setdefault(json_text(settings), []).append(policy)
+    plain = [" + ".join(str(load_run(run)["algorithm"]) for run in runs[group[0]]) for group in groups.values()]
+    names: dict[str, str] = {}
+    for name, group in zip(plain, groups.values(), strict=True):
+        # The directory of one of several seeds is named for the seed, its parent for the run.
+        folders = [run.parent.name if run.name.startswith("seed-") else run.name for run in runs[group[0]]]
+        names |= dict.fromkeys(group, name if plain.count(name) == 1 else f"{name}, {' + '.join(folders)}")
+    return names

@@ -1,0 +1,107 @@
+"""The results of a comparison as a picture: one line per policy, one panel per measurement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from clutter_env.evaluation.tables import STRATA, Row
+from clutter_env.reporting.intervals import Interval
+
+_LINE, _MARGIN = 0.42, 0.9
+"""[inch] Height of a policy's line, and of title and axis of a set of scenes."""
+_WIDTH = 11.0
+"""[inch]"""
+_WITHIN = 0.26
+"""Largest distance of a mark from the middle of its line; lines are 1 apart."""
+_CLEAN, _LIFTED, _MOVED = "#1f6fb4", "#9a9a9a", "#444444"
+_FLOOR_COLOURS = dict(zip(STRATA, ("#fdbe6f", "#f28e2b", "#d1495b", "#7b2d5b", "#000000", "#bbbbbb"), strict=True))
+
+
+def plot(rows: Sequence[Row], path: Path) -> None:
+    """Draw success, success by floor, and objects moved, with 95% intervals; one group of lines per set of scenes."""
+    names = list(dict.fromkeys(row.scene_set for row in rows))
+    groups = [[row for row in rows if row.scene_set == name] for name in names]
+    heights = [_LINE * len(group) + _MARGIN for group in groups]
+    figure = Figure(figsize=(_WIDTH, sum(heights) + 0.4), layout="constrained")
+    panels = figure.subplots(
+        len(groups), 3, squeeze=False, gridspec_kw={"height_ratios": heights, "width_ratios": (1.3, 1.3, 1.0)}
+    )
+    for (success, by_floor, moved), group in zip(panels, groups, strict=True):
+        _draw_success(success, group)
+        _draw_by_floor(by_floor, group)
+        _draw_moved(moved, group)
+        for axes in (success, by_floor, moved):
+            axes.set_ylim(len(group) - 0.5, -0.5)
+            axes.set_yticks(range(len(group)), [row.policy for row in group] if axes is success else [])
+            axes.grid(axis="x", alpha=0.3)
+            axes.tick_params(axis="y", length=0)
+            for line in range(1, len(group)):
+                axes.axhline(line - 0.5, color="0.9", linewidth=0.8, zorder=0)
+        success.set_ylabel(group[0].scene_set, fontweight="bold")
+    figure.savefig(path, dpi=120)
+
+
+def _draw_success(axes: Any, rows: Sequence[Row]) -> None:
+    _draw(axes, [row.lifted for row in rows], 0.13, _LIFTED, "lifted", marker="o", hollow=True)
+    _draw(axes, [row.clean for row in rows], -0.13, _CLEAN, "clean", marker="o")
+    axes.set_title("success", fontsize=10)
+    axes.set_xlim(-0.03, 1.03)
+    _key(axes)
+
+
+def _draw_by_floor(axes: Any, rows: Sequence[Row]) -> None:
+    strata = [name for name in STRATA if any(name in row.by_floor for row in rows)]
+    for place, name in enumerate(strata):
+        offset = 0.0 if len(strata) == 1 else _WITHIN * (2 * place / (len(strata) - 1) - 1)
+        rates = [row.by_floor[name].clean if name in row.by_floor else None for row in rows]
+        scenes = max(row.by_floor[name].scenes for row in rows if name in row.by_floor)
+        _draw(axes, rates, offset, _FLOOR_COLOURS[name], f"{name} ({scenes} scenes)", marker="s")
+    axes.set_title("clean success, by minimum of clearances", fontsize=10)
+    axes.set_xlim(-0.03, 1.03)
+    if strata:
+        _key(axes)
+
+
+def _key(axes: Any) -> None:
+    """What the marks are, below the panel: inside it hides intervals."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4, fontsize=8, frameon=False, columnspacing=1.0)
+
+
+def _draw_moved(axes: Any, rows: Sequence[Row]) -> None:
+    _draw(axes, [row.moved_per_floor for row in rows], 0.0, _MOVED, "", marker="D")
+    axes.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
+    axes.set_title("moved / minimum, solved", fontsize=9)
+    axes.set_xlim(left=0)
+
+
+def _draw(
+    axes: Any,
+    values: Sequence[Interval | None],
+    offset: float,
+    colour: str,
+    label: str,
+    marker: str,
+    hollow: bool = False,
+) -> None:
+    """Marks with intervals, one per line; none where there is no value."""
+    shown = [(line + offset, value) for line, value in enumerate(values) if value and not math.isnan(value.mean)]
+    lengths = [
+        [max(value.mean - value.low, 0.0) for _, value in shown],
+        [max(value.high - value.mean, 0.0) for _, value in shown],
+    ]
+    axes.errorbar(
+        [value.mean for _, value in shown],
+        [height for height, _ in shown],
+        xerr=lengths,
+        fmt=marker,
+        color=colour,
+        markerfacecolor="white" if hollow else colour,
+        markersize=5,
+        capsize=2,
+        label=label,
+    )

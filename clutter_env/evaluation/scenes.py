@@ -1,0 +1,162 @@
+"""Sets of scenes on which policies are evaluated: those of a suite, or the resets of an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, TypeAlias
+
+import gymnasium as gym
+
+from clutter_env import skill_budget
+from clutter_env.errors import LearningError
+from clutter_env.suites import Floor, SuiteScene, suite
+from clutter_env.task import HELD_OUT, Task, family
+
+_SKILL_ENV = "clutter_env/Skill-o15-v0"
+"""The Skill environment; the number of objects is given beside it."""
+
+
+@dataclass(frozen=True)
+class SeededScene:
+    """The scene that an environment draws for a seed.
+
+    Attributes:
+        env_id: of the environment.
+        keywords: keyword arguments of `gymnasium.make`.
+        seed: of the reset.
+        max_steps: steps after which an episode is over; None for the environment's own number.
+    """
+
+    env_id: str
+    keywords: Mapping[str, Any]
+    seed: int
+    max_steps: int | None = None
+
+    def make(self, **keywords: Any) -> gym.Env[Any, Any]:
+        """The environment of this scene, with more keyword arguments that do not change the scene."""
+        limit = {} if self.max_steps is None else {"max_episode_steps": self.max_steps}
+        return Task(self.env_id, self.keywords).make(**limit, **keywords)
+
+    def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
+        """Start the episode of this scene; observation and info."""
+        return env.reset(seed=self.seed)
+
+
+Scene: TypeAlias = SuiteScene | SeededScene
+
+
+@dataclass(frozen=True)
+class SceneSet:
+    """The scenes of a suite, or those that an environment draws for consecutive seeds.
+
+    Attributes:
+        suite: name of the suite, "" for the scenes of an environment.
+        split: of the suite: "test" or "validation".
+        env_id: of the environment; "" for a suite.
+        obstructed, layout: the environment's keyword arguments of these names; a suite has its own.
+        count: number of scenes; None for all of a suite.
+        first_seed: of the environment's scenes.
+
+    Raises:
+        LearningError: neither a suite nor an environment is named, or both; fewer than one scene, or more than there
+            are.
+    """
+
+    suite: str = ""
+    split: str = "test"
+    env_id: str = ""
+    obstructed: bool | int = False
+    layout: str = ""
+    count: int | None = None
+    first_seed: int = HELD_OUT
+
+    def __post_init__(self) -> None:
+        if bool(self.suite) == bool(self.env_id):
+            raise LearningError("scenes are those of a suite or of an environment: name one of them")
+        most = len(suite(self.suite).split(self.split)) if self.suite else None
+        if self.count is None and most is None:
+            raise LearningError("say how many scenes of the environment are played")
+        if self.count is not None and (self.count < 1 or (most is not None and self.count > most)):
+            raise LearningError(f"scenes={self.count} is not valid; it must be from 1 to {most or 'any number'}")
+
+    @property
+    def name(self) -> str:
+        """As in a table: "side-15-v1", "side-15-v1 (validation)", "o15", "o15 obstructed 2", "reach"."""
+        if self.suite:
+            return self.suite if self.split == "test" else f"{self.suite} ({self.split})"
+        name = self.env_id.rpartition("/")[2].removesuffix("-v0")
+        short = name.partition("-")[2] or name.lower()
+        degree = "" if self.obstructed is True else f" {self.obstructed}"
+        layout = f" {self.layout}" if self.layout else ""
+        return f"{short}{layout} obstructed{degree}" if self.obstructed else f"{short}{layout}"
+
+    @property
+    def family(self) -> str:
+        """The family of the environment: "retrieve", "skill", "reach" or "pick"; a suite's scenes are of "retrieve"."""
+        return family(self.scenes[0].env_id)
+
+    @property
+    def num_objects(self) -> int:
+        """Number of objects on the table."""
+        return _task(self.scenes[0]).num_objects
+
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scenes, in order."""
+        return _scenes(self)
+
+
+@cache
+def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
+    if wanted.suite:
+        return suite(wanted.suite).split(wanted.split)[: wanted.count]
+    assert wanted.count is not None
+    chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout}
+    keywords = {name: value for name, value in chosen.items() if value}
+    Task(wanted.env_id, keywords).make().close()
+    seeds = range(wanted.first_seed, wanted.first_seed + wanted.count)
+    return tuple(SeededScene(wanted.env_id, keywords, seed) for seed in seeds)
+
+
+def skill_scene(scene: Scene, feasibility: str) -> Scene:
+    """The same scene as one of Skill in physics, with the default number of skills; one of Skill as it is.
+
+    Raises:
+        LearningError: the scene is neither one of a Retrieve nor of a Skill environment.
+    """
+    if family(scene.env_id) == "skill":
+        return scene
+    if family(scene.env_id) != "retrieve":
+        raise LearningError(f"there are no skills in {scene.env_id}")
+    count = _task(scene).num_objects
+    keywords = {**scene.keywords, "num_objects": count, "feasibility": feasibility}
+    return replace(scene, env_id=_SKILL_ENV, keywords=keywords, max_steps=skill_budget(count))
+
+
+def _task(scene: Scene) -> Task:
+    return Task(scene.env_id, scene.keywords)
+
+
+def find_floor(scene: Scene, grasps: str) -> Floor:
+    """The minimum number of clearances: that of the suite, or for a scene of an environment by the planner.
+
+    Raises:
+        SuiteError: the suite has no minimum numbers for these grasps.
+    """
+    if isinstance(scene, SuiteScene):
+        return scene.floor(grasps)
+    # The other policies do without the planner and its compiled kernels.
+    from planners import Scene as PlannerScene
+    from planners import clearance_floor
+
+    env = scene.make()
+    try:
+        _, info = scene.reset(env)
+        physics_env: Any = env.unwrapped
+        read = PlannerScene.from_mujoco(physics_env.model, physics_env.data, physics_env.robot)
+        floor = clearance_floor(read, info["target"], grasps=grasps)
+        return Floor(floor.count, floor.proved, floor.cause)
+    finally:
+        env.close()

@@ -1,1 +1,0 @@
-"""Demonstrations, imitation and reinforcement learning, and comparison of policies with the expert."""

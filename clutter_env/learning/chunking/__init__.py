@@ -1,1 +1,0 @@
-"""Reference learners of motions: action chunks and flow matching."""

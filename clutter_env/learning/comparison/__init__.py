@@ -1,1 +1,0 @@
-"""Comparison of policies and experts on the same held-out scenes."""

@@ -1,1 +1,0 @@
-"""Policies in two levels: deciders choose contacts, movers bring them about."""

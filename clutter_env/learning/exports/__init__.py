@@ -1,1 +1,0 @@
-"""Demonstrations in the formats of other tools: LeRobot, Minari, robomimic, one HDF5 file."""

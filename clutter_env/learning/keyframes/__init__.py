@@ -1,1 +1,0 @@
-"""Movers that are learned from demonstrations as keyframes."""

@@ -1,1 +1,0 @@
-"""Policies: networks, features, baselines, and those of training runs."""

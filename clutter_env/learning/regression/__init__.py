@@ -1,1 +1,0 @@
-"""What the learners share that fit a network to examples."""

@@ -1,1 +1,0 @@
-"""Skills: which of them lead to the target, and a network that learns it."""

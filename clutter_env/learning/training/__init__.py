@@ -1,1 +1,0 @@
-"""Training: cloning, DAgger, and reinforcement learning."""

@@ -1,0 +1,252 @@
+"""The learned high-level policy: it chooses the next pick or place from observations alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+import assets
+from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, crowding
+from clutter_env.policies.high_level.clearing_costs import RISK, Costs, clearing_costs
+from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
+from clutter_env.policies.high_level.observed_scene import ObservedScene, object_rows, observed_scene
+from clutter_env.policies.parsed_observation import Observation
+from clutter_env.policies.weights import WeightsInfo, load_weights
+from clutter_env.scene.layout import find_layout
+from planners import Contact
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.float32]
+
+_MIN_REACH = 0.2
+"""Candidates that are reached with a smaller probability are not considered."""
+_TURN_COST = 0.03 / math.radians(20)
+"""[clearances / rad] of the gripper's yaw against the base's: straight ones are preferred among equals."""
+_DRIVE_COST = 0.02
+"""[clearances / m] of the distance that the base drives."""
+_MAX_PLACING_TURN = math.radians(20.0) + 1e-6
+"""Objects are put down straight or nearly so: there are places enough."""
+_BEST = 12
+"""Candidates of each object that are looked at when it is worked out what a place would be in the way of."""
+_DETOUR = 0.5
+"""[clearances] by which the best object to begin with may seem worse than the chain of clearances as a whole."""
+_PLACED_COST = 2.0
+"""[clearances] of clearing an object that has been put in the way."""
+_MARGIN, _MARGIN_WORTH = 0.008, 0.1
+"""[m] by which other objects are also imagined to be thicker, and the weight of what is then in the way: motions are
+not exact, so candidates with clearance around them are preferred."""
+_CROWDING_COST = 0.5
+"""[clearances] of a place without any clearance around it."""
+_MOVED = 0.01
+"""[m] An object that is farther than this from where it was has moved."""
+
+
+class _Weighed(NamedTuple):
+    """Candidates (m) that may be reached, the cost (m,) of each whatever stands in its way, and (m, n) what may."""
+
+    candidates: Candidates
+    fixed: Array
+    blocks: Array
+
+    def take(self, rows: NDArray[np.generic]) -> _Weighed:
+        """Some of them."""
+        return _Weighed(self.candidates.take(rows), self.fixed[rows], self.blocks[rows])
+
+    @property
+    def risk(self) -> Array:
+        """(m,) cost of trying each as things stand."""
+        return np.asarray(self.fixed + RISK * self.blocks.sum(axis=1))
+
+
+class LearnedHighLevelPolicy:
+    """Chooses the object to pick next and from where, and where to place the one that is held.
+
+    After a failure, which it sees by an empty gripper, it decides again without what was tried since an object moved.
+
+    Attributes:
+        info: robot, layout and grasps that it was trained for.
+        rule: the candidates that it chooses from.
+        failure: why it gave up, "" if it did not.
+    """
+
+    def __init__(self, network: CandidateNetwork, rule: CandidateRule, info: WeightsInfo | None = None) -> None:
+        self.rule = rule
+        self.info = info or WeightsInfo("decisions", rule.robot.name, rule.layout.name, rule.grasps)
+        self._network = network.eval()
+        self._points = rule.points()
+        self.reset()
+
+    @classmethod
+    def load(cls, path: Path) -> LearnedHighLevelPolicy:
+        """The policy with the weights of a file; raises `PolicyError`, see `load_weights`."""
+        weights, info = load_weights(path, "decisions")
+        network = CandidateNetwork(len(weights["contact.bias"]))
+        network.load_state_dict(weights)
+        return cls(network, CandidateRule(assets.robot(info.robot), find_layout(info.layout), info.grasps), info)
+
+    def check(self, env: gym.Env[Any, Any]) -> None:
+        """Refuse an environment with another robot or layout (`PolicyError`)."""
+        self.info.check(env)
+
+    def reset(self, info: Mapping[str, Any] | None = None) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode."""
+        self.failure = ""
+        self._tried: set[tuple[object, ...]] = set()
+        self._positions: dict[str, Array] = {}
+
+    def decide(self, observation: Observation) -> Contact | None:
+        """The next pick or place; None if the target is held or nothing is left to choose."""
+        return self.choose(observed_scene(observation))
+
+    def choose(self, scene: ObservedScene) -> Contact | None:
+        """The next pick or place in a scene that has been read already; see `decide`."""
+        before, self._positions = self._positions, {body.name: body.position for body in scene.bodies}
+        now = self._positions
+        if any(np.linalg.norm(now[name] - before.get(name, now[name])) > _MOVED for name in now):
+            self._tried.clear()
+        if scene.held is not None and scene.held_index == scene.target:
+            return None
+        found = self._pick(scene) if scene.held is None else self._place(scene)
+        if found is None:
+            self.failure = "no contact is left to choose"
+            return None
+        candidates, row, name = found
+        skill = "pick" if scene.held is None else "place"
+        self._tried.add(_key(candidates, row, skill, name))
+        return candidates.contact(row, skill, name)
+
+    def _pick(self, scene: ObservedScene) -> tuple[Candidates, int, str] | None:
+        """Take the target if that costs less than clearing; else the object after which the least is left to do."""
+        weighed = _best_of_each(self._weigh_picks(scene))
+        index, count = weighed.candidates.index, len(scene.bodies)
+        if not (index == scene.target).any():
+            return None
+        without = np.repeat(weighed.blocks[None], count, axis=0)
+        without[np.arange(count), :, np.arange(count)] = 0.0
+        now = clearing_costs(index, weighed.fixed, weighed.blocks[None])
+        after = clearing_costs(index, weighed.fixed, without).objects[:, scene.target]
+        left = 1.0 + after[index] + weighed.risk
+        left[index == scene.target] = weighed.risk[index == scene.target]
+        row = int(left.argmin())
+        if left[row] > now.objects[0, scene.target] + _DETOUR:
+            row = _first_of_chain(weighed.candidates, now, scene.target)
+        return weighed.candidates, row, scene.bodies[index[row]].name
+
+    def _place(self, scene: ObservedScene) -> tuple[Candidates, int, str] | None:
+        """Put the held object where the least is left to do, itself in the way of nothing, with clearance around it."""
+        assert scene.held is not None
+        name, held = scene.held.name, scene.held_index
+        points = self._points
+        candidates = self.rule.places(scene.bodies[held], scene.held, points)
+        candidates = candidates.take(np.abs(candidates.turn) < _MAX_PLACING_TURN)
+        rows = object_rows(scene.bodies)
+        placed = np.repeat(rows[held][None], len(points), axis=0)
+        placed[:, :2], placed[:, 2] = points[:, :2], points[:, 2]
+        weighed = self._weigh(scene, candidates, placed[candidates.index], np.full(len(candidates), held))
+        weighed = self._without_tried(weighed, "place", [name] * len(points))
+        if not len(weighed.candidates):
+            return None
+        index = weighed.candidates.index
+        cost = weighed.fixed + RISK * (1.0 - np.prod(1.0 - weighed.blocks, axis=1))
+        cost += _CROWDING_COST * crowding(points, rows[held, 3], rows[scene.is_standing])[index]
+        used = np.unique(index)
+        cost += self._costs_after(scene, placed[used])[np.searchsorted(used, index)]
+        return weighed.candidates, int(cost.argmin()), name
+
+    def _costs_after(self, scene: ObservedScene, placed: Rows) -> Array:
+        """(k,) Costs of taking the target once the held object stands at each of k places."""
+        weighed = _best_of_each(self._weigh_picks(scene))
+        candidates, held = weighed.candidates, scene.held_index
+        if not len(candidates):
+            return np.zeros(len(placed))
+        rows = object_rows(scene.bodies)
+        others = np.repeat(placed[None], len(candidates), axis=0)
+        in_way = self._in_the_way(candidates, rows[candidates.index], others, np.ones(others.shape[:2], np.bool_)).T
+        blocks = np.repeat(weighed.blocks[None], len(placed), axis=0)
+        blocks[:, :, held] = in_way
+        known = np.full(len(rows), np.nan)
+        known[held] = _PLACED_COST
+        return clearing_costs(candidates.index, weighed.fixed, blocks, known).objects[:, scene.target]
+
+    def _weigh_picks(self, scene: ObservedScene) -> _Weighed:
+        """Candidate picks of the objects that stand, and are not held."""
+        candidates = self.rule.picks(scene.bodies)
+        candidates = candidates.take(scene.is_standing[candidates.index])
+        own = object_rows(scene.bodies)[candidates.index]
+        weighed = self._weigh(scene, candidates, own, candidates.index)
+        return self._without_tried(weighed, "pick", [body.name for body in scene.bodies])
+
+    def _weigh(self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]) -> _Weighed:
+        """Candidates with their own objects (m, 5), as these stand there, and these objects' indices (m,)."""
+        rows = object_rows(scene.bodies)
+        alone = _batch(
+            candidates, own, rows[None, :0].repeat(len(candidates), 0), np.ones((len(candidates), 0), np.bool_)
+        )
+        with torch.no_grad():
+            reach = torch.sigmoid(self._network.reach_logits(alone)).numpy().astype(float)
+        likely = np.flatnonzero(reach > _MIN_REACH)
+        candidates, reach = candidates.take(likely), reach[likely]
+        is_present = np.tile(scene.is_standing, (len(likely), 1))
+        is_present[np.arange(len(likely)), own_index[likely]] = False
+        blocks = self._in_the_way(candidates, own[likely], rows[None].repeat(len(likely), 0), is_present)
+        distance = np.linalg.norm(candidates.base[:, :2] - scene.base[:2], axis=1)
+        fixed = RISK * (1.0 - reach) + _TURN_COST * np.abs(candidates.turn) + _DRIVE_COST * distance
+        return _Weighed(candidates, fixed, blocks)
+
+    def _in_the_way(self, candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[np.bool_]) -> Array:
+        """(m, k) Probabilities that others (m, k, 5) are in the way, with a margin for motions that are not exact."""
+        thicker = others + np.array((0, 0, 0, _MARGIN, 0), np.float32)
+        with torch.no_grad():
+            exact, padded = (
+                torch.sigmoid(self._network(_batch(candidates, own, rows, is_present)).blocks).numpy().astype(float)
+                for rows in (others, thicker)
+            )
+        return np.asarray(exact + _MARGIN_WORTH * np.maximum(padded - exact, 0.0))
+
+    def _without_tried(self, weighed: _Weighed, skill: str, names: list[str]) -> _Weighed:
+        """The candidates that were not tried since an object moved; `names` of their objects by `index`."""
+        if not self._tried:
+            return weighed
+        keys = (_key(weighed.candidates, row, skill, names[i]) for row, i in enumerate(weighed.candidates.index))
+        return weighed.take(np.array([key not in self._tried for key in keys], np.bool_))
+
+
+def _first_of_chain(candidates: Candidates, costs: Costs, target: int) -> int:
+    """The candidate to begin with where objects have to be cleared for each other: that of the first of them."""
+    taken, seen, row = target, set[int](), 0
+    while taken not in seen:
+        seen.add(taken)
+        rows = np.flatnonzero(candidates.index == taken)
+        row = int(rows[costs.candidates[0, rows].argmin()])
+        before = [int(i) for i in np.flatnonzero(costs.is_cleared[0, row]) if (candidates.index == i).any()]
+        if not before:
+            break
+        taken = min(before, key=lambda i: float(costs.objects[0, i]))
+    return row
+
+
+def _best_of_each(weighed: _Weighed) -> _Weighed:
+    """The candidates of each object with the least risk of touching anything."""
+    order = np.lexsort((weighed.risk, weighed.candidates.index))
+    index = weighed.candidates.index[order]
+    rank = np.arange(len(index)) - np.searchsorted(index, index)
+    return weighed.take(order[rank < _BEST])
+
+
+def _key(candidates: Candidates, row: int, skill: str, name: str) -> tuple[object, ...]:
+    """What a tried candidate is known by: skill, object, place [m], gripper yaw, pitch and turn [rad]."""
+    x, y, _, yaw, pitch = (round(float(value), 2) for value in candidates.tcp[row])
+    place = (x, y) if skill == "place" else (0.0, 0.0)
+    return skill, name, *place, yaw, pitch, round(float(candidates.turn[row]), 2)
+
+
+def _batch(candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[np.bool_]) -> CandidateBatch:
+    arrays = (own, candidates.tcp.astype(np.float32), candidates.base.astype(np.float32), others, is_present)
+    return CandidateBatch(*(torch.from_numpy(np.ascontiguousarray(array)) for array in arrays))

@@ -1,0 +1,141 @@
+"""Control towards a keyframe: "joint" actions, and feedback from the measured gripper pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from assets import RobotSpec
+from clutter_env.config import CONTROL_HZ
+from clutter_env.policies.parsed_observation import ParsedObservation, wrapped
+
+Array = NDArray[np.float64]
+
+_RESPONSE = 0.12
+"""[s] in which the remaining motion shrinks to 1 / e; the measured joints lag about 0.02 s behind their targets."""
+_NOTHING = 1e-4
+"""[m], [rad] A joint this near its goal does not determine the pace."""
+_BRAKING_SHARE = 0.8
+"""Share of the greatest acceleration that is counted on for braking."""
+
+_GAIN = 0.15
+"""Share of the measured error by which the offset changes in a control step; the arm follows in 0.1 s."""
+MAX_SHIFT, MAX_TURN = 0.06, 0.3
+"""[m], [rad] of the offset at most: the network was fitted to such."""
+_CLOSE, _ALIGNED = 0.008, 0.08
+"""[m], [rad] that a gripper may be off a straight line while it goes on along the line; it leaves 12 mm a side."""
+_SHORT = 0.02
+"""[m] from the contact up to which the error along the line counts too."""
+
+
+def error_to(seen: ParsedObservation, goal: Array) -> Array:
+    """(11,) from the measured configuration to a whole-body configuration; x and y in the base's frame."""
+    error = goal - seen.whole_body
+    error[2] = wrapped(error[2])
+    cosine, sine = math.cos(seen.base[2]), math.sin(seen.base[2])
+    error[:2] = cosine * error[0] + sine * error[1], cosine * error[1] - sine * error[0]
+    return error
+
+
+def action_towards(
+    robot: RobotSpec, seen: ParsedObservation, goal: Array, finger_position: float, is_loaded: bool
+) -> Array:
+    """The "joint" action (12,) towards a keyframe, straight in joint space and slow enough to brake in time.
+
+    All joints are synchronised to the slowest one.
+
+    Args:
+        robot: its velocity and acceleration limits count.
+        seen: where it is.
+        goal: (11,) base x, y [m], yaw [rad], torso [m], arm [rad].
+        finger_position: [m] of one finger.
+        is_loaded: whether an object is held: the base then turns slowly.
+    """
+    error = error_to(seen, goal)
+    limit = np.array(robot.max_velocity)
+    if is_loaded:
+        limit[2] = min(limit[2], robot.max_loaded_yaw_rate)
+    size = np.abs(error)
+    braking = np.sqrt(2 * _BRAKING_SHARE * np.array(robot.max_acceleration) * size)
+    speed = np.minimum(np.minimum(size / _RESPONSE, braking), limit)
+    speed = np.minimum(speed, np.abs(seen.velocity) + np.array(robot.max_acceleration) / CONTROL_HZ)
+    matters = size > _NOTHING
+    time = max(float((size[matters] / speed[matters]).max(initial=0.0)), 1 / CONTROL_HZ)
+    action = np.clip(error / time / np.array(robot.max_velocity), -1.0, 1.0)
+    return np.append(action, grip_action(robot, finger_position))
+
+
+def grip_action(robot: RobotSpec, finger_position: float) -> float:
+    """The last number of an action, for a position [m] of one finger."""
+    return float(np.clip(2 * finger_position / robot.max_finger_position - 1, -1.0, 1.0))
+
+
+def stay(robot: RobotSpec, seen: ParsedObservation) -> Array:
+    """The action (12,) that keeps joints and fingers where they are commanded to be."""
+    finger_position = robot.finger_position(float(seen.widths[1]))
+    return np.append(np.zeros(len(robot.max_velocity)), grip_action(robot, finger_position))
+
+
+@dataclass(frozen=True, eq=False)
+class GripperError:
+    """From the measured to the expected gripper pose.
+
+    Attributes:
+        shift: (3,) [m] in the world.
+        turn: (3,) rotation vector [rad] in the world.
+    """
+
+    shift: Array
+    turn: Array
+
+    @classmethod
+    def between(cls, measured: Array, expected: Array) -> GripperError:
+        """The error of two TCP poses (4, 4) in the world."""
+        turn = Rotation.from_matrix(expected[:3, :3] @ measured[:3, :3].T).as_rotvec()
+        return cls(expected[:3, 3] - measured[:3, 3], turn)
+
+    def across(self, line: Array) -> GripperError:
+        """The error without its part along a line (3,) [m] from the contact; all of it where that is short."""
+        length = float(np.linalg.norm(line))
+        if length < _SHORT:
+            return self
+        along = line / length
+        return GripperError(self.shift - (self.shift @ along) * along, self.turn)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the gripper may go on along its line."""
+        return self.is_within(1.0)
+
+    def is_within(self, share: float) -> bool:
+        """Whether it is at most a share of the greatest small error."""
+        return bool(np.linalg.norm(self.shift) < share * _CLOSE and np.linalg.norm(self.turn) < share * _ALIGNED)
+
+
+class IntegralOffset:
+    """Integral offset correction: the contact in the network input is shifted by the integral of the error."""
+
+    def __init__(self) -> None:
+        self._shift, self._turn = np.zeros(3), np.zeros(3)
+
+    def correct(self, error: GripperError) -> None:
+        """Change the offset by a share of an error."""
+        self._shift = _limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
+        turn = Rotation.from_rotvec(_GAIN * error.turn) * Rotation.from_rotvec(self._turn)
+        self._turn = _limited(turn.as_rotvec(), MAX_TURN)
+
+    def applied_to(self, contact: Array) -> Array:
+        """The shifted TCP pose (4, 4) of a contact (4, 4), both in the world."""
+        shifted = np.array(contact)
+        shifted[:3, :3] = Rotation.from_rotvec(self._turn).as_matrix() @ contact[:3, :3]
+        shifted[:3, 3] += self._shift
+        return shifted
+
+
+def _limited(vector: Array, most: float) -> Array:
+    """A vector (3,) shortened to this length, if it is longer."""
+    return vector * min(1.0, most / max(float(np.linalg.norm(vector)), 1e-12))

@@ -1,0 +1,173 @@
+"""Keyframes of a pick or a place: which phases there are, and the configuration that each of them leads to.
+
+`OpenKeyframePlanner` serves contacts with nothing above them; `shelf.ShelfKeyframePlanner` those under a shelf.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from assets import RobotSpec
+from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns
+from clutter_env.policies.motion.control import GripperError, IntegralOffset
+from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.motion.network_input import (
+    AWAY,
+    LINES,
+    PHASES,
+    TOWARDS,
+    contact_in_base,
+    line_distance,
+    network_input,
+    phase_index,
+)
+from clutter_env.policies.parsed_observation import Cylinders, ParsedObservation, base_from, planar_pose
+from planners import Contact
+
+Array = NDArray[np.float64]
+
+AHEAD = 0.06
+"""[m] On a straight line the robot goes to the configuration this far ahead, which keeps the gripper on the line."""
+_TUCKED = 0.4
+"""[m], [rad] of the arm from its configuration for driving within which the base drives."""
+
+
+class Keyframe(NamedTuple):
+    """The goal of a phase.
+
+    Attributes:
+        goal: (11,) whole-body configuration.
+        finger: position of one finger [m].
+        expected: (4, 4) where the TCP should be now, in the world.
+        stops: how many base poses are left on a drive, the present one too where the arm is tucked in first.
+        length: [m] of the straight line that the gripper is on.
+        slack: share of the greatest small error that the gripper may have at the end of a transit.
+    """
+
+    goal: Array
+    finger: float
+    expected: Array
+    stops: int = 1
+    length: float = 0.0
+    slack: float = 1.0
+
+
+class KeyframePlanner(Protocol):
+    """Plans the keyframes of picks and places, one after the other."""
+
+    def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
+        """Choose the arm configuration at a contact of object `index`; the phases to go through, none if refused."""
+        ...
+
+    def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
+        """The goal of a phase; the contact may have moved since."""
+        ...
+
+
+class OpenKeyframePlanner:
+    """Keyframes as the network predicts them, in the current base frame."""
+
+    def __init__(self, network: KeyframeNetwork, robot: RobotSpec) -> None:
+        self._network, self._robot, self._keep_out = network, robot, network.keep_out
+        self._kinematics = ArmKinematics(robot)
+
+    def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
+        """Choose the arm configuration at a contact of object `index`; the phases to go through."""
+        self._sizes = seen.sizes(index)
+        self._free = choose_free_joints(self._network, self._kinematics, contact, index, seen)
+        return [phase for phase in PHASES[contact.skill] if self._network.has_seen(contact.skill, phase)]
+
+    def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
+        """The goal of a phase; the contact may have moved since."""
+        frame = np.array(contact.base) if phase == "drive" else seen.base
+        here = float(line_distance(seen, contact)) if phase in LINES else 0.0
+        ahead, shifted, length = here, offset.applied_to(contact.tcp), 0.0
+        planned = self._predict(phase, contact, contact.tcp, frame, here)
+        expected = np.array(contact.tcp)
+        expected[:3, 3] += contact.tcp[:3, :3] @ planned[11:14]
+        if phase in AWAY:
+            length = float(self._predict(phase, contact, shifted, frame, here)[15])
+            ahead = min(here + AHEAD, length)
+        elif phase in TOWARDS and gripper_error(phase, seen, expected, contact).is_small:
+            ahead = max(here - AHEAD, 0.0)
+        predicted = self._predict(phase, contact, shifted, frame, ahead)
+        base = base_from(contact.base, predicted[:3])
+        finger, q = float(predicted[14]), shorter_turns(self._robot, seen.q, predicted[3:11])
+        stops = 1
+        if phase == "drive":
+            base, stops = drive_goal(seen, list(self._keep_out.path(seen.base, base)), q)
+        return Keyframe(np.concatenate((base, q)), finger, expected, stops, length)
+
+    def _predict(self, phase: str, contact: Contact, tcp: Array, base: Array, distance: float) -> Array:
+        """The network's output as one vector (16,), for a contact that is said to be at `tcp` (4, 4)."""
+        number, pose = phase_index(contact.skill, phase), contact_in_base(tcp, base)
+        row = network_input(number, pose[None], self._sizes, distance, self._free)
+        return np.concatenate([part.numpy().reshape(-1) for part in self._network.predict(row)]).astype(float)
+
+
+def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:
+    """The error of the gripper; on a straight line without the part along it, since the distance is measured."""
+    error = GripperError.between(seen.tcp, expected)
+    if phase in ("transit", "reach"):
+        return error
+    return error.across(expected[:3, 3] - contact.tcp[:3, 3])
+
+
+def drive_goal(seen: ParsedObservation, path: list[Array], q: Array) -> tuple[Array, int]:
+    """Where the base (3,) goes on a path of base poses while the arm goes to q (8,), and how many stops are left.
+
+    The base drives once the arm is tucked in.
+    """
+    if np.abs(q - seen.q).max() <= _TUCKED:
+        return path[0], len(path)
+    return seen.base, 1 + len(path)
+
+
+_TORSOS = (0.0, -0.05, 0.05, -0.1, 0.1)
+"""[m] from home."""
+_ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
+"""[rad] of the upper arm from home."""
+_GRID = np.array([(torso, roll) for torso in _TORSOS for roll in _ROLLS])
+_DISTANCES = np.array((0.0, 0.06, 0.12, 0.18))
+"""[m] from the contact on the straight line, at which the arm is compared with the objects."""
+_RADIUS, _CLEARANCE = 0.065, 0.02
+"""[m] of the forearm, and of clearance around it that is enough."""
+_TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
+"""Costs of a metre of the torso from home, of a metre by which the gripper misses the contact, and of a metre of
+clearance that is missing; that of a radian of the roll is 1."""
+_ELBOW, _WRIST = 4, 7
+"""Numbers of the joints between which the forearm and the wrist lie; the gripper beyond is where the contact says."""
+_SHARES = np.array((0.0, 0.5))
+"""Points on the links, as shares of their length."""
+
+
+def choose_free_joints(
+    network: KeyframeNetwork, kinematics: ArmKinematics, contact: Contact, index: int, seen: ParsedObservation
+) -> Array:
+    """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home.
+
+    Of a grid those nearest to home are chosen for which network and kinematics predict a forearm clear of the objects.
+    """
+    phase = phase_index(contact.skill, "approach" if contact.skill == "pick" else "lower")
+    pose = contact_in_base(contact.tcp, contact.base)
+    count = len(_GRID) * len(_DISTANCES)
+    rows = network_input(
+        phase,
+        np.broadcast_to(pose, (count, 4, 4)),
+        seen.sizes(index),
+        np.tile(_DISTANCES, len(_GRID)),
+        np.repeat(_GRID, len(_DISTANCES), axis=0),
+    )
+    origins = kinematics.links(network.predict(rows).q)[0].numpy().astype(float)
+    joints = origins.reshape(len(_GRID), len(_DISTANCES), -1, 3)
+    starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
+    points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
+    T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(seen.base)
+    clearance = Cylinders.beside(seen, index, T).distance(points).min(axis=(1, 2))
+    from_home = _TORSO_COST * np.abs(_GRID[:, 0]) + np.abs(_GRID[:, 1])
+    miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
+    lacking = np.maximum(_CLEARANCE + _RADIUS - clearance, 0.0)
+    return np.asarray(_GRID[np.argmin(from_home + _MISS_COST * miss + _HIT_COST * lacking)])

@@ -1,0 +1,223 @@
+"""The keyframe policy: goes from keyframe to keyframe as its network predicts; it sees nothing but observations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import assets
+from clutter_env.policies.motion.control import GripperError, IntegralOffset, action_towards, error_to, stay
+from clutter_env.policies.motion.keyframe_planner import (
+    AHEAD,
+    Keyframe,
+    KeyframePlanner,
+    OpenKeyframePlanner,
+    gripper_error,
+)
+from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.motion.network_input import AWAY, DRIVEN, FINGERS, TOWARDS, line_distance
+from clutter_env.policies.motion.shelf import ShelfKeyframePlanner
+from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation
+from clutter_env.policies.weights import WeightsInfo
+from clutter_env.scene.layout import find_layout
+from planners import Contact
+
+Array = NDArray[np.float64]
+
+_ARRIVED = 0.004
+"""[m] from the contact at which the gripper has arrived; it leaves 12 mm on each side of an object."""
+_LEAVING = 0.015
+"""[m] before the end of a line away from a contact at which the next phase begins."""
+_FAR_OFF = 0.03
+"""[m] from the contact at which an approach that has come to rest has failed."""
+_AT_BASE, _AT_ARM, _PASSING = 0.008, 0.02, 0.08
+"""[m], [rad] from a keyframe at which base and arm have arrived, and arms that need not stop there."""
+_AT_CORNER = 0.01
+"""[m], [rad] of the base from a corner of its path under a shelf, at which it goes on."""
+_SETTLED = 0.02
+"""[m], [rad] of the robot from where it stands at a contact, at which the offset is corrected."""
+_NEAR = 0.15
+"""[m], [rad] of the joints from a keyframe at which the pose of the gripper is compared with the expected one."""
+_SLOW = 0.05
+"""[m/s], [rad/s] below which a joint counts as at rest."""
+_OPEN, _STILL = 0.002, 0.0005
+"""[m] between the measured and the wanted width of open fingers; change of the width in a step of fingers at rest."""
+_SETTLE = 4
+"""Control steps for which the fingers must be at rest."""
+_MAX_STEPS = 120
+"""Control steps after which a phase is over, wherever the robot is; the longest straight drives take about 80. A drive
+whose next corner, or whose end, takes longer is blocked, and the motion has failed."""
+
+
+class KeyframePolicy:
+    """Executes picks and places with the keyframes of a network; a motion policy, see `two_level`.
+
+    Every step it parses where the robot and the object are, asks the network for the keyframe of the present phase, and
+    goes there. A phase is over when the robot has measurably arrived. Of the arm configurations that reach the contact
+    one is chosen that keeps clear of the objects. Until the fingers close, the contact of a pick moves with its object,
+    and the network input is offset by the integral of the measured gripper error.
+
+    Attributes:
+        info: robot, layout and grasps that it was trained for; under a shelf it also knows that layout's furniture.
+        is_done: the motion has ended.
+        has_failed: it has ended without the object in the gripper, or, of a place, still with it or before it.
+    """
+
+    def __init__(self, network: KeyframeNetwork, info: WeightsInfo) -> None:
+        self.info = info
+        self._network, self._robot = network.eval(), assets.robot(info.robot)
+        self._steps, self._still, self._width, self._stops = 0, 0, 0.0, 1
+        self.reset({})
+
+    @classmethod
+    def load(cls, path: Path) -> KeyframePolicy:
+        """The policy with the weights of a file; raises `PolicyError`, see `load_weights`."""
+        return cls(*KeyframeNetwork.load(path))
+
+    def check(self, env: gym.Env[Any, Any]) -> None:
+        """Refuse an environment with another robot or layout (`PolicyError`)."""
+        self.info.check(env)
+
+    def reset(self, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode."""
+        self._planner: KeyframePlanner = (
+            ShelfKeyframePlanner(self._network, self._robot, find_layout(self.info.layout))
+            if self._network.is_under_shelf
+            else OpenKeyframePlanner(self._network, self._robot)
+        )
+        self.is_done, self.has_failed = True, False
+
+    def start(self, contact: Contact, observation: Observation) -> None:
+        """Begin to execute a pick or a place."""
+        seen = parse_observation(observation)
+        self._planned = self._contact = contact
+        self._index = seen.index(contact.object)
+        self._first_seen = seen.position(self._index)
+        self._offset, self._phases = IntegralOffset(), self._planner.begin(contact, self._index, seen)
+        is_dropped = contact.skill == "place" and not seen.is_held(self._index)
+        self._has_stopped = is_dropped or not self._phases
+        self.is_done, self.has_failed = self._has_stopped, self._has_stopped
+        self._begin_phase(seen)
+
+    @property
+    def phase(self) -> str:
+        """Name of the present phase, "" when the motion has ended."""
+        return "" if self.is_done else self._phases[0]
+
+    @property
+    def contact(self) -> Contact:
+        """The pick or place that is executed, where it is now."""
+        return self._contact
+
+    def act(self, observation: Observation) -> Array:
+        """The next action."""
+        seen = parse_observation(observation)
+        if not self.is_done:
+            self._follow_object(seen)
+            keyframe = self._advance(seen)
+        if self.is_done:
+            return stay(self._robot, seen)
+        self._correct_offset(seen, keyframe)
+        is_loaded = bool(seen.is_held(self._index))
+        return action_towards(self._robot, seen, keyframe.goal, keyframe.finger, is_loaded)
+
+    # Phases.
+
+    def _advance(self, seen: ParsedObservation) -> Keyframe:
+        """Go on to the phase that the robot is in; its keyframe."""
+        keyframe = self._keyframe(seen)
+        if keyframe.stops < self._stops:
+            self._steps = 0
+        self._stops = keyframe.stops
+        while not self.is_done and self._is_over(seen, keyframe):
+            phase = self._phases.pop(0)
+            if phase == "drive" and self._steps >= _MAX_STEPS:
+                self._has_stopped, self._phases = True, []
+            elif self._has_stopped_short(phase, seen, keyframe):
+                self._has_stopped, self._phases = True, self._phases[1:]
+            self.is_done = not self._phases
+            if self.is_done:
+                is_held = bool(seen.is_held(self._index))
+                self.has_failed = self._has_stopped or is_held != (self._contact.skill == "pick")
+            else:
+                self._begin_phase(seen)
+                keyframe = self._keyframe(seen)
+        self._steps += 1
+        self._still = self._still + 1 if abs(seen.widths[0] - self._width) < _STILL else 0
+        self._width = float(seen.widths[0])
+        return keyframe
+
+    def _has_stopped_short(self, phase: str, seen: ParsedObservation, keyframe: Keyframe) -> bool:
+        """Whether the gripper is not at the contact although the path there has ended."""
+        if phase == "reach":
+            return bool(np.linalg.norm(keyframe.expected[:3, 3] - seen.tcp[:3, 3]) > _FAR_OFF)
+        return phase in TOWARDS and bool(line_distance(seen, self._contact) > _FAR_OFF)
+
+    def _begin_phase(self, seen: ParsedObservation) -> None:
+        self._steps = self._still = 0
+        self._width = float(seen.widths[0])
+
+    def _is_over(self, seen: ParsedObservation, keyframe: Keyframe) -> bool:
+        """Whether the robot has measurably come to the end of the present phase, or does not get there."""
+        phase = self._phases[0]
+        if self._steps >= _MAX_STEPS:
+            return True
+        if phase in FINGERS:
+            is_open = abs(seen.widths[0] - self._robot.opening(keyframe.finger)) < _OPEN
+            return self._still >= _SETTLE and (phase == "close" or bool(is_open))
+        error = np.abs(error_to(seen, keyframe.goal))
+        is_slow = bool((np.abs(seen.velocity) < _SLOW).all()) and self._steps > _SETTLE
+        if phase in AWAY:
+            return is_slow or float(line_distance(seen, self._contact)) > keyframe.length - _LEAVING
+        if phase in TOWARDS:
+            return is_slow and float(line_distance(seen, self._contact)) < _ARRIVED
+        if phase == "drive":
+            return keyframe.stops == 1 and bool((error[:3] < _AT_BASE).all())
+        if phase == "reach":
+            is_there = np.linalg.norm(keyframe.expected[:3, 3] - seen.tcp[:3, 3]) < _ARRIVED
+            return is_slow and bool(is_there)
+        if phase in DRIVEN:
+            return bool((error[:3] < _AT_CORNER).all())
+        if phase == "transit":
+            is_right = GripperError.between(seen.tcp, keyframe.expected).is_within(keyframe.slack)
+            return is_right and bool((error[3:] < _AT_ARM).all())
+        return bool((error[3:] < _PASSING).all())
+
+    def _keyframe(self, seen: ParsedObservation) -> Keyframe:
+        """The goal of the present phase."""
+        return self._planner.keyframe(self._phases[0], self._contact, self._offset, seen)
+
+    # Feedback.
+
+    def _correct_offset(self, seen: ParsedObservation, keyframe: Keyframe) -> None:
+        """Correct the offset at both ends of the straight line to a contact, and where the gripper is off the line.
+
+        In between the arm lags behind, which is no error of the offset.
+        """
+        phase = self._phases[0]
+        error = gripper_error(phase, seen, keyframe.expected, self._contact)
+        if phase == "reach":
+            is_due = bool(np.abs(error_to(seen, keyframe.goal)).max() < _SETTLED)
+        elif phase == "transit":
+            is_due = bool(np.abs(error_to(seen, keyframe.goal)[3:]).max() < _NEAR)
+        else:
+            is_near = bool(line_distance(seen, self._contact) < AHEAD)
+            is_due = phase in TOWARDS and (is_near or not error.is_small)
+        if is_due:
+            self._offset.correct(error)
+
+    def _follow_object(self, seen: ParsedObservation) -> None:
+        """The contact of a pick moves with the object until the fingers close; the base no longer, once it has come."""
+        phase = self._phases[0]
+        if self._planned.skill != "pick" or phase not in ("drive", "ready", "transit", "enter", "reach", "approach"):
+            return
+        shift = seen.position(self._index) - self._first_seen
+        base, tcp = np.array(self._planned.base), np.array(self._planned.tcp)
+        tcp[:3, 3] += shift
+        base = base + shift * (1.0, 1.0, 0.0) if phase == "drive" else self._contact.base
+        self._contact = Contact(self._planned.skill, self._planned.object, base, tcp)

@@ -1,0 +1,177 @@
+"""The world as an observation shows it: the robot, and the objects beside the one that is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
+from clutter_env.policies.protocol import PolicyError
+from clutter_env.scene.table_scene import object_name
+
+Array = NDArray[np.float64]
+
+_ROBOT, _TCP, _GRIPPER, _ROW = (OBSERVATION_LAYOUT[name] for name in ("robot", "tcp", "gripper", "objects"))
+_Q = slice(_ROBOT["torso_position"].start, _ROBOT["arm_position"].stop)
+_VELOCITY = slice(_ROBOT["base_velocity"].start, _ROBOT["arm_velocity"].stop)
+_SIZE = slice(_ROW["half_extents"].start, _ROW["is_box"].stop)
+_HELD, _PRESENT = _ROW.index("held"), _ROW.index("present")
+
+Observation: TypeAlias = Mapping[str, NDArray[Any]]
+"""One step of `clutter_env/Retrieve-…` with `obs_mode="state"`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParsedObservation:
+    """One observation, or several: arrays have the leading shape (...) of the observations' entries.
+
+    Attributes:
+        base: (..., 3) x [m], y [m], yaw [rad] in the world.
+        q: (..., 8) torso [m] and arm [rad].
+        velocity: (..., 11) of base (in its own frame), torso and arm [m/s, rad/s].
+        base_tcp: (..., 4, 4) TCP pose in the base's frame.
+        widths: (..., 2) [m] between the pads, as measured and as commanded.
+        objects: (..., n, 14) rows of the objects, see `OBJECT_FIELDS`; positions in the base's frame.
+    """
+
+    base: Array
+    q: Array
+    velocity: Array
+    base_tcp: Array
+    widths: Array
+    objects: Array
+
+    @property
+    def tcp(self) -> Array:
+        """(..., 4, 4) TCP pose in the world."""
+        return planar_pose(self.base) @ self.base_tcp
+
+    @property
+    def whole_body(self) -> Array:
+        """(..., 11) base, torso and arm."""
+        return np.concatenate((self.base, self.q), axis=-1)
+
+    def position(self, index: int) -> Array:
+        """(..., 3) [m] centre of an object in the world."""
+        T_world_base = planar_pose(self.base)
+        in_base = self.objects[..., index, _ROW["position"]]
+        return np.asarray((T_world_base[..., :3, :3] @ in_base[..., None])[..., 0] + T_world_base[..., :3, 3])
+
+    def sizes(self, index: int) -> Array:
+        """(..., 4) half extents [m] of an object, and whether it is a box."""
+        return np.asarray(self.objects[..., index, _SIZE])
+
+    def is_held(self, index: int) -> Any:
+        """Whether the fingers hold an object: a flag, or (...) of them."""
+        return self.objects[..., index, _HELD] > 0
+
+    def index(self, name: str) -> int:
+        """Row of the object with a name of the environment: "object_00" is row 0.
+
+        Raises:
+            PolicyError: no object of that name.
+        """
+        names = [object_name(row) for row in range(self.objects.shape[-2])]
+        if name not in names:
+            raise PolicyError(f"no object {name!r} is observed; there are {', '.join(names)}")
+        return names.index(name)
+
+
+def parse_observation(observation: Observation) -> ParsedObservation:
+    """Parse an observation, or the observations of an episode, with entries (..., n)."""
+    robot, tcp, gripper, rows = (
+        np.asarray(observation[name], float) for name in ("robot", "tcp", "gripper", "objects")
+    )
+    sine, cosine = np.moveaxis(robot[..., _ROBOT["base_heading"]], -1, 0)
+    return ParsedObservation(
+        base=np.concatenate((robot[..., _ROBOT["base_position"]], np.arctan2(sine, cosine)[..., None]), axis=-1),
+        q=robot[..., _Q],
+        velocity=robot[..., _VELOCITY],
+        base_tcp=pose_of_quaternion(tcp[..., _TCP["position"]], tcp[..., _TCP["quaternion"]]),
+        widths=gripper,
+        objects=rows.reshape(*rows.shape[:-1], -1, _ROW.size),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinders:
+    """n upright cylinders: the objects beside the one that is taken or put down.
+
+    Attributes:
+        position: (n, 3) [m] their centres.
+        radius, height: (n,) [m] their radii and half heights.
+        core: (n,) [m] radii within which the objects are in any case: one may be a box.
+    """
+
+    position: Array
+    radius: Array
+    height: Array
+    core: Array
+
+    @classmethod
+    def beside(cls, seen: ParsedObservation, index: int, T: Array) -> Cylinders:
+        """All objects of one observation but object `index`, in the frame into which T (4, 4) leads from the base's."""
+        rows = seen.objects
+        is_other = rows[:, _PRESENT] > 0
+        is_other[index] = False
+        half = rows[is_other][:, _ROW["half_extents"]]
+        return cls(
+            position=rows[is_other][:, _ROW["position"]] @ T[:3, :3].T + T[:3, 3],
+            radius=half[:, :2].max(axis=1),
+            height=half[:, 2],
+            core=half[:, :2].min(axis=1),
+        )
+
+    def distance(self, points: Array) -> Array:
+        """(...) [m] from points (..., 3) to the nearest surface, 0 inside; infinite without cylinders."""
+        away = points[..., None, :] - self.position
+        across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - self.radius, 0.0)
+        above = np.maximum(np.abs(away[..., 2]) - self.height, 0.0)
+        return np.asarray(np.hypot(across, above).min(axis=-1, initial=np.inf))
+
+    def contain(self, points: Array) -> bool:
+        """Whether any of the points (..., 3) is inside an object for certain."""
+        away = points[..., None, :] - self.position
+        is_beside = np.hypot(away[..., 0], away[..., 1]) < self.core
+        return bool((is_beside & (np.abs(away[..., 2]) < self.height)).any())
+
+
+def planar_pose(base: Array) -> Array:
+    """T_world_base (..., 4, 4) of bases (..., 3) at x, y [m], yaw [rad]."""
+    T = np.zeros((*base.shape[:-1], 4, 4))
+    cosine, sine = np.cos(base[..., 2]), np.sin(base[..., 2])
+    T[..., 0, 0], T[..., 0, 1], T[..., 1, 0], T[..., 1, 1] = cosine, -sine, sine, cosine
+    T[..., :2, 3] = base[..., :2]
+    T[..., 2, 2] = T[..., 3, 3] = 1.0
+    return T
+
+
+def base_from(origin: Array, base: Array) -> Array:
+    """A base (3,) in the world that is given in the frame of another one (3,)."""
+    T = planar_pose(origin)
+    return np.append(T[:2, :2] @ base[:2] + T[:2, 3], origin[2] + base[2])
+
+
+def pose_of_quaternion(position: Array, quaternion: Array) -> Array:
+    """(..., 4, 4) of positions (..., 3) and unit quaternions (..., 4), wxyz."""
+    w, x, y, z = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    T = np.zeros((*position.shape[:-1], 4, 4))
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            T[..., i, j] = entry
+    T[..., :3, 3], T[..., 3, 3] = position, 1.0
+    return T
+
+
+def wrapped(angle: Any) -> Any:
+    """Angles [rad] in [-π, π)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,169 @@
+"""Policies by name: the built-in ones, training runs, and those of other people by import name."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+
+from clutter_env.policies.baselines import DirectApproach, GreedyPolicy, RandomPolicy
+from clutter_env.policies.experts import PLANNERS, make_expert
+from clutter_env.policies.protocol import AnyPolicy, PolicyError
+from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
+from clutter_env.policies.scripted import SCRIPTS
+from clutter_env.suites import GRASPS
+from clutter_env.task import family
+
+_FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
+"""Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
+_GOAL_FAMILIES = ("reach", "pick")
+_EXPERTS = (*PLANNERS, *SCRIPTS)
+_BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
+    "greedy": lambda _: GreedyPolicy(),
+    "direct-approach": lambda _: DirectApproach(),
+    "random": RandomPolicy,
+    "random-skills": partial(RandomPolicy, acts_by_skills=True),
+}
+_SHIPPED = MappingProxyType(
+    {
+        f"{levels}{ending}": (levels, problem)
+        for levels in ("keyframes", "planned-decisions", "planned-motions")
+        for ending, problem in (("", "side"), ("-all", "all"), ("-shelf", "shelf"))
+    }
+)
+"""Two-level policies with the weights of the package (`weights.SHIPPED`): both levels learned, or one of them planned;
+with level grasps, all grasps, and under the shelf's board."""
+BUILT_IN = (*_EXPERTS, *_SHIPPED, *_BASELINES)
+"""Names of the built-in policies."""
+
+
+def load_policy(name: str, seed: int) -> AnyPolicy:
+    """A policy by its name.
+
+    Args:
+        name: one of `BUILT_IN`; the directory of a training run, or those of learned decisions and learned motions with
+            a "+" between; or "module:Class" of a class without arguments; modules are also looked for in the current
+            directory.
+        seed: of the built-in random policies.
+
+    Raises:
+        PolicyError: there is no such policy, or it lacks the methods of the protocol.
+    """
+    if name in _EXPERTS:
+        return make_expert(name)
+    if name in _BASELINES:
+        return _BASELINES[name](seed)
+    if name in _SHIPPED:
+        from clutter_env.policies.learned import shipped_policy  # needs torch, which the others do without
+
+        return shipped_policy(*_SHIPPED[name])
+    if directories := run_directories(name):
+        return _policy_of_runs(directories)
+    module, _, attribute = name.partition(":")
+    if not attribute:
+        raise PolicyError(
+            f"no policy {name!r}; give module:Class, the directory of a training run, or one of {', '.join(BUILT_IN)}"
+        )
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        make_own = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as problem:
+        raise PolicyError(f"policy {name!r} cannot be imported: {problem}") from problem
+    policy: AnyPolicy = make_own()
+    for method in ("reset", "act"):
+        if not callable(getattr(policy, method, None)):
+            raise PolicyError(
+                f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)"
+            )
+    return policy
+
+
+def env_keywords(policy: AnyPolicy) -> dict[str, Any]:
+    """The keyword arguments with which the policy wants the environment.
+
+    Raises:
+        PolicyError: one that would change the scenes or the success; the message lists the valid ones.
+    """
+    wanted = dict(getattr(policy, "env_keywords", {}))
+    for name in wanted:
+        if name not in _FREE_KEYWORDS:
+            raise PolicyError(f"a policy may not choose {name!r}; it may choose {', '.join(_FREE_KEYWORDS)}")
+    return wanted
+
+
+def policy_grasps(policy: AnyPolicy) -> str:
+    """The grasp set by whose lower bounds the results of a policy are broken down.
+
+    Raises:
+        PolicyError: one for which the suites have none; the message lists the valid ones.
+    """
+    grasps = getattr(policy, "grasps", "all")
+    if grasps not in GRASPS:
+        raise PolicyError(f"a policy's grasps={grasps!r} are not valid; it may have {', '.join(GRASPS)}")
+    return str(grasps)
+
+
+def acts_by_skills(policy: AnyPolicy) -> bool:
+    """Whether the policy plays the Skill environment of the scenes."""
+    return bool(getattr(policy, "acts_by_skills", False))
+
+
+def policy_families(name: str) -> tuple[str, ...]:
+    """The families of environments whose scenes a policy can play; of other people's policies all."""
+    every = ("retrieve", *_GOAL_FAMILIES)
+    if name in _GOAL_FAMILIES:
+        return (name,)
+    if directories := run_directories(name):
+        own = family(load_run(directories[0])["task"]["env_id"])
+        return ("retrieve" if own == "skill" else own,)
+    return ("retrieve",) if name in BUILT_IN and name != "random" else every
+
+
+def _policy_of_runs(directories: Sequence[Path]) -> AnyPolicy:
+    """The policy of a training run, or of two."""
+    if len(directories) > 1 or load_run(directories[0])["algorithm"] in TWO_LEVEL_LEARNERS:
+        from clutter_env.policies.learned import two_level_policy  # needs torch
+
+        return two_level_policy(directories)
+    return RunPolicy(directories[0])
+
+
+class RunPolicy:
+    """The policy of a training run by cloning or reinforcement; loaded once, for the first episode's environment.
+
+    Attributes:
+        acts_by_skills: whether it plays the Skill environment of the scenes.
+        grasps: those of the skills are level ones.
+        env_keywords: keyword arguments with which an environment must be made for it.
+    """
+
+    is_privileged = True  # wrappers are made for the environment, and skills are masked by it
+
+    def __init__(self, directory: Path) -> None:
+        task = load_run(directory)["task"]
+        self.acts_by_skills = family(task["env_id"]) == "skill"
+        self.grasps = "side" if self.acts_by_skills else "all"
+        free = {} if self.acts_by_skills else task["keywords"]
+        self.env_keywords = {key: free[key] for key in _FREE_KEYWORDS if key in free}
+        self._directory = directory
+        self._env: gym.Env[Any, Any] | None = None
+
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
+        """Start an episode."""
+        from clutter_env.policies.trained import load_trained  # needs torch
+
+        if self._env is not env:
+            self._env, self._policy = env, load_trained(self._directory, env)
+        self._policy.reset(info)
+
+    def act(self, observation: Any) -> Any:
+        """The next action."""
+        return self._policy.act(observation)

@@ -1,0 +1,143 @@
+"""Models of Stable-Baselines3: the environment and the features as they see them, and their files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from sb3_contrib import TQC, MaskablePPO
+from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from clutter_env.errors import LearningError
+from clutter_env.policies.features import (
+    COS_YAW,
+    NEAR_SCALES,
+    OBJECT_ROW,
+    OBJECTS_FROM,
+    SIN_YAW,
+    TCP_POSITION,
+)
+from clutter_env.policies.runs import GOAL_ALGORITHMS
+from clutter_env.policies.skill_network import SkillNetwork
+from planners import DIRECTIONS
+
+ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
+    {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
+)
+"""By name: the classes of `GOAL_ALGORITHMS` and `SKILL_ALGORITHMS`."""
+MODEL_FILE, BUFFER_FILE = "model.zip", "replay_buffer.pkl"
+
+BASE_SCALE, TURN_SCALE = 0.1, 0.2
+"""Shares of the greatest velocity of the base, and of the greatest turning rate of the gripper, that a full action of a
+learner commands. Goals are within the arm's reach; at full speed the noise of exploration drives the base away."""
+GRIPPER_SCALE = 0.5
+"""Share of the greatest velocity of the gripper that a full action commands. At full speed the commanded pose, which is
+not observed, leads the arm by up to 5 cm, and the arm swings where it is folded."""
+
+
+class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
+    """Scales the actions of a learner, so that base and gripper turn and move more slowly."""
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        self.scale = np.ones(env.action_space.shape or (), np.float32)
+        self.scale[:3] = BASE_SCALE
+        if env.get_wrapper_attr("control_mode") == "ee":
+            self.scale[3:6], self.scale[6:9] = GRIPPER_SCALE, TURN_SCALE
+
+    def action(self, action: Any) -> Any:
+        """The environment's action for an action of the learner."""
+        return action * self.scale
+
+    def reverse_action(self, action: Any) -> Any:
+        """The action of the learner for an action of the environment, clipped to its range."""
+        return np.clip(action / self.scale, -1.0, 1.0)
+
+
+def training_env(name: str, env: gym.Env) -> gym.Env:
+    """The environment as a learner sees it: with the action scale of its algorithm."""
+    return ScaledActions(env) if name in GOAL_ALGORITHMS else env
+
+
+class GoalFeatures(BaseFeaturesExtractor):
+    """`features.feature_vector` of a goal observation, for batches on torch."""
+
+    def __init__(self, space: gym.spaces.Dict) -> None:
+        (size,) = space["observation"].shape or (0,)
+        offsets = 1 + (size > OBJECTS_FROM)
+        super().__init__(space, size + offsets * 3 * (1 + len(NEAR_SCALES)))
+
+    def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """Features (k, f) of observations with entries (k, n)."""
+        vector = observation["observation"].float()
+        offset = (observation["desired_goal"] - observation["achieved_goal"]).float()
+        sine, cosine = vector[:, SIN_YAW], vector[:, COS_YAW]
+        ahead = cosine * offset[:, 0] + sine * offset[:, 1]
+        left = cosine * offset[:, 1] - sine * offset[:, 0]
+        parts = [vector, *_near_and_far(torch.stack((ahead, left, offset[:, 2]), dim=1))]
+        if vector.shape[1] > OBJECTS_FROM:
+            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, OBJECT_ROW.size)
+            target = (rows[:, :, OBJECT_ROW["position"]] * rows[:, :, OBJECT_ROW["is_target"]]).sum(1)
+            parts += _near_and_far(target - vector[:, TCP_POSITION])
+        return torch.cat(parts, dim=1)
+
+
+def _near_and_far(offset: torch.Tensor) -> list[torch.Tensor]:
+    return [2 * offset, *(torch.tanh(scale * offset) for scale in NEAR_SCALES)]
+
+
+class _SkillPolicyMixin:
+    """Replaces the separate networks of Stable-Baselines3 by `SkillNetwork`, whose logits are those of the policy."""
+
+    action_space: Any
+    optimizer_class: Any
+    optimizer_kwargs: Any
+    parameters: Any
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor = SkillNetwork((int(self.action_space.n) - 1) // DIRECTIONS)
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)  # type: ignore[misc]  # a mixin: the class beside it has _build
+        self.action_net = nn.Identity()
+        self.mlp_extractor.initialise_heads()
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+
+class SkillPolicy(_SkillPolicyMixin, ActorCriticPolicy):
+    """The policy of PPO on Skill."""
+
+
+class MaskableSkillPolicy(_SkillPolicyMixin, MaskableActorCriticPolicy):
+    """The policy of MaskablePPO on Skill."""
+
+
+def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = False) -> BaseAlgorithm:
+    """The model in the directory of a run; with its replay buffer it is ready to go on learning.
+
+    Raises:
+        LearningError: there is none, it is damaged, or it needs code that this version no longer has.
+    """
+    path = directory / MODEL_FILE
+    if not path.exists():
+        raise LearningError(f"there is no model in {directory}")
+    try:
+        model = ALGORITHMS[name].load(path, env=env, device="cpu")
+        if with_buffer and isinstance(model, OffPolicyAlgorithm):
+            model.load_replay_buffer(directory / BUFFER_FILE, truncate_last_traj=True)
+    except Exception as problem:  # pickle, zip and torch raise many kinds for a damaged file or for missing classes
+        raise LearningError(
+            f"{path} is damaged, or another version of this package wrote it; train again ({problem})"
+        ) from problem
+    return model

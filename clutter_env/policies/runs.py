@@ -1,0 +1,73 @@
+"""The record of a training run, and the names of the algorithms; read without torch."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from clutter_env.errors import LearningError
+from clutter_env.task import Task
+
+RUN_FILE = "run.json"
+GOAL_ALGORITHMS = ("sac", "tqc")
+"""Learn the goal environments from rewards, with hindsight."""
+SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
+"""Learn the Skill environments from rewards."""
+CLONERS = ("bc", "dagger")
+"""Learn from an expert."""
+MOTION_LEARNERS = ("keyframes",)
+"""Learn from demonstrations, or from canonical plans without physics, how picks and places are executed."""
+MOTIONS_FILE = "motions.npz"
+"""Their weights, in the directory of a run."""
+DECISION_LEARNERS = ("decisions", "decisions_dagger")
+"""Learn from the planner's geometry what to take next and from where, and where to put it."""
+DECISIONS_FILE = "decisions.npz"
+"""Their weights, in the directory of a run."""
+TWO_LEVEL_LEARNERS = (*MOTION_LEARNERS, *DECISION_LEARNERS)
+
+
+def run_directories(name: str) -> tuple[Path, ...]:
+    """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
+    found = [Path(part) for part in name.split("+")]
+    return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
+
+
+def run_task(directory: Path) -> Task:
+    """The task that a run was trained on; raises `LearningError` if the directory holds no training run."""
+    task = load_run(directory)["task"]
+    return Task(task["env_id"], task["keywords"])
+
+
+def load_run(directory: Path) -> dict[str, Any]:
+    """The record of a training run: algorithm, task, seed, steps, settings.
+
+    Raises:
+        LearningError: the directory holds no training run, or its record is damaged.
+    """
+    path = directory / RUN_FILE
+    if not path.exists():
+        raise LearningError(f"{directory} holds no training run ({RUN_FILE} is missing)")
+    try:
+        record = dict(json.loads(path.read_text()))
+        Task(record["task"]["env_id"], record["task"]["keywords"])
+        str(record["algorithm"]), int(record["steps"])
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise LearningError(f"{path} is no record of a training run, or it is damaged: {problem!r}") from problem
+    return record
+
+
+def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two records of a run, in words, such as "seed: 0 there, 1 now".
+
+    Groups of values (mappings) that the first record lacks are not compared: runs of earlier versions lack some.
+    """
+    found = []
+    for name in dict.fromkeys((*there, *now)):
+        old, new = there.get(name), now.get(name)
+        if isinstance(new, Mapping):
+            found += differences(old, new) if isinstance(old, Mapping) else []
+        elif old != new:
+            found.append(f"{name}: {old!r} there, {new!r} now")
+    return found

@@ -1,0 +1,212 @@
+"""Scripts: experts whose action is a function of the present state, so that it can be cloned and can correct a learner.
+
+They command the velocity of the gripper (`control_mode="ee"`), and know the exact poses of all objects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets import RobotSpec
+from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.goal import GoalEnv
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.scene.layout import TABLE_HEIGHT
+
+__all__ = ["SCRIPTS", "Step", "direct_approach", "grasp_height"]
+
+Array = NDArray[np.float64]
+Step = tuple[str, NDArray[Any]]
+"""Name of the skill, and the action."""
+
+ALIGNED = (0.02, 0.01)
+"""[m] between TCP and object, along the gripper's axis and across it, within which the gripper may descend."""
+AT_GRASP = 0.02
+"""[m] above the grasp at which the fingers close."""
+HOVER = 0.06
+"""[m] of the TCP above the object's top before the descent: half the height of the fingers, and a margin."""
+NEAR_HOVER = 0.02
+"""[m] below that height from which the gripper moves sideways too."""
+GRASP_SHARE = 0.6
+"""Height of the grasp as a share of the object's height: high enough for the forearm to clear the table."""
+FINGER_ROOM = 0.012
+"""[m] between the object and each opened finger."""
+CARRY_LIFT = 0.01
+"""[m] by which an object is carried higher than its goal, so that it does not scrape along the table."""
+GAIN, TURN_GAIN = 1.6, 1.0
+"""[1/s] Velocity of the gripper divided by its remaining distance, and by its remaining angle; more overshoots."""
+STANDOFF = 0.75
+"""[m] ahead of the base, where the arm reaches well."""
+REACH_AHEAD, REACH_SIDE = (0.65, 0.97), 0.15
+"""[m] Region ahead of the base, and to each side, in which the TCP moves to the target."""
+FUNNEL = 4.0
+"""Height [m] that the TCP keeps for each metre of remaining distance of gripper or base."""
+APPROACH = 0.06
+"""[m], [rad] Remaining motion of the base below which the gripper begins to descend."""
+STEER_HEIGHT = 0.04
+"""[m] below its commanded height at which the gripper stops moving sideways."""
+LIFT = 0.15
+"""[m] of the commanded TCP above its present height while the target is lifted."""
+
+FULL_SPEED_GAIN = 20.0
+"""[1/s] As `GAIN`, for a gripper that moves at its greatest speed until it is 2 cm from its goal."""
+CHARGE_FROM = 0.10
+"""[m] before the table's front edge: where the gripper waits until it is in line with the target."""
+IN_LINE = 0.02
+"""[m] from the line to the target, across and up, within which the gripper charges."""
+
+
+def reach(env: GoalEnv) -> Step:
+    """Move the TCP straight to the goal."""
+    goal = env.goal
+    x, y, yaw = env.world.controller.state.target[:3]
+    ahead = math.cos(yaw) * (goal[0] - x) + math.sin(yaw) * (goal[1] - y) - STANDOFF
+    return "reach", _action(env, goal, env.robot.max_opening, (ahead, 0.0, 0.0))
+
+
+def pick(env: GoalEnv) -> Step:
+    """Descend around the object, close the fingers, carry the object to the goal."""
+    if env.measurements.held == env.target_slot:
+        remaining = env.goal - env.measurements.poses[env.target_slot, :3] + (0, 0, CARRY_LIFT)
+        return "carry", _action(env, _tcp(env) + remaining, 0.0)
+    tcp = _tcp(env)
+    grasp, above, opening = _target_grasp(env)
+    if _off_axis(env, tcp, grasp) == 0:
+        if tcp[2] - grasp[2] < AT_GRASP:
+            return "close", _action(env, grasp, 0.0)
+        return "descend", _action(env, grasp, opening)
+    if tcp[2] < above - NEAR_HOVER:
+        return "rise", _action(env, np.array([*tcp[:2], above]), opening)
+    return "align", _action(env, np.array([*grasp[:2], above]), opening)
+
+
+def retrieve(env: RetrieveEnv) -> Step:
+    """Drive to the table in front of the target, descend around it, close the fingers, lift; other objects are ignored.
+
+    Only the last two steps begin at a threshold; otherwise the height of the gripper falls continuously with the
+    remaining distance of base and gripper. The clone of a script that switches stops at the switch, because the
+    examples there contain both actions.
+    """
+    if env.measurements.held == env.target_slot:
+        return "lift", _action(env, _tcp(env) + (0, 0, LIFT), 0.0)
+    drive = _remaining_drive(env)
+    grasp, above, opening = _target_grasp(env)
+    tcp = _tcp(env)
+    tcp_error, base_error = _off_axis(env, tcp, grasp), math.hypot(*drive)
+    height = min(grasp[2] + FUNNEL * tcp_error, above) + FUNNEL * min(base_error, APPROACH)
+    point = np.array([*_within_reach(env, grasp), height])
+    point[:2] = tcp[:2] + (point[:2] - tcp[:2]) * np.clip(1 - (height - tcp[2]) / STEER_HEIGHT, 0.0, 1.0)
+    if tcp_error == 0 and tcp[2] - grasp[2] < AT_GRASP:
+        return "close", _action(env, grasp, 0.0, drive)
+    return ("drive" if base_error > APPROACH else "descend"), _action(env, point, opening, drive)
+
+
+def direct_approach(env: RetrieveEnv) -> Step:
+    """Line up before the table at the height of the grasp, charge straight at the target, close the fingers, lift.
+
+    Whatever stands in between is pushed aside or toppled, at full speed.
+    """
+    tcp = _tcp(env)
+    if env.measurements.held == env.target_slot:
+        return "lift", _action(env, tcp + (0, 0, LIFT), 0.0)
+    grasp, _, opening = _target_grasp(env)
+    drive = _remaining_drive(env)
+    if _off_axis(env, tcp, grasp) == 0:
+        return "close", _action(env, grasp, 0.0)
+    start = -env.layout.depth / 2 - CHARGE_FROM
+    if tcp[0] < start + IN_LINE and np.abs(tcp - grasp)[1:].max() > IN_LINE:
+        drive[0] = min(drive[0], start - STANDOFF - _base(env)[0])
+        return "line up", _action(env, np.array([start, *grasp[1:]]), opening, drive, FULL_SPEED_GAIN)
+    return "charge", _action(env, grasp, opening, drive, FULL_SPEED_GAIN)
+
+
+SCRIPTS: Mapping[str, Callable[[Any], Step]] = MappingProxyType({"reach": reach, "pick": pick, "scripted": retrieve})
+"""By name: the scripts for Reach, Pick and Retrieve; each gives the next step in an environment."""
+
+
+def _tcp(env: BaseEnv) -> Array:
+    return np.array(env.data.site_xpos[env.world.index.tcp_site])
+
+
+def _base(env: BaseEnv) -> Array:
+    """x [m], y [m], yaw [rad] of the base."""
+    return np.array(env.data.qpos[env.world.index.drive_qpos[:3]])
+
+
+def _remaining_drive(env: BaseEnv) -> Array:
+    """Remaining motion (3,) of the base to where the arm reaches the target: ahead [m], left [m], turning [rad]."""
+    target = env.measurements.poses[env.target_slot, :2]
+    nearest = -env.layout.depth / 2 - env.robot.base_radius
+    x, y, yaw = _base(env)
+    to_x, to_y = min(target[0] - STANDOFF, nearest) - x, target[1] - y
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([cosine * to_x + sine * to_y, cosine * to_y - sine * to_x, -yaw])
+
+
+def _within_reach(env: BaseEnv, point: Array) -> Array:
+    """The point (2,) nearest to a point (2+,) within `REACH_AHEAD` and `REACH_SIDE` of the base."""
+    x, y, yaw = _base(env)
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    to_x, to_y = point[0] - x, point[1] - y
+    ahead = float(np.clip(cosine * to_x + sine * to_y, *REACH_AHEAD))
+    left = float(np.clip(cosine * to_y - sine * to_x, -REACH_SIDE, REACH_SIDE))
+    return np.array([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left])
+
+
+def grasp_height(robot: RobotSpec, half_height: ArrayLike) -> Array:
+    """(...) [m] of the TCP above the table at the grasp of objects with these half heights (...) [m]."""
+    return np.maximum(robot.grasp_height, GRASP_SHARE * 2 * np.asarray(half_height))
+
+
+def _target_grasp(env: BaseEnv) -> tuple[Array, float, float]:
+    """TCP position (3,) [m] of the grasp, height [m] from which the gripper descends, opening [m] of the gripper."""
+    assert env.world.scene is not None
+    at = env.measurements.poses[env.target_slot, :3]
+    half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
+    height = grasp_height(env.robot, half_height)
+    return np.array([at[0], at[1], TABLE_HEIGHT + height]), at[2] + half_height + HOVER, 2 * (half_width + FINGER_ROOM)
+
+
+def _off_axis(env: BaseEnv, tcp: Array, grasp: Array) -> float:
+    """[m] by which the object is outside the fingers as seen from above; 0 if it is between them."""
+    R_world_tcp = env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
+    ahead, across, _ = R_world_tcp.T @ (grasp - tcp)
+    return max(abs(float(ahead)) - ALIGNED[0], abs(float(across)) - ALIGNED[1], 0.0)
+
+
+def _action(
+    env: BaseEnv, point: Array, opening: float, drive: ArrayLike = (0.0, 0.0, 0.0), gain: float = GAIN
+) -> NDArray[Any]:
+    """The action that moves the TCP towards a point, keeps the gripper level and straight ahead, and drives the base.
+
+    Velocities are proportional to the remaining distances, so that the same state always gives the same action.
+
+    Args:
+        env: the environment.
+        point: (3,) [m] in the world.
+        opening: of the gripper [m].
+        drive: remaining motion (3,) of the base: ahead [m], to the left [m], turning [rad].
+        gain: [1/s] velocity of the gripper divided by its remaining distance.
+    """
+    yaw = float(env.world.controller.state.target[2])
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    R_base_world = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    R_base_tcp = R_base_world @ env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
+    linear = gain * (R_base_world @ (point - _tcp(env))) / env.robot.max_tcp_velocity[0]
+    angular = TURN_GAIN * _level_error(R_base_tcp) / env.robot.max_tcp_velocity[1]
+    linear /= max(1.0, float(np.abs(linear).max()))
+    base = GAIN * np.asarray(drive) / np.array(env.robot.max_velocity[:3])
+    grip = env.world.controller.grip_action(opening)
+    return np.clip(np.concatenate((base, linear, angular, (grip,))), -1.0, 1.0)
+
+
+def _level_error(R_base_tcp: Array) -> Array:
+    """Rotation vector (3,) [rad] that turns the gripper level and straight ahead, for small angles."""
+    x_axis, z_axis = R_base_tcp[:, 0], R_base_tcp[:, 2]
+    return 0.5 * (np.cross(x_axis, (1.0, 0.0, 0.0)) + np.cross(z_axis, (0.0, 0.0, 1.0)))

@@ -1,0 +1,143 @@
+"""A policy of two levels: a high-level policy chooses the next pick or place, a motion policy executes it.
+
+A pick-place action (`planners.Contact`) says where the gripper closes around an object or opens to put it down: skill,
+object, base pose and TCP pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import gymnasium as gym
+from numpy.typing import NDArray
+
+from clutter_env.policies.parsed_observation import Observation
+from planners import Contact
+
+MAX_ACTIONS = 40
+"""Picks and places tried in an episode, failed ones included, before the policy gives up."""
+_HOLD_STEPS = 20
+"""Control steps with the target in the gripper before the policy has finished: twice what success asks for."""
+
+
+class HighLevelPolicy(Protocol):
+    """Chooses picks and places, one at a time; it may be privileged and have `check`, as a policy.
+
+    Attributes:
+        failure: why it gave up; "" if it did not.
+    """
+
+    failure: str
+
+    @property
+    def reset(self) -> Callable[..., None]:
+        """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
+        ...
+
+    def decide(self, observation: Observation) -> Contact | None:
+        """The next pick or place, once the one before has been executed or has failed; None: gives up."""
+        ...
+
+
+class MotionPolicy(Protocol):
+    """Executes picks and places, one at a time; it may be privileged and have `check`, as a policy.
+
+    Attributes:
+        is_done: the motion has ended, and the next one may be started.
+        has_failed: it has ended without the object in the gripper, or, of a place, still with it.
+    """
+
+    is_done: bool
+    has_failed: bool
+
+    @property
+    def reset(self) -> Callable[..., None]:
+        """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
+        ...
+
+    def start(self, contact: Contact, observation: Observation) -> None:
+        """Begin to execute a pick or a place."""
+        ...
+
+    def act(self, observation: Observation) -> NDArray[Any]:
+        """The next action; once the motion has ended, the robot stays where it is."""
+        ...
+
+
+class TwoLevelPolicy:
+    """Asks the high-level policy for a pick or a place, lets the motion policy execute it, and asks again.
+
+    It has finished once the target has been taken, and has given up when the high-level policy does.
+
+    Attributes:
+        is_privileged: one of the levels reads the simulation.
+        grasps: "side" or "all": the grasps that the high-level policy chooses from.
+        failure: why it gave up, "" if it did not.
+        started, failed: how many picks and places were started and failed in this episode.
+    """
+
+    failure = ""
+
+    def __init__(self, high_level: HighLevelPolicy, motion: MotionPolicy, grasps: str = "side") -> None:
+        self.grasps = grasps
+        self._high_level, self._motion = high_level, motion
+        self.is_privileged = any(getattr(level, "is_privileged", False) for level in (high_level, motion))
+        self._contact: Contact | None = None
+        self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
+
+    def check(self, env: gym.Env[Any, Any]) -> None:
+        """Refuse an environment with another robot or layout than the weights of either level (`PolicyError`)."""
+        for level in (self._high_level, self._motion):
+            if hasattr(level, "check"):
+                level.check(env)
+
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any] | None = None) -> None:
+        """Start an episode of both levels; `env` is read by privileged ones alone."""
+        self._target, self.failure = str(info["target"]), ""
+        self._contact = None
+        self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
+        for level in (self._high_level, self._motion):
+            arguments = (info, env) if getattr(level, "is_privileged", False) else (info,)
+            level.reset(*arguments)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has finished or given up."""
+        return bool(self.failure) or self._steps_after > _HOLD_STEPS
+
+    @property
+    def phase(self) -> str:
+        """The pick or place that is executed and the phase of its motion, such as "pick object_03: lift"."""
+        if self._contact is None:
+            return ""
+        return f"{self._contact.skill} {self._contact.object}: {getattr(self._motion, 'phase', '')}"
+
+    def act(self, observation: Observation) -> NDArray[Any]:
+        """The next action."""
+        if self._contact is None or self._motion.is_done:
+            self._note_result()
+            if not self._is_taken and not self.failure:
+                self._start_next(observation)
+        self._steps_after += self._is_taken
+        return self._motion.act(observation)
+
+    def _note_result(self) -> None:
+        """Note how the last pick or place ended."""
+        if self._contact is not None:
+            self.failed += self._motion.has_failed
+            takes = self._contact.skill == "pick" and self._contact.object == self._target
+            self._is_taken = takes and not self._motion.has_failed
+            self._contact = None
+
+    def _start_next(self, observation: Observation) -> None:
+        """Start the next pick or place, or give up."""
+        if self.started >= MAX_ACTIONS:
+            self.failure = f"the target was not taken after {self.started} picks and places"
+            return
+        self._contact = self._high_level.decide(observation)
+        if self._contact is None:
+            self.failure = self._high_level.failure or "the high-level policy gave up"
+            return
+        self.started += 1
+        self._motion.start(self._contact, observation)

@@ -1,0 +1,215 @@
+"""Examples for the high-level policy: candidate picks and places, and what stands in their way.
+
+They are collected from random scenes without physics and without planning a motion. By the planner's geometry a
+candidate is free if some arm configuration reaches it that touches nothing; of several, the one that touches the fewest
+objects counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.policies.high_level.candidates import CandidateRule, Candidates
+from clutter_env.policies.high_level.observed_scene import object_rows
+from irm import ArmChain
+from planners import (
+    Body,
+    CollisionWorld,
+    ConfigurationGrid,
+    GripperPoses,
+    HeldObject,
+    Scene,
+    driven_configurations,
+    gripper_opening,
+    is_covered,
+    scan_configurations,
+    stand_at,
+)
+
+_PLACES = 12
+"""Random places for a random object, in every scene."""
+_SHARE = 0.25
+"""Share of the candidates of a scene that are labelled: more scenes teach more than more candidates of one."""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateExamples:
+    """m candidates in s scenes of at most n objects.
+
+    Attributes:
+        objects: (s, n, 5) `OBJECT_COLUMNS`; rows of absent objects, and of the one that is held, have radius 0.
+        scene: (m,) index of the scene of each candidate.
+        own: (m, 5) the object that is taken or put down, as it stands there.
+        own_index: (m,) its index in the scene.
+        tcp: (m, 5) x, y, z [m], yaw and pitch [rad] of the TCP.
+        base: (m, 3) x [m], y [m], yaw [rad].
+        is_reached: (m,) see `Labels`.
+        blockers: (m, n) whether each object is in the way.
+    """
+
+    objects: NDArray[np.float32]
+    scene: NDArray[np.int32]
+    own: NDArray[np.float32]
+    own_index: NDArray[np.int16]
+    tcp: NDArray[np.float32]
+    base: NDArray[np.float32]
+    is_reached: NDArray[np.bool_]
+    blockers: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.scene)
+
+    @classmethod
+    def joined(cls, parts: Sequence[CandidateExamples]) -> CandidateExamples:
+        """Join several, the scenes numbered anew."""
+        firsts = np.cumsum([0, *(len(part.objects) for part in parts[:-1])])
+        columns = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)}
+        columns["scene"] = np.concatenate([part.scene + first for part, first in zip(parts, firsts, strict=True)])
+        return cls(**columns)
+
+    def save(self, path: Path) -> None:
+        """Write a compressed npz file with an array for each attribute."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path, **{field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> CandidateExamples:
+        """Read what `save` wrote; raises `OSError` if there is no such file."""
+        with np.load(path) as content:
+            return cls(**{field.name: content[field.name] for field in fields(cls)})
+
+
+def scene_of(env: gym.Env[Any, Any], held: str = "") -> Scene:
+    """The planner's view of an environment, with exact poses (privileged)."""
+    inner: Any = env.unwrapped
+    return Scene.from_mujoco(inner.model, inner.data, inner.robot, held)
+
+
+def pick_examples(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
+    """A random share of the candidate picks of a scene's objects; nothing is held."""
+    candidates, rows = rule.picks(scene.objects), object_rows(scene.objects)
+    candidates = candidates.take(rng.random(len(candidates)) < _SHARE)
+    labels = label_picks(CollisionWorld.from_scene(scene), candidates)
+    return _examples(rows, candidates, labels, rows[candidates.index], candidates.index)
+
+
+def place_examples(
+    scene: Scene, rule: CandidateRule, points: NDArray[np.float64], rng: np.random.Generator
+) -> CandidateExamples:
+    """A random share of the candidate places of a scene's held object at points (k, 3) [m]."""
+    assert scene.held is not None
+    index = scene.index(scene.held.name)
+    body, rows = scene.objects[index], object_rows(scene.objects)
+    candidates = rule.places(body, scene.held, points)
+    candidates = candidates.take(rng.random(len(candidates)) < _SHARE)
+    labels = label_places(CollisionWorld.from_scene(scene), candidates, points)
+    rows[index] = 0.0
+    own = object_rows(stand_at(body, point) for point in points)[candidates.index]
+    return _examples(rows, candidates, labels, own, np.full(len(candidates), index))
+
+
+def random_points(scene: Scene, radius: float, rng: np.random.Generator, count: int = _PLACES) -> NDArray[np.float64]:
+    """Random points (k, 3) [m] on the first support where an object of that radius does not stick out."""
+    support = scene.support
+    low, high = support.lower[:2] + radius, support.upper[:2] - radius
+    return np.column_stack((rng.uniform(low, high, (count, 2)), np.full(count, support.top)))
+
+
+def examples_of_scene(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
+    """Candidate picks of every object and, as if one of them were held, candidates for random places.
+
+    Args:
+        scene: nothing is held.
+        rule: the candidates.
+        rng: chooses the object, how it is held and the places.
+    """
+    picks = rule.picks(scene.objects)
+    parts = [pick_examples(scene, rule, rng)]
+    if len(picks):
+        row = int(rng.integers(len(picks)))
+        body = scene.objects[picks.index[row]]
+        held = HeldObject(body.name, np.linalg.inv(picks.contact(row, "pick", body.name).tcp) @ body.pose)
+        parts.append(place_examples(scene.with_held(held), rule, random_points(scene, body.radius, rng), rng))
+    return CandidateExamples.joined(parts)
+
+
+class Labels(NamedTuple):
+    """Labels of m candidates.
+
+    Attributes:
+        is_reached: (m,) whether the arm reaches it without touching itself or furniture.
+        blockers: (m,) mask of the objects touched; 0 where it is not reached.
+    """
+
+    is_reached: NDArray[np.bool_]
+    blockers: NDArray[np.uint64]
+
+    @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """(m,) whether it is reached and nothing stands in the way."""
+        return self.is_reached & (self.blockers == 0)
+
+
+def label_picks(world: CollisionWorld, candidates: Candidates) -> Labels:
+    """Labels of candidate picks; `index` is that of the object in the scene."""
+    bodies = world.scene.objects
+    return _labels(world, candidates, bodies, [body.foot for body in bodies])
+
+
+def label_places(world: CollisionWorld, candidates: Candidates, points: NDArray[np.float64]) -> Labels:
+    """Labels of candidate places of the held object of a scene; `index` is that of the point (k, 3)."""
+    held = world.scene.held
+    assert held is not None
+    body = world.scene.body(held.name)
+    return _labels(world, candidates, [stand_at(body, point) for point in points], list(points))
+
+
+def _labels(
+    world: CollisionWorld, candidates: Candidates, bodies: Sequence[Body], feet: Sequence[NDArray[np.float64]]
+) -> Labels:
+    """Labels of candidates, each with its object as it stands there, and that object's lowest point (3,)."""
+    scene = world.scene
+    robot, held = scene.robot, scene.held
+    grid = ConfigurationGrid.about_home(ArmChain.from_robot(robot), robot.home)
+    labels = Labels(np.zeros(len(candidates), np.bool_), np.zeros(len(candidates), np.uint64))
+    for row, index in enumerate(candidates.index):
+        body = bodies[index]
+        own, opening = scene.mask({body.name}), gripper_opening(robot, body.half_width)
+        # One at a time: scanned together, candidates that touch more objects than others would be left out.
+        poses = GripperPoses(candidates.base[row : row + 1], candidates.tcp[row : row + 1])
+        if is_covered(scene, feet[index]):
+            found = driven_configurations(world, body, poses, grid, opening, held=held, ignore=own)
+        else:
+            found = scan_configurations(world, poses, grid, opening, held=held, ignore=0 if held else own)
+        if len(found.q):
+            # The configuration that touches the fewest objects; of these the best.
+            best = np.lexsort((-found.quality, np.bitwise_count(found.hits)))[0]
+            labels.is_reached[row], labels.blockers[row] = True, found.hits[best]
+    return labels
+
+
+def _examples(
+    rows: NDArray[np.float32],
+    candidates: Candidates,
+    labels: Labels,
+    own: NDArray[np.float32],
+    own_index: NDArray[np.int64],
+) -> CandidateExamples:
+    bits = np.arange(len(rows), dtype=np.uint64)
+    return CandidateExamples(
+        objects=rows[None],
+        scene=np.zeros(len(candidates), np.int32),
+        own=own,
+        own_index=own_index.astype(np.int16),
+        tcp=candidates.tcp.astype(np.float32),
+        base=candidates.base.astype(np.float32),
+        is_reached=labels.is_reached,
+        blockers=(labels.blockers[:, None] >> bits & np.uint64(1)).astype(np.bool_),
+    )

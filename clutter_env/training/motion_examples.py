@@ -1,0 +1,223 @@
+"""Examples for the keyframe network: situations of demonstrated motions, and the keyframes that belong to them.
+
+Under a shelf the planner's straight lines are drives of the base: from outside with the arm rigid, straight in
+("enter"), then along the gripper to the contact ("reach"); then back along the gripper ("back") and straight out
+("leave"). Such lines are cut at their corners into phases; see `planners.drive_out`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from assets import RobotSpec
+from clutter_env.errors import DatasetError
+from clutter_env.policies.motion.arm import nearest_home
+from clutter_env.policies.motion.network_input import (
+    ELSEWHERE,
+    FREE_JOINTS,
+    LINES,
+    TOWARDS,
+    contact_in_base,
+    line_distance,
+    network_input,
+    phase_index,
+)
+from clutter_env.policies.motion.shelf_arm import demonstrated_row
+from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose, wrapped
+from clutter_env.training.motion_demonstrations import Motion
+from planners import BACK, heading
+
+Array = NDArray[np.float64]
+
+_AT_CONTACT = ("transit", *LINES, "close", "open")
+"""Phases whose arm configuration is that of the contact or of a straight line from it: it moves with the contact."""
+_TO_CONTACT = (*TOWARDS, "reach")
+"""Phases at whose end the gripper is at the contact."""
+_END_REPEATS = 5
+"""Examples of the end of a straight line, where accuracy matters most, for one of every step on it."""
+
+
+_MOVED = 0.005
+"""[m] from the contact's base pose from which on the base is on a drive: a measured base is not exact."""
+_RIGID = 0.02
+"""[m], [rad] by which torso and arm move at most on a drive with the arm rigid: measured ones are not exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeExamples:
+    """k situations and their keyframes.
+
+    Attributes:
+        features: (k, f) see `network_input`.
+        phase: (k,) number of the phase.
+        base: (k, 3) where the base is to stand, in its frame at the contact: x, y [m], yaw [rad]; 0 under a shelf.
+        q: (k, 8) torso [m] and arm [rad], angles within a turn of home.
+        finger: (k,) [m] position of one finger.
+        length: (k,) [m] of the straight line, 0 in other phases.
+        at_contact: (k,) whether the keyframe moves with the contact.
+        is_under_shelf: whether the base drives in to the contacts.
+    """
+
+    features: Array
+    phase: NDArray[np.int64]
+    base: Array
+    q: Array
+    finger: Array
+    length: Array
+    at_contact: NDArray[np.bool_]
+    is_under_shelf: bool = False
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+
+def keyframe_examples(robot: RobotSpec, motions: Iterable[Motion]) -> KeyframeExamples:
+    """The examples of all phases that are learned.
+
+    Where the base drives in under a shelf to one of the contacts, motions in the open are left out.
+
+    Raises:
+        DatasetError: there are none.
+    """
+    parts: list[KeyframeExamples] = []
+    every = list(motions)
+    under = [motion for motion in every if is_driven(motion)]
+    for motion in map(cut_at_corners, under) if under else every:
+        free = free_joints_of(robot, motion)
+        for phase, steps in motion.runs():
+            is_learned = phase_index(motion.contact.skill, phase) is not None and not (under and phase in ELSEWHERE)
+            if is_learned and free is not None:
+                parts.append(_of_phase(robot, motion, phase, steps, free, bool(under)))
+    if not parts:
+        raise DatasetError("the demonstrations show no contact; collect them with `clutter-env collect --canonical`")
+    names = [entry.name for entry in fields(KeyframeExamples) if entry.name != "is_under_shelf"]
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return KeyframeExamples(**columns, is_under_shelf=bool(under))
+
+
+def demonstrated_free_joints(robot: RobotSpec, motions: Iterable[Motion]) -> Array:
+    """(m, 7) Rows of `demonstrated_row` of the motions under a shelf."""
+    under = [(motion.contact, free_joints_of(robot, cut_at_corners(motion))) for motion in motions if is_driven(motion)]
+    return np.array([demonstrated_row(contact, free) for contact, free in under if free is not None]).reshape(-1, 7)
+
+
+def free_joints_of(robot: RobotSpec, motion: Motion) -> Array | None:
+    """(2,) torso [m] and upper-arm roll [rad] at the contact, less those of home; None if it was not reached."""
+    ends = [motion.keyframes[steps.stop - 1] for phase, steps in motion.runs() if phase in _TO_CONTACT]
+    return _free_joints(robot, ends[-1][3:11]) if ends else None
+
+
+def _free_joints(robot: RobotSpec, q: Array) -> Array:
+    """(..., 2) of configurations (..., 8)."""
+    joints = list(FREE_JOINTS)
+    return np.asarray(nearest_home(robot, q)[..., joints] - np.array(robot.home)[joints])
+
+
+def _of_phase(
+    robot: RobotSpec, motion: Motion, phase: str, steps: slice, free: Array, is_under_shelf: bool
+) -> KeyframeExamples:
+    """The keyframe of one phase; of a straight line of the arm also the configurations on it."""
+    contact, keyframe = motion.contact, motion.keyframes[steps.stop - 1]
+    number = phase_index(contact.skill, phase)
+    base, q = keyframe[None, :3], keyframe[None, 3:11]
+    distance, length = np.zeros(1), 0.0
+    if phase in LINES:
+        on_line = _at(motion.seen, steps)
+        far = on_line if phase in TOWARDS else _at(motion.seen, slice(steps.stop, steps.stop + 1))
+        length = float(line_distance(far, contact).max())
+        last = np.zeros(1) if phase in TOWARDS else np.array([length])
+        base = np.concatenate((on_line.base, np.repeat(base, _END_REPEATS, axis=0)))
+        q = np.concatenate((on_line.q, np.repeat(q, _END_REPEATS, axis=0)))
+        distance = np.concatenate((line_distance(on_line, contact), np.repeat(last, _END_REPEATS)))
+    count = len(q)
+    # On a line the base has arrived: the contact in its measured frame fits the measured configuration.
+    # Under a shelf all is in the frame of the base at the contact; where else the base stands is geometry.
+    frame = np.broadcast_to(contact.base, base.shape) if phase == "drive" or is_under_shelf else base
+    own_free = _free_joints(robot, q) if is_under_shelf else free
+    base_tcp = contact_in_base(contact.tcp, frame)
+    return KeyframeExamples(
+        features=network_input(number, base_tcp, motion.seen.sizes(motion.index)[0], distance, own_free),
+        phase=np.full(count, number),
+        base=np.zeros((count, 3)) if is_under_shelf else _relative(base, contact.base),
+        q=nearest_home(robot, q),
+        finger=np.full(count, keyframe[11]),
+        length=np.full(count, length),
+        at_contact=np.full(count, phase in _AT_CONTACT),
+        is_under_shelf=is_under_shelf,
+    )
+
+
+def _at(seen: ParsedObservation, steps: slice) -> ParsedObservation:
+    """Some steps of an episode."""
+    names = [entry.name for entry in fields(ParsedObservation)]
+    return ParsedObservation(**{name: getattr(seen, name)[steps] for name in names})
+
+
+def _relative(base: Array, origin: Array) -> Array:
+    """(k, 3) bases in the frame of another one (3,)."""
+    T = np.linalg.inv(planar_pose(origin))
+    position = base[:, :2] @ T[:2, :2].T + T[:2, 3]
+    return np.column_stack((position, wrapped(base[:, 2] - origin[2])))
+
+
+def is_driven(motion: Motion) -> bool:
+    """Whether the base drives on the straight lines of a motion with the arm rigid: there is a shelf above the contact.
+
+    In the open, plans that are not canonical begin a line while the base still drives, and the arm moves meanwhile.
+    """
+    return any(_rigid_drive(motion, steps) > BACK for phase, steps in motion.runs() if phase in LINES)
+
+
+def cut_at_corners(motion: Motion) -> Motion:
+    """The motion with the phases of `SHELF_PHASES`, and keyframes at the corners of its drives."""
+    phases, keyframes = list(motion.phases), np.array(motion.keyframes)
+    before = keyframes[0]
+    for phase, steps in motion.runs():
+        end = motion.keyframes[steps.stop - 1]
+        if phase in LINES:
+            # The arm is rigid as it was when the drive in began, or as it is when the drive out ends.
+            rigid = before if phase in TOWARDS else end
+            names = _names(phase)
+            for step, distance in zip(range(steps.start, steps.stop), _distance(motion, steps), strict=True):
+                which = 0 if distance > BACK + _MOVED else 1 if distance > _MOVED else 2
+                phases[step] = names[which]
+                keyframes[step] = _keyframe(motion, names[which], rigid, end)
+        before = end
+    return replace(motion, phases=tuple(phases), keyframes=keyframes)
+
+
+def _names(phase: str) -> tuple[str, str, str]:
+    """Names of a line's parts: the base outside, around the contact, and at it."""
+    if phase == "approach":
+        return "enter", "reach", "reach"
+    if phase == "lower":
+        return "enter", "reach", "lower"
+    return "leave", "back", "lift" if phase == "lift" else "back"
+
+
+def _keyframe(motion: Motion, name: str, rigid: Array, end: Array) -> Array:
+    """(12,) The end of a part, with the arm of `rigid` on drives."""
+    if name in ("leave", "lower"):
+        return end
+    keyframe = np.array(rigid)
+    keyframe[:3] = motion.contact.base
+    if name in ("enter", "back"):
+        keyframe[:2] -= BACK * heading(motion.contact.tcp)
+    return keyframe
+
+
+def _rigid_drive(motion: Motion, steps: slice) -> float:
+    """[m] by which the base comes nearer to where it stands at the contact, with the arm as at the farthest point."""
+    distance, q = _distance(motion, steps), motion.seen.q[steps]
+    is_rigid = np.abs(q - q[distance.argmax()]).max(axis=1) < _RIGID
+    return float(np.ptp(distance[is_rigid]))
+
+
+def _distance(motion: Motion, steps: slice) -> Array:
+    """(n,) [m] of the base from where it stands at the contact."""
+    return np.asarray(np.linalg.norm(motion.seen.base[steps, :2] - motion.contact.base[:2], axis=1))

@@ -1,0 +1,169 @@
+"""The settings of every algorithm: one dataclass each, with the options that it has and no others; without torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import ClassVar, Literal
+
+from clutter_env.errors import LearningError
+
+Grasps = Literal["side", "tilted", "top", "all"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Options that all algorithms have; each of the classes below is one algorithm.
+
+    Raises:
+        LearningError: a number that must be at least 1 is not.
+    """
+
+    algorithm: ClassVar[str]
+    families: ClassVar[tuple[str, ...]] = ("retrieve",)
+    """Families of environments on which the algorithm learns."""
+
+    steps: int
+    """Steps of the environment, or for imitation learning and decisions gradient steps."""
+    evaluation_episodes: int = 20
+    """Number of held-out scenes that are played at every evaluation."""
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            least = 0 if entry.name == "clone_scenes" else 1
+            if isinstance(value, int) and not isinstance(value, bool) and value < least:
+                raise LearningError(f"{entry.name}={value} is not valid; it must be at least {least}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SAC(Settings):
+    """Soft actor-critic with hindsight, for Reach and Pick."""
+
+    algorithm: ClassVar[str] = "sac"
+    families: ClassVar[tuple[str, ...]] = ("reach", "pick")
+
+    steps: int = 30_000
+    """Steps of the environment."""
+    checkpoint_every: int = 5000
+    """Steps between checkpoints."""
+    evaluation_steps: int = 600
+    """Steps after which a held-out episode is cut off."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TQC(SAC):
+    """Truncated quantile critics with hindsight, for Reach and Pick."""
+
+    algorithm: ClassVar[str] = "tqc"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPO(Settings):
+    """Proximal policy optimisation, for Skill."""
+
+    algorithm: ClassVar[str] = "ppo"
+    families: ClassVar[tuple[str, ...]] = ("skill",)
+
+    steps: int = 30_000
+    """Steps of the environment: skills."""
+    checkpoint_every: int = 5000
+    """Steps between checkpoints."""
+    evaluation_steps: int = 600
+    """Steps after which a held-out episode is cut off."""
+    clone_scenes: int = 0
+    """Number of scenes whose good skills are cloned before learning from rewards; 0 for no cloning."""
+    clone_steps: int = 10_000
+    """Gradient steps of the cloning."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaskablePPO(PPO):
+    """Proximal policy optimisation with action masks, for Skill."""
+
+    algorithm: ClassVar[str] = "maskable_ppo"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BC(Settings):
+    """Behaviour cloning: regression of the actions of demonstrations on the observations."""
+
+    algorithm: ClassVar[str] = "bc"
+    families: ClassVar[tuple[str, ...]] = ("retrieve", "reach", "pick")
+
+    demos: Path
+    """Dataset of `clutter-env collect`."""
+    demo_episodes: int | None = None
+    """Number of its episodes to learn from; all by default."""
+    steps: int = 10_000
+    """Gradient steps."""
+    evaluation_steps: int = 600
+    """Steps after which a held-out episode is cut off."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DAgger(BC):
+    """Cloning in rounds: the learner acts, the expert takes over, and its part is learned too."""
+
+    algorithm: ClassVar[str] = "dagger"
+
+    steps: int = 10_000
+    """Gradient steps of each round."""
+    rounds: int = 5
+    """Number of rounds after the first cloning."""
+    round_episodes: int = 10
+    """Episodes of the learner in each round."""
+    expert: str = ""
+    """Expert that takes over; empty for the one of the demonstrations."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Keyframes(Settings):
+    """Motions of picks and places, cloned as keyframes from demonstrations or from plans without physics."""
+
+    algorithm: ClassVar[str] = "keyframes"
+
+    steps: int = 4000
+    """Gradient steps."""
+    demos: Path | None = None
+    """Dataset of `clutter-env collect`; without it plans are learned from, of which nothing is simulated."""
+    demo_episodes: int | None = None
+    """Number of its episodes to learn from; all by default."""
+    plans: int = 600
+    """Number of scenes that are planned if there is no dataset."""
+    grasps: Grasps = "side"
+    """Grasps of these plans."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decisions(Settings):
+    """Choice of the next object, its grasp and its place, from the planner's geometry."""
+
+    algorithm: ClassVar[str] = "decisions"
+
+    steps: int = 3000
+    """Gradient steps."""
+    scenes: int = 700
+    """Number of scenes from which examples are collected."""
+    grasps: Grasps = "side"
+    """Grasps that are chosen among."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionsDAgger(Decisions):
+    """The same, then in rounds also from the states that the learner comes into."""
+
+    algorithm: ClassVar[str] = "decisions_dagger"
+
+    rounds: int = 5
+    """Number of rounds after the first fit."""
+    round_episodes: int = 10
+    """Number of scenes in each of these rounds."""
+
+
+SETTINGS: Mapping[str, type[Settings]] = MappingProxyType(
+    {kind.algorithm: kind for kind in (SAC, TQC, PPO, MaskablePPO, BC, DAgger, Keyframes, Decisions, DecisionsDAgger)}
+)
+"""By the name of the algorithm."""

@@ -1,0 +1,105 @@
+"""Training: one directory per run, with all that is needed to resume it, or to act with its policy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from clutter_env.errors import LearningError
+from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.training.run import Run
+from clutter_env.training.settings import BC, PPO, SAC, Decisions, Keyframes
+
+History = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A run that has ended: its history (success on held-out scenes), wall time [s] and CPU time [s]."""
+
+    history: History
+    wall_s: float
+    cpu_s: float
+
+
+def train(run: Run, resume: bool = False) -> Trained:
+    """Train in this process.
+
+    Args:
+        run: what to train.
+        resume: go on from the last checkpoint, if there is one, until `run.settings.steps` in all.
+
+    Raises:
+        LearningError: see `Run.check`; nothing is written then. Or the disk is full or cannot be written; the last
+            complete checkpoint stays.
+    """
+    started, started_cpu = time.perf_counter(), time.process_time()
+    run.check(resume)
+    try:
+        run.write_record()
+        history = _learn(run, resume)
+    except OSError as problem:
+        raise LearningError(
+            f"training had to stop: {problem}; the last complete checkpoint in {run.directory} stays, and --resume "
+            "goes on from there"
+        ) from problem
+    return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
+
+
+def _learn(run: Run, resume: bool) -> History:
+    """The history of a run; what learns is imported here, since it needs torch."""
+    if isinstance(run.settings, SAC | PPO):
+        from clutter_env.training.reinforcement import reinforce
+
+        return reinforce(run, run.settings, resume)
+    if isinstance(run.settings, BC):
+        from clutter_env.training.cloning import train_clone
+
+        return train_clone(run, run.settings)
+    if isinstance(run.settings, Keyframes):
+        from clutter_env.training.motions import train_motions
+
+        return train_motions(run, run.settings)
+    assert isinstance(run.settings, Decisions)
+    from clutter_env.training.high_level import train_decisions
+
+    return train_decisions(run, run.settings)
+
+
+def train_all(
+    runs: Sequence[Run],
+    workers: int,
+    resume: bool = False,
+    ray: str = "",
+    report: Callable[[Run, Trained], None] = lambda *_: None,
+) -> list[Trained]:
+    """Train all runs: one in this process, several in parallel.
+
+    Args:
+        runs: each with its own directory; all are checked before the first one starts.
+        workers: how many are trained at a time.
+        resume: go on from their last checkpoints.
+        ray: address of Ray; empty for processes of this machine.
+        report: called with each run as it ends.
+
+    Raises:
+        LearningError: see `Run.check`; or runs crashed, after the others have ended.
+    """
+    for run in runs:
+        run.check(resume)
+    if len(runs) == 1:
+        only = train(runs[0], resume)
+        report(runs[0], only)
+        return [only]
+    trained, crashed = {}, []
+    for run, result in run_jobs(partial(train, resume=resume), runs, workers, ray=ray):
+        if isinstance(result, Crash | Killed):
+            crashed.append(f"{run.directory}: {result.detail if isinstance(result, Crash) else result}")
+        else:
+            trained[run.directory] = result
+            report(run, result)
+    if crashed:
+        raise LearningError("; ".join(crashed))
+    return [trained[run.directory] for run in runs]

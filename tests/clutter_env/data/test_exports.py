@@ -1,0 +1,245 @@
+"""Exported demonstrations hold the numbers of the episodes, in the layout that the other tool reads."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from clutter_env.cli.main import main
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.data.episode import Episode, record
+from clutter_env.data.episode_file import read_episode, write_episode
+from clutter_env.data.hdf5 import export_hdf5
+from clutter_env.data.lerobot import export_lerobot
+from clutter_env.data.minari import export_minari
+from clutter_env.data.replay import replay, with_images
+from clutter_env.errors import DatasetError, LearningError, RenderingUnavailable
+from clutter_env.policies.experts import make_expert
+from clutter_env.rendering.renderer import make_context
+from clutter_env.task import Task
+
+TASK = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"})
+SEEDS = (0, 1)
+SIZE = 64
+LEROBOT = os.environ.get("LEROBOT_PYTHON", "")
+"""An interpreter of an environment with LeRobot, whose pins clash with ours."""
+
+
+def can_render() -> bool:
+    try:
+        make_context(8, 8).free()
+    except RenderingUnavailable:
+        return False
+    return True
+
+
+needs_rendering = pytest.mark.skipif(not can_render(), reason="this machine cannot render")
+
+
+def make_dataset(episodes: list[Episode], job: Job, folder: Path) -> Dataset:
+    dataset = Dataset.open_for(job, folder / "demos")
+    for episode in episodes:
+        write_episode(dataset.episode_path(episode.seed), episode)
+    dataset.finish([episode.seed for episode in episodes])
+    return dataset
+
+
+@pytest.fixture(scope="module")
+def episodes() -> list[Episode]:
+    env = TASK.make()
+    return [record(TASK, env, make_expert("scripted"), seed) for seed in SEEDS]
+
+
+@pytest.fixture(scope="module")
+def dataset(episodes: list[Episode], tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return make_dataset(episodes, Job(TASK, "scripted", len(SEEDS)), tmp_path_factory.mktemp("state"))
+
+
+@pytest.fixture(scope="module")
+def seen(episodes: list[Episode]) -> list[Episode]:
+    """The first episode with images."""
+    return [with_images(episodes[0], SIZE)]
+
+
+@pytest.fixture(scope="module")
+def seen_dataset(seen: list[Episode], tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return make_dataset(seen, Job(TASK, "scripted", 1, image_size=SIZE), tmp_path_factory.mktemp("rgbd"))
+
+
+def expected(episodes: list[Episode]) -> dict[str, np.ndarray]:
+    """All rows of all episodes, as LeRobot's items hold them."""
+    agent = ("robot", "tcp", "gripper")
+    joined = {
+        "observation.state": [np.concatenate([e.observations[name][:-1] for name in agent], axis=1) for e in episodes],
+        "observation.environment_state": [
+            np.concatenate([e.observations[name][:-1] for name in ("objects", "goal")], axis=1) for e in episodes
+        ],
+        "action": [e.actions for e in episodes],
+        "next.reward": [e.rewards.astype(np.float32) for e in episodes],
+        "next.success": [e.is_success[1:] for e in episodes],
+        "episode_index": [np.full(len(e), index) for index, e in enumerate(episodes)],
+        "frame_index": [np.arange(len(e)) for e in episodes],
+        "timestamp": [(np.arange(len(e)) / 20).astype(np.float32) for e in episodes],
+    }
+    return {name: np.concatenate(parts) for name, parts in joined.items()}
+
+
+def test_lerobot_tables_hold_the_episodes(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    root = export_lerobot(dataset, tmp_path / "lerobot")
+    table = parquet.read_table(root / "data/chunk-000/file-000.parquet")
+    for name, rows in expected(episodes).items():
+        values = table[name].combine_chunks()
+        found = values.flatten().to_numpy().reshape(len(rows), -1) if rows.ndim > 1 else values.to_numpy(False)
+        np.testing.assert_array_equal(found, rows, err_msg=name)
+    info = json.loads((root / "meta/info.json").read_text())
+    assert info["codebase_version"] == "v3.0"
+    assert info["fps"] == 20
+    assert info["total_frames"] == sum(map(len, episodes)) == len(table)
+    assert info["video_path"] is None
+    assert len(info["features"]["observation.state"]["names"]) == info["features"]["observation.state"]["shape"][0]
+    lines = parquet.read_table(root / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [line["length"] for line in lines] == [len(episode) for episode in episodes]
+    assert [line["dataset_to_index"] for line in lines] == np.cumsum([len(e) for e in episodes]).tolist()
+    statistics = json.loads((root / "meta/stats.json").read_text())["action"]
+    np.testing.assert_allclose(statistics["mean"], expected(episodes)["action"].mean(axis=0, dtype=float), atol=1e-9)
+    assert statistics["count"] == [len(table)]
+
+
+@needs_rendering
+@pytest.mark.slow
+@pytest.mark.skipif(not LEROBOT, reason="LEROBOT_PYTHON names no interpreter that has LeRobot")
+def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
+    """LeRobot itself reads every item."""
+    pytest.importorskip("pyarrow")
+    pytest.importorskip("av")
+    root = export_lerobot(seen_dataset, tmp_path / "lerobot")
+    rows = expected(seen)
+    chosen = np.arange(0, len(rows["action"]), 25)
+    rows["video/rows"] = chosen
+    for camera in ("head", "gripper"):
+        frames = np.concatenate([episode.observations[f"{camera}_rgb"][:-1] for episode in seen])
+        rows[f"video/observation.images.{camera}"] = frames[chosen].astype(float)
+    np.savez(tmp_path / "expected.npz", **rows)
+    script = Path(__file__).with_name("load_with_lerobot.py")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment |= {"HF_HOME": str(tmp_path / "hub"), "HF_HUB_OFFLINE": "1"}
+    done = subprocess.run(
+        [LEROBOT, str(script), str(root), str(tmp_path / "expected.npz")],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert all(found["same"].values()), found["same"]
+    assert found["episodes"] == len(seen)
+    assert found["task"] == "take the target out of the clutter"
+    assert set(found["errors"]) == {"video/observation.images.head", "video/observation.images.gripper"}
+    assert max(found["errors"].values()) < 4.0, "shades of 255: what the video's compression changes"
+
+
+@needs_rendering
+def test_images_are_those_that_the_environment_shows(seen: list[Episode]) -> None:
+    episode = seen[0]
+    env = TASK.make(obs_mode="rgbd", image_size=SIZE)
+    observation, _ = env.reset(seed=episode.seed)
+    for step in range(30):
+        for name in ("head_rgb", "gripper_rgb", "head_depth"):
+            np.testing.assert_array_equal(observation[name], episode.observations[name][step], f"{name}, step {step}")
+        observation, *_ = env.step(episode.actions[step])
+    env.close()
+    assert episode.observations["head_rgb"][0].std() > 10
+
+
+@needs_rendering
+def test_an_episode_with_images_is_kept_and_replays(seen: list[Episode], tmp_path: Path) -> None:
+    write_episode(tmp_path / "episode.hdf5", seen[0])
+    again = read_episode(tmp_path / "episode.hdf5")
+    np.testing.assert_array_equal(again.observations["head_rgb"], seen[0].observations["head_rgb"])
+    assert again.columns["observations/head_rgb"].about == "image head_rgb"
+    assert replay(again).is_identical
+
+
+@needs_rendering
+def test_a_collection_with_images_is_another_one(seen_dataset: Dataset) -> None:
+    with pytest.raises(DatasetError, match="image_size"):
+        Dataset.open_for(Job(TASK, "scripted", len(SEEDS)), seen_dataset.directory)
+
+
+@needs_rendering
+def test_minari_reads_images_and_labels(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
+    minari = pytest.importorskip("minari")
+    folder = export_minari(seen_dataset, tmp_path)
+    loaded = minari.MinariDataset(str(folder / "data"))
+    assert loaded.observation_space["head_rgb"].shape == (SIZE, SIZE, 3)
+    for found, episode in zip(loaded.iterate_episodes(), seen, strict=True):
+        np.testing.assert_array_equal(found.observations["head_rgb"], episode.observations["head_rgb"])
+        np.testing.assert_array_equal(found.actions, episode.actions)
+        np.testing.assert_array_equal(found.infos["state"], episode.states)
+        assert len(found.infos["phase"]) == len(episode) + 1
+    metadata = json.loads((folder / "data" / "metadata.json").read_text())
+    assert (metadata["total_episodes"], metadata["total_steps"]) == (1, len(seen[0]))
+    assert metadata["provenance"]["version"]
+    assert metadata["columns"]["actions"]["names"] == list(seen[0].columns["actions"].names)
+
+
+def test_robomimic_has_its_layout(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
+    path = export_hdf5(dataset, tmp_path / "demo.hdf5", robomimic=True)
+    with h5py.File(path, "r") as file:
+        assert json.loads(file["data"].attrs["env_args"])["env_kwargs"] == {"control_mode": "ee"}
+        assert file["data"].attrs["total"] == sum(map(len, episodes))
+        assert [name.decode() for name in file["mask/train"]] == ["demo_0", "demo_1"]
+        for index, episode in enumerate(episodes):
+            demo = file[f"data/demo_{index}"]
+            assert demo.attrs["num_samples"] == len(episode)
+            np.testing.assert_array_equal(demo["actions"], episode.actions)
+            np.testing.assert_array_equal(demo["obs/robot"], episode.observations["robot"][:-1])
+            np.testing.assert_array_equal(demo["next_obs/objects"], episode.observations["objects"][1:])
+            assert demo["dones"][:].sum() == demo["dones"][-1] == 1
+            assert len(demo["states"]) == len(demo["rewards"]) == len(episode)
+
+
+def test_one_hdf5_file_has_all_episodes(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
+    path = export_hdf5(dataset, tmp_path / "all.hdf5")
+    with h5py.File(path, "r") as file:
+        assert file.attrs["total_steps"] == sum(map(len, episodes))
+        for index, episode in enumerate(episodes):
+            np.testing.assert_array_equal(file[f"episode_{index}/infos/state"], episode.states)
+            assert list(file[f"episode_{index}/actions"].attrs["names"]) == list(episode.columns["actions"].names)
+
+
+def test_nothing_is_written_over(dataset: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there.hdf5").touch()
+    export_minari(dataset, tmp_path)
+    for export, path in ((export_lerobot, "there"), (export_hdf5, "there.hdf5"), (export_minari, "")):
+        with pytest.raises(DatasetError, match="exists"):
+            export(dataset, tmp_path / path)
+
+
+@needs_rendering
+def test_an_export_that_fails_leaves_nothing(dataset: Dataset, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    with pytest.raises(LearningError, match="even"):
+        export_lerobot(dataset, tmp_path / "lerobot", 33)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_exports(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "new" / "demo.hdf5"
+    main(["export", "--to", "robomimic", "--demos", str(dataset.directory), "--out", str(out)])
+    assert f"2 episodes in {out}" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="collect --obs-mode rgbd"):
+        main(["export", "--to", "hdf5", "--image-size", "64", "--demos", str(dataset.directory)])
+    with pytest.raises(SystemExit, match="holds no dataset"):
+        main(["export", "--to", "hdf5", "--demos", str(tmp_path)])

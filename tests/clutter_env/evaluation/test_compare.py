@@ -1,0 +1,130 @@
+"""Comparisons, the tables made of them, and runs as policies."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from clutter_env.cli.main import main
+from clutter_env.errors import LearningError
+from clutter_env.evaluation import compare as comparing
+from clutter_env.evaluation.compare import CONTROLS, Comparison, compare, run_names
+from clutter_env.evaluation.evaluate import Evaluation
+from clutter_env.evaluation.picture import plot
+from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.score import Score
+from clutter_env.evaluation.tables import markdown, markdown_by_floor, stratum, summarise
+from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.registry import BUILT_IN
+from clutter_env.reporting.files import json_text
+from clutter_env.reporting.intervals import wilson
+from clutter_env.suites import Floor
+from clutter_env.task import Task
+from clutter_env.training.run import Run
+from clutter_env.training.settings import SAC
+
+O15 = SceneSet("side-15-v1", count=2)
+REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
+
+
+def score(seed: int, moved: int | None, disturbed: int = 0) -> Score:
+    """A solved scene, or with None an unsolved one."""
+    solved = moved is not None
+    failure = "" if solved else "time limit"
+    return Score(seed, solved, solved, 100, 5.0, moved or 0, moved or 0, disturbed, 0, 0, failure, 1.0)
+
+
+def test_moved_per_minimum_counts_solved_scenes_with_a_known_minimum_of_at_least_one() -> None:
+    runs = [[score(0, 2), score(1, 3), score(2, None), score(3, 5), score(4, 1)]]
+    floors = {0: Floor(1, True), 1: Floor(2, True), 2: Floor(1, True), 3: Floor(1, False), 4: Floor(0, True)}
+    row = summarise("o5", "lookahead", runs, floors, seed=0)
+    assert row.clean.mean == 0.8
+    assert row.moved_per_floor.mean == pytest.approx((2 + 1.5) / 2)
+    assert dict(row.failures) == {"time limit": 1}
+
+
+def test_success_is_broken_down_by_minimum() -> None:
+    floors = {0: Floor(0, True), 1: Floor(1, True), 2: Floor(1, True), 3: Floor(7, True), 4: Floor(None, True, "why")}
+    scores = [score(0, 0), score(1, 1), score(2, None), score(3, 9), score(4, None)]
+    row = summarise("o5", "random", [scores], floors, 0)
+    assert {name: (rate.scenes, rate.clean.mean) for name, rate in row.by_floor.items()} == {
+        "0": (1, 1.0),
+        "1": (2, 0.5),
+        "3 or more": (1, 1.0),
+        "none": (1, 0.0),
+    }
+    assert row.by_floor["1"].clean == wilson(1, 2)
+    assert stratum(Floor(2, False)) == "unproved"
+
+
+def test_the_tables_have_a_line_per_row_and_the_picture_is_drawn(tmp_path: Path) -> None:
+    floors = {0: Floor(1, True)}
+    rows = [summarise(name, "random", [[score(0, None)]], floors, 0) for name in ("o5", "side-15-v1")]
+    for table in (markdown(rows), markdown_by_floor(rows)):
+        lines = table.splitlines()
+        assert len(lines) == 4
+        assert len({line.count("|") for line in lines}) == 1
+    plot(rows, tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 1000
+    assert markdown_by_floor([summarise("reach", "random", [[score(0, None)]], {}, 0)]) == ""
+
+
+def test_success_of_all_scenes_is_no_certainty() -> None:
+    one = summarise("o5", "lookahead", [[score(seed, 0) for seed in range(50)]], {}, seed=0)
+    assert one.clean == wilson(50, 50)
+    assert one.clean.low < 0.95
+    three = summarise("o5", "sac", [[score(seed, 0) for seed in range(50)]] * 3, {}, seed=0)
+    assert three.clean.low < 1.0
+
+
+def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, seed, steps in (("a", 0, 10), ("a", 1, 10), ("b", 0, 20)):
+        directory = tmp_path / name / f"seed-{seed}"
+        Run(Task("clutter_env/Reach-v0"), SAC(steps=steps), directory, seed).write_record()
+    one, other, longer = sorted(tmp_path.glob("*/*"))
+    assert set(run_names([str(one), str(other)]).values()) == {"sac"}
+    assert run_names([str(one), str(longer)])[str(longer)] == "sac, b"
+
+    def played(policy: str, scenes: SceneSet, **_: object) -> Evaluation:
+        scores = tuple(score(scene.seed, 1) for scene in scenes.scenes)
+        return Evaluation(policy, scenes, 0, "oracle", "side", scores, 0, {})
+
+    monkeypatch.setattr(comparing, "evaluate", played)
+    rows = compare(Comparison((REACH,), runs=(one, other)))
+    assert [(row.policy, row.runs) for row in rows] == [("sac", 2), ("random", 1)]
+    rows = compare(Comparison((O15,), ("ngr",)))
+    assert [row.policy for row in rows] == ["ngr", *CONTROLS["retrieve"]]
+    assert {row.moved_per_floor.mean for row in rows} == {0.75}
+    with pytest.raises(LearningError, match="cannot play any of these scenes: side-15-v1"):
+        Comparison((O15,), runs=(one,))
+
+
+def test_an_unknown_policy_is_refused_and_controls_are_known() -> None:
+    assert {name for names in CONTROLS.values() for name in names} <= set(BUILT_IN)
+    with pytest.raises(PolicyError, match="lookahead"):
+        Comparison((O15,), ("nobody",))
+
+
+def test_the_command_writes_tables_pictures_and_rows(tmp_path: Path) -> None:
+    row = summarise("reach", "random", [[score(0, None)]], {}, 0)
+    assert json.loads(json_text(row), parse_constant=pytest.fail)["moved_per_floor"]["mean"] is None
+    words = ["compare", "--envs", "clutter_env/Reach-v0", "--policies", "random", "--scenes", "1", "--workers", "1"]
+    main([*words, "--out", str(tmp_path), "--json", str(tmp_path / "new" / "rows.json")])
+    (found,) = json.loads((tmp_path / "new" / "rows.json").read_text(), parse_constant=pytest.fail)
+    assert (found["clean"]["mean"], found["policy"]) == (0.0, "random")
+    assert "clutter-env compare --envs clutter_env/Reach-v0" in (tmp_path / "table.md").read_text()
+    with pytest.raises(SystemExit, match="name scenes"):
+        main(["compare", "--out", str(tmp_path)])
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("needs_gl")
+def test_a_film_is_made_of_a_played_episode(tmp_path: Path) -> None:
+    film = tmp_path / "film"
+    main(["play", "--objects", "1", "--no-obstructed", "--film", str(film), "--policy", "lookahead"])
+    (file,) = tmp_path.glob("film*")
+    assert file.stat().st_size > 10_000

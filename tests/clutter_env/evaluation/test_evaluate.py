@@ -1,0 +1,275 @@
+"""`evaluate(policy, scenes)`: the protocol, episodes, crashes, the results file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clutter_env.cli.main import main
+from clutter_env.errors import LearningError, SuiteError
+from clutter_env.evaluation.evaluate import Evaluation, PolicyCrashed, evaluate, minimum_clearances
+from clutter_env.evaluation.records import ResultRecords
+from clutter_env.evaluation.results import results
+from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, skill_scene
+from clutter_env.evaluation.score import DrawnScene, Score, held_out_seeds, play_scene
+from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.registry import load_policy
+from clutter_env.provenance import provenance
+from clutter_env.suites import suite
+from clutter_env.task import HELD_OUT, Task
+
+POLICY = """
+import numpy as np
+
+class Patient:
+    env_keywords = {"control_mode": "ee"}
+
+    def reset(self, info):
+        self.left = 7
+
+    @property
+    def done(self):
+        return not self.left
+
+    def act(self, observation):
+        self.left -= 1
+        return np.zeros(10, np.float32)
+
+class Broken(Patient):
+    def act(self, observation):
+        raise ZeroDivisionError("by design")
+
+class Unmade:
+    def __init__(self):
+        raise KeyError("by design")
+
+class WrongAction(Patient):
+    def act(self, observation):
+        return np.zeros(3)
+"""
+TWO = SceneSet("side-15-v1", count=2)
+REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
+O15 = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=2)
+
+
+class Idle:
+    """Never moves."""
+
+    env_keywords = {"control_mode": "ee"}  # noqa: RUF012  as users write it
+
+    def reset(self, info: Any) -> None:
+        pass
+
+    def act(self, _: Any) -> Any:
+        return np.zeros(10, np.float32)
+
+
+class Broken(Idle):
+    """Fails in its second episode."""
+
+    episodes = 0
+
+    def reset(self, _: Any) -> None:
+        self.episodes += 1
+
+    def act(self, observation: Any) -> Any:
+        if self.episodes == 2:
+            raise ZeroDivisionError("by design")
+        return super().act(observation)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "my_policies.py").write_text(POLICY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    return tmp_path
+
+
+def test_the_command_writes_one_results_file_the_same_twice(folder: Path) -> None:
+    words = ["evaluate", "--policy", "my_policies:Patient", "--scenes", "2", "--workers", "1"]
+    main([*words, "--json", "one.json"])
+    main([*words, "--json", "other.json"])
+    one, other = (json.loads((folder / name).read_text()) for name in ("one.json", "other.json"))
+    times = one.pop("wall_s"), other.pop("wall_s")
+    assert all(len(entry) == 2 and min(entry) > 0 for entry in times)
+    assert one == other
+    assert one["suite_sha256"] == suite("side-15-v1").digest
+    assert [entry["steps"] for entry in one["episodes"]] == [7, 7]
+    assert {entry["failure"] for entry in one["episodes"]} == {"gave up"}
+    assert one["summary"]["clean"]["successes"] == one["summary"]["crashes"] == 0
+    assert one["provenance"]["environment"] == one["environment"]
+
+
+@pytest.mark.parametrize(
+    ("policy", "error"), [("Broken", ZeroDivisionError), ("Unmade", KeyError), ("WrongAction", ValueError)]
+)
+@pytest.mark.usefixtures("folder")
+def test_an_exception_of_a_policy_ends_the_command_with_its_traceback(policy: str, error: type[Exception]) -> None:
+    with pytest.raises((error, SystemExit)) as ended:
+        main(["evaluate", "--policy", f"my_policies:{policy}", "--scenes", "1", "--workers", "1"])
+    if policy != "WrongAction":
+        assert ended.type is error
+        assert "my_policies" in str(ended.traceback[-1].path)
+
+
+@pytest.mark.usefixtures("folder")
+def test_crashes_are_counted_if_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["evaluate", "--policy", "my_policies:Broken", "--scenes", "1", "--workers", "1", "--count-crashes"])
+    assert "1 episodes, counted as failures, ended with an exception" in capsys.readouterr().out
+    found = evaluate(Broken(), REACH, count_crashes=True)
+    assert found.crashes == 1
+    assert [score.failure for score in found.scores] == ["time limit", "crashed: ZeroDivisionError: by design"]
+    with pytest.raises(ZeroDivisionError):
+        evaluate(Broken(), REACH)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_an_exception_in_another_process_keeps_its_traceback() -> None:
+    with pytest.raises(PolicyCrashed, match=r'(?s)scene 0 .*my_policies\.py", line \d+, in act.*by design'):
+        evaluate("my_policies:Broken", replace(TWO, count=1), workers=2)
+    found = evaluate("my_policies:Broken", replace(TWO, count=1), workers=2, count_crashes=True)
+    assert (found.crashes, found.scores[0].failure) == (1, "crashed: ZeroDivisionError: by design")
+
+
+def test_a_full_disk_does_not_lose_the_table(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(SystemExit, match="No space left"):
+        main(["evaluate", "--policy", "my_policies:Patient", "--scenes", "1", "--workers", "1"])
+    assert "| all | 1 |" in capsys.readouterr().out
+    assert not list(folder.glob("outputs/evaluate/*"))
+
+
+def test_scores_in_a_file_are_not_made_again(tmp_path: Path) -> None:
+    path, made = tmp_path / "results.jsonl", []
+    first = evaluate(Idle(), REACH, records=ResultRecords(path), watch=lambda *_: made.append(1))
+    path.write_text(path.read_text() + '{"key": "cut o')
+    count = len(made)
+    assert evaluate(Idle(), REACH, records=ResultRecords(path), watch=lambda *_: made.append(1)).scores == first.scores
+    assert len(made) == count
+    broken = Broken()
+    broken.episodes = 1
+    evaluate(broken, REACH, records=ResultRecords(path), count_crashes=True)
+    assert path.read_text().count('"Broken') <= path.read_text().count("Broken") < 3, "crashes are not kept"
+
+
+@pytest.mark.parametrize("content", ["nothing\n", "[]\n", '{"a": 1}\n{"b": 2}\n', '{"versions": {}}\n'])
+def test_files_of_something_else_are_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "results.jsonl").write_text(content)
+    with pytest.raises(LearningError, match=r"results\.jsonl"):
+        ResultRecords(tmp_path / "results.jsonl")
+
+
+def test_scores_of_another_version_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    ResultRecords(path)
+    path.write_text(path.read_text().replace(f'"version": "{provenance()["version"]}', '"version": "0.1.9'))
+    with pytest.raises(LearningError, match=r"recorded with version 0\.1\.9"):
+        ResultRecords(path)
+
+
+def test_an_episode_ends_with_its_time() -> None:
+    scene = replace(suite("side-15-v1").test[0], max_steps=5)
+    env = scene.make(control_mode="ee")
+    played = play_scene(scene, env, Idle())
+    assert (played.steps, played.failure, played.clean, played.lifted) == (5, "time limit", False, False)
+    assert played.sim_s == pytest.approx(0.25)
+
+
+def test_playing_measures_what_happened() -> None:
+    env = Task("clutter_env/Pick-v0").make()
+    seed = held_out_seeds(1)[0]
+    assert seed == HELD_OUT
+    good = play_scene(SeededScene("clutter_env/Pick-v0", {}, seed), env, load_policy("pick", 0))
+    idle = play_scene(DrawnScene(seed), env, Idle(), max_steps=30)
+    assert (good.clean, good.failure) == (True, "")
+    assert (idle.steps, idle.moved, idle.failure) == (30, 0, "time limit")
+    assert idle.sim_s == pytest.approx(1.5)
+
+
+def test_the_direct_approach_lifts_without_success_and_is_counted_apart() -> None:
+    scenes = SceneSet(env_id="clutter_env/Retrieve-o15-v0", count=2, first_seed=610_001)
+    scores = evaluate("direct-approach", scenes).scores
+    assert [score.lifted for score in scores] == [True, False]
+    assert not any(score.clean for score in scores)
+    assert [score.failure for score in scores] == ["not clean", "gave up"]
+    assert scores[0].steps < 100, "an episode is over when the target is lifted"
+
+
+def test_random_actions_are_a_function_of_seed_and_scene() -> None:
+    scene = replace(suite("side-15-v1").test[0], max_steps=40)
+    one, other = (play_scene(scene, scene.make(), load_policy("random", seed=3)) for _ in range(2))
+    assert replace(one, wall_s=other.wall_s) == other
+
+
+def test_results_count_both_kinds_of_success_by_minimum_and_have_a_digest() -> None:
+    scenes = SceneSet("side-15-v1")
+    scores = [
+        Score(scene.seed, k % 2 == 0, k % 3 != 1, 10, 0.5, 0, 0, 0, 0, 0, "", 1.0)
+        for k, scene in enumerate(scenes.scenes)
+    ]
+    made_with = {"version": "0.2.0", "commit": None, "mujoco": "3", "environment": {}}
+    evaluation = Evaluation("lookahead", scenes, 0, "oracle", "side", tuple(scores), 0, made_with)
+    floors = minimum_clearances(scenes, "side")
+    found = results(evaluation, floors)
+    assert found["summary"]["clean"]["successes"] == 50
+    assert found["summary"]["lifted"]["successes"] == 67
+    by_floor = {name: rates["episodes"] for name, rates in found["summary"]["by_floor"].items()}
+    assert by_floor == {"1": 84, "2": 13, "3 or more": 3}
+    slower = replace(evaluation, scores=tuple(replace(one, wall_s=9.0) for one in scores))
+    assert results(slower, floors)["digest"] == found["digest"]
+    changed = replace(evaluation, scores=(*scores[:-1], replace(scores[-1], lifted=not scores[-1].lifted)))
+    assert results(changed, floors)["digest"] != found["digest"]
+    other = replace(evaluation, provenance={**made_with, "environment": {"reward": "x"}})
+    assert results(other, floors)["digest"] != found["digest"], "a changed environment is no equal result"
+
+
+def test_sets_of_scenes_have_names_and_know_their_kind() -> None:
+    assert (O15.name, O15.family, O15.num_objects) == ("o15 obstructed", "retrieve", 15)
+    assert SceneSet(env_id="clutter_env/Retrieve-o20-v0", obstructed=2, count=1).name == "o20 obstructed 2"
+    assert (REACH.name, REACH.family) == ("reach", "reach")
+    shelf = SceneSet("shelf-10-v2", "validation", count=3)
+    assert (shelf.name, shelf.num_objects, len(shelf.scenes)) == ("shelf-10-v2 (validation)", 10, 3)
+    with pytest.raises(LearningError, match="name one of them"):
+        SceneSet()
+    with pytest.raises(LearningError, match="from 1 to 100"):
+        SceneSet("shelf-10-v2", count=101)
+    with pytest.raises(SuiteError, match="splits: test, validation"):
+        SceneSet("side-15-v1", "train")
+
+
+def test_skills_play_the_scenes_of_suites_and_environments() -> None:
+    for scene in (suite("shelf-10-v2").test[0], O15.scenes[0]):
+        played, plain = skill_scene(scene, "none"), scene.make()
+        env = played.make()
+        _, info = played.reset(env)
+        scene.reset(plain)
+        assert info["target"] == plain.unwrapped.world.names[plain.unwrapped.target_slot]
+        assert np.array_equal(env.unwrapped.physics_env.data.qpos, plain.unwrapped.data.qpos)
+    with pytest.raises(LearningError, match="no skills"):
+        skill_scene(REACH.scenes[0], "oracle")
+
+
+def test_the_minimum_of_an_obstructed_scene_is_at_least_one() -> None:
+    floor = find_floor(O15.scenes[0], "side")
+    assert floor.is_proved
+    assert floor.count
+    stored = suite("side-15-v1").test[0]
+    assert find_floor(stored, "side") == stored.floor_side
+
+
+def test_a_policy_is_refused_before_anything_is_played() -> None:
+    with pytest.raises(PolicyError, match="lookahead"):
+        evaluate("nobody", REACH)

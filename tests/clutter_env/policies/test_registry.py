@@ -1,0 +1,100 @@
+"""Policies by name, and the files of their weights."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from clutter_env.policies.baselines import DirectApproach, GreedyPolicy  # noqa: E402
+from clutter_env.policies.learned import join_levels  # noqa: E402
+from clutter_env.policies.motion.keyframe_policy import KeyframePolicy  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.policies.protocol import PolicyError, begin_episode  # noqa: E402
+from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps  # noqa: E402
+from clutter_env.policies.two_level import TwoLevelPolicy  # noqa: E402
+from clutter_env.policies.weights import SHIPPED, load_weights, save_weights, shipped_path  # noqa: E402
+
+
+def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
+    for name in BUILT_IN:
+        policy = load_policy(name, seed=0)
+        assert callable(policy.reset)
+        assert callable(policy.act)
+        assert policy_grasps(policy) == ("all" if name.endswith("-all") else policy_grasps(policy))
+        env_keywords(policy)
+    assert isinstance(load_policy("keyframes-shelf", 0), TwoLevelPolicy)
+    assert not load_policy("keyframes", 0).is_privileged  # type: ignore[union-attr]  # a TwoLevelPolicy
+    assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]
+
+
+def test_an_unknown_policy_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(PolicyError, match="direct-approach"):
+        load_policy("nosuch", 0)
+    with pytest.raises(PolicyError, match="cannot be imported"):
+        load_policy("json:nosuch", 0)
+
+
+def test_baselines_refuse_environments_in_which_they_cannot_act(env: gym.Env[Any, Any]) -> None:
+    _, info = env.reset(seed=0)
+    for policy, named in ((GreedyPolicy(), "Skill"), (DirectApproach(), "control_mode='ee'")):
+        with pytest.raises(PolicyError, match=named):
+            begin_episode(policy, info, env)
+
+
+def test_policies_without_networks_do_without_torch() -> None:
+    code = "import sys; from clutter_env.policies.registry import load_policy; load_policy('random', 0); "
+    subprocess.run([sys.executable, "-c", code + "assert not {'torch', 'numba'} & set(sys.modules)"], check=True)
+
+
+@pytest.mark.parametrize("kind", SHIPPED)
+def test_shipped_weights_say_what_they_are_for_and_were_trained_with(kind: str) -> None:
+    for problem in SHIPPED[kind]:
+        _, info = load_weights(shipped_path(kind, problem), kind)
+        assert (info.robot, info.grasps) == ("fetch", "all" if problem == "all" else "side")
+        assert info.layout == ("shelf" if problem == "shelf" else "paper")
+        assert info.provenance["version"]
+        assert info.provenance["trained_with"]
+    with pytest.raises(PolicyError, match="side, all, shelf"):
+        shipped_path(kind, "cabinet")
+
+
+def test_weights_refuse_another_layout_and_levels_that_do_not_fit() -> None:
+    env = gym.make("clutter_env/Retrieve-o1-v0", layout="island")
+    _, info = env.reset(seed=0)
+    with pytest.raises(PolicyError, match=r"'paper'.*'island'"):
+        begin_episode(load_policy("keyframes", 0), info, env)
+    side, every = (KeyframePolicy.load(shipped_path("motions", problem)) for problem in ("side", "all"))
+    from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
+
+    decisions = {name: LearnedHighLevelPolicy.load(shipped_path("decisions", name)) for name in SHIPPED["decisions"]}
+    join_levels(decisions["side"], every)
+    for high_level, motion in ((decisions["all"], side), (decisions["shelf"], side)):
+        with pytest.raises(PolicyError, match="do not fit"):
+            join_levels(high_level, motion)
+
+
+def test_weights_survive_their_file_and_other_files_are_refused(tmp_path: Path) -> None:
+    network, info = KeyframeNetwork.load(shipped_path("motions", "shelf"))
+    save_weights(tmp_path / "new" / "w.npz", network, replace(info, grasps="all"))
+    again, other = KeyframeNetwork.load(tmp_path / "new" / "w.npz")
+    assert other == replace(info, grasps="all")
+    assert again.is_under_shelf
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name])
+    with pytest.raises(PolicyError, match="holds motions, not decisions"):
+        load_weights(tmp_path / "new" / "w.npz", "decisions")
+    (tmp_path / "damaged.npz").write_bytes(b"nothing")
+    shutil.copy(shipped_path("motions", "side"), tmp_path / "short.npz")
+    (tmp_path / "short.npz").write_bytes((tmp_path / "short.npz").read_bytes()[:5000])
+    for name in ("damaged.npz", "absent.npz", "short.npz"):
+        with pytest.raises(PolicyError, match=name):
+            load_weights(tmp_path / name, "motions")
