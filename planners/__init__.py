@@ -20,13 +20,18 @@ from planners.expert.expert import TampExpert
 from planners.expert.interfaces import ControlledEnv, controlled_env
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport
-from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import (
+    ArmConfigurations,
+    ConfigurationGrid,
+    GripperPoses,
+    driven_configurations,
+    scan_configurations,
+)
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.driven_configurations import driven_configurations
-from planners.grasping.families import SIDE, find_grasp_set
-from planners.grasping.grasp_poses import generate_grasps, gripper_opening
-from planners.motion.arm import NoPath, tcp_pose
+from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_opening
+from planners.motion.arm import tcp_pose
+from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
 from planners.planner import Planner, clearance_floor, solve, warmup

@@ -16,7 +16,7 @@ from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
 from planners.grasping.candidates import GraspCandidates, SamplingConfig
 from planners.grasping.canonical import CanonicalGrasps
-from planners.grasping.families import GraspFamily, find_grasp_set
+from planners.grasping.grasp_poses import GraspFamily, find_grasp_set
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.canonical import CanonicalPlacements
 from planners.placing.placements import PlacementSearch
@@ -104,7 +104,7 @@ class PlanningContext:
         """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
         kind = CanonicalGrasps if self.canonical else GraspCandidates
         config, worlds = SamplingConfig(near_home=self.near_home), compiled or CompiledScenes()
-        return kind(self.arms, config, worlds, self.families)
+        return kind(self.arms, self.families, config, worlds)
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""

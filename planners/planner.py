@@ -14,7 +14,7 @@ from planners.clearing.lower_bound import clearance_floor as lower_bound_of_mask
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
-from planners.grasping.families import find_grasp_set
+from planners.grasping.grasp_poses import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.scene import Scene

@@ -29,12 +29,9 @@ from irm.chain import ArmChain, pose_of
 from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import PADDING, CollisionWorld
 from planners.context import map_placer
-from planners.grasping.arm_configurations import GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import GripperPoses, driven_configurations, scan_configurations
 from planners.grasping.candidates import SamplingConfig
-from planners.grasping.driven_configurations import driven_configurations
-from planners.grasping.families import SIDE
-from planners.grasping.grasp_poses import even_yaws, gripper_opening
-from planners.grasping.gripper import FINGER_GAP, gripper_clearances
+from planners.grasping.grasp_poses import FINGER_GAP, SIDE, even_yaws, gripper_clearances, gripper_opening
 from planners.scene import Scene
 from planners.scene.cover import BACK, HELD_GAP
 

@@ -23,7 +23,7 @@ from irm.kinematics import fk_frames, forward
 from planners import CollisionWorld, RobotArrays, Scene, robot_arrays
 from planners.collision.gjk import CYLINDER
 from planners.collision.scene_arrays import GeometryError
-from planners.grasping.gripper import gripper_clearances
+from planners.grasping.grasp_poses import gripper_clearances
 from planners.scene import RobotState
 
 Array = NDArray[np.float64]

@@ -32,6 +32,7 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
         LearningError: Minari is not installed.
     """
     try:
+        import minari
         from minari.data_collector import EpisodeBuffer
         from minari.dataset.minari_storage import MinariStorage
     except ImportError as problem:
@@ -75,8 +76,9 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
         about = (
             f"{len(seeds)} demonstrations of {task.env_id}; every one replays bit for bit from its seed and actions."
         )
-        metadata = {"dataset_id": dataset_id, "algorithm_name": identity["expert"], "description": about}
-        storage.update_metadata({**metadata, "provenance": identity.get("provenance"), "columns": columns})
+        metadata = {"dataset_id": dataset_id, "minari_version": minari.__version__, "description": about}
+        metadata |= {"algorithm_name": identity["expert"], "provenance": identity.get("provenance"), "columns": columns}
+        storage.update_metadata(metadata)
         if final.exists():
             shutil.rmtree(final)
         os.replace(part, final)

@@ -29,6 +29,7 @@ from clutter_env.policies.features import feature_vector
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
 from clutter_env.reporting.files import write_json
+from clutter_env.task import Task
 from clutter_env.training.descent import DescentConfig, Report, descend
 from clutter_env.training.reinforcement import HISTORY_FILE
 from clutter_env.training.run import Run
@@ -62,10 +63,12 @@ class CloneConfig(DescentConfig):
     batch: int = 512
 
 
-def train_clone(run: Run, settings: BC) -> list[dict[str, float]]:
+def train_clone(run: Run) -> list[dict[str, float]]:
     """Train; the history of the rounds. A resumed run starts again from the beginning, since it is short."""
     torch.set_num_threads(1)
-    dataset, episodes = read_demonstrations(run, settings)
+    settings = run.settings
+    assert isinstance(settings, BC)
+    dataset, episodes = read_demonstrations(run.task, settings)
     env = run.task.make()
     examples = examples_of(episodes)
     history: list[dict[str, float]] = []
@@ -97,7 +100,7 @@ def train_clone(run: Run, settings: BC) -> list[dict[str, float]]:
     return history
 
 
-def read_demonstrations(run: Run, settings: BC) -> tuple[Dataset, list[Episode]]:
+def read_demonstrations(task: Task, settings: BC) -> tuple[Dataset, list[Episode]]:
     """The dataset that a run learns from, and those of its episodes that it uses.
 
     Raises:
@@ -105,10 +108,10 @@ def read_demonstrations(run: Run, settings: BC) -> tuple[Dataset, list[Episode]]
         LearningError: it was collected in another environment.
     """
     dataset = Dataset(settings.demos)
-    there, here = dataset.task, run.task
+    there, here = dataset.task, task
     if there.env_id != here.env_id:
         raise LearningError(f"{settings.demos} holds demonstrations of {there.env_id}, not of {here.env_id}")
-    modes = [task.keywords.get("control_mode") for task in (there, here)]
+    modes = [one.keywords.get("control_mode") for one in (there, here)]
     if modes[0] != modes[1]:
         raise LearningError(
             f"{settings.demos} was collected with control_mode={modes[0]!r}, this is {modes[1]!r} (None: the default)"

@@ -34,13 +34,15 @@ _ROUND_RATE = 0.3
 """Its learning rate, as a share of the first fit's."""
 
 
-def train_decisions(run: Run, settings: Decisions) -> list[dict[str, float]]:
+def train_decisions(run: Run) -> list[dict[str, float]]:
     """Train in this process; a resumed run goes on with the examples that it collected.
 
     All collect `scenes` scenes and fit once; `DecisionsDAgger` then has `rounds` in each of which the learner decides
     in `round_episodes` new scenes, without physics, and is fitted to all examples.
     """
     torch.set_num_threads(1)
+    settings = run.settings
+    assert isinstance(settings, Decisions)
     env = run.task.make()
     inner: Any = env.unwrapped
     rule = CandidateRule(inner.robot, inner.config.find_layout(), settings.grasps)

@@ -28,13 +28,15 @@ _FIRST_SEED, _SEEDS_OF_A_RUN = 100_000, 20_000
 """Scenes of plans: those of a training seed, all below the held-out ones."""
 
 
-def train_motions(run: Run, settings: Keyframes) -> list[dict[str, float]]:
+def train_motions(run: Run) -> list[dict[str, float]]:
     """Train in this process; a resumed run starts again from the beginning, since it is short.
 
     The scenes on which it is evaluated are drawn as those of the demonstrations were. Without demonstrations the
     motions are those of canonical plans, of which nothing is simulated.
     """
     torch.set_num_threads(1)
+    settings = run.settings
+    assert isinstance(settings, Keyframes)
     started = time.process_time()
     if settings.demos is None:
         task, high_level, count = run.task, PlannedHighLevelPolicy(settings.grasps), settings.plans

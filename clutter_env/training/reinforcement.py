@@ -69,9 +69,11 @@ _IMPROVING: Mapping[str, Any] = MappingProxyType(
 """PPO and MaskablePPO that improve a clone: smaller steps."""
 
 
-def reinforce(run: Run, settings: SAC | PPO, resume: bool) -> list[dict[str, float]]:
-    """Train until `settings.steps` in all; the history of the checkpoints."""
+def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
+    """Train until `run.settings.steps` in all; the history of the checkpoints."""
     torch.set_num_threads(1)
+    settings = run.settings
+    assert isinstance(settings, SAC | PPO)
     name, clones = settings.algorithm, isinstance(settings, PPO) and settings.clone_scenes > 0
     evaluation_env, env = run.task.make(), training_env(name, run.task.make())
     is_resumed = resume and (run.directory / MODEL_FILE).exists()

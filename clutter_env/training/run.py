@@ -58,8 +58,7 @@ class Run:
                 f"{self.directory} holds a training run; resume it (--resume), or choose another directory"
             )
         there, now = load_run(self.directory), self.describe()
-        if changed := made_differently(there.pop("provenance", None), present):
-            raise LearningError(f"{self.directory} cannot be resumed. {' '.join(changed)}")
+        made_with = there.pop("provenance", None)
         different = differences({**there, "steps": 0}, {**now, "steps": 0})
         if now["steps"] < there["steps"]:
             different.append(f"steps: {there['steps']} there, {now['steps']} now, which is less")
@@ -67,6 +66,8 @@ class Run:
             raise LearningError(
                 f"{self.directory} holds another run, which cannot be resumed as this one ({'; '.join(different)})"
             )
+        if changed := made_differently(made_with, present):
+            raise LearningError(f"{self.directory} cannot be resumed. {' '.join(changed)}")
 
     def describe(self) -> dict[str, Any]:
         """The record of the run as JSON values: all but its directory and the interval of its checkpoints."""

@@ -10,7 +10,7 @@ from functools import partial
 from clutter_env.errors import LearningError
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.training.run import Run
-from clutter_env.training.settings import BC, PPO, SAC, Decisions, Keyframes
+from clutter_env.training.settings import BC, PPO, SAC, Keyframes, Settings
 
 History = list[dict[str, float]]
 
@@ -39,7 +39,8 @@ def train(run: Run, resume: bool = False) -> Trained:
     run.check(resume)
     try:
         run.write_record()
-        history = _learn(run, resume)
+        learn = _learner(run.settings, resume)
+        history = learn(run)
     except OSError as problem:
         raise LearningError(
             f"training had to stop: {problem}; the last complete checkpoint in {run.directory} stays, and --resume "
@@ -48,24 +49,24 @@ def train(run: Run, resume: bool = False) -> Trained:
     return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
 
 
-def _learn(run: Run, resume: bool) -> History:
-    """The history of a run; what learns is imported here, since it needs torch."""
-    if isinstance(run.settings, SAC | PPO):
-        from clutter_env.training.reinforcement import reinforce
+def _learner(settings: Settings, resume: bool) -> Callable[[Run], History]:
+    """The function that trains a run of an algorithm; it is imported here, since all of them need torch."""
+    match settings:
+        case SAC() | PPO():
+            from clutter_env.training.reinforcement import reinforce
 
-        return reinforce(run, run.settings, resume)
-    if isinstance(run.settings, BC):
-        from clutter_env.training.cloning import train_clone
+            return partial(reinforce, resume=resume)
+        case BC():
+            from clutter_env.training.cloning import train_clone
 
-        return train_clone(run, run.settings)
-    if isinstance(run.settings, Keyframes):
-        from clutter_env.training.motions import train_motions
+            return train_clone
+        case Keyframes():
+            from clutter_env.training.motions import train_motions
 
-        return train_motions(run, run.settings)
-    assert isinstance(run.settings, Decisions)
+            return train_motions
     from clutter_env.training.high_level import train_decisions
 
-    return train_decisions(run, run.settings)
+    return train_decisions
 
 
 def train_all(

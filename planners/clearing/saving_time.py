@@ -18,7 +18,7 @@ from assets.robots import RobotSpec
 from planners.clearing.commitments import ClearingProblem, Commitments, grasped
 from planners.collision.world import objects_on
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.pick_and_place import can_take
+from planners.motion.approaches import can_take
 from planners.scene import Scene
 from planners.scene.masks import FIXED_BITS
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -12,19 +12,22 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
 from irm.ik.solutions import free_angles, solver_arrays
+from planners.collision.driven_world import Drive, Extents
 from planners.collision.robot_pose_kernel import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
-from planners.scene import SELF_BIT, HeldObject
+from planners.scene import SELF_BIT, Body, HeldObject, Scene
+from planners.scene.cover import BACK, LEAST_LIFT, direction_out, distance_out, objects_before
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
-
 _ABOUT_HOME = 24
 """Angles of the free joint about home in a full turn: 15° apart."""
 _HEIGHT_AND_PITCH = (5, 1)
 """Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.arm.kinematics.ArmChain`."""
+_SAME_WAY = 9
+"""Decimals of yaws [rad] and directions that count as the same."""
 
 
 class GripperPoses(NamedTuple):
@@ -201,3 +204,64 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
         self_pairs=np.empty((0, 2), dtype=np.int64),
         held_from=int(last.sum()),
     )
+
+
+def driven_configurations(
+    world: CollisionWorld,
+    body: Body,
+    poses: GripperPoses,
+    grid: ConfigurationGrid,
+    opening: float,
+    *,
+    held: HeldObject | None = None,
+    ignore: int = 0,
+    first_free: bool = False,
+) -> ArmConfigurations:
+    """As `scan_configurations`, for a base that drives straight in and out with the arm rigid; see `cover.drive_out`.
+
+    Hits are those of the configuration, of the drive, and of the object `body` that is grasped or put down, moved out.
+    """
+    parts: list[ArmConfigurations] = []
+    extents: dict[bytes, Extents] = {}
+    for drive, rows in _drives(world.scene, poses):
+        chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
+        backed_off = body.at(body.position + [*drive.offset, 0.0])
+        before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
+        if first_free and before:
+            continue
+        way = drive.direction.tobytes()
+        if way not in extents:
+            extents[way] = Extents.of(world, drive.direction)
+        driven = extents[way].driven_world(drive, body if held is None else None)
+        found = scan_configurations(
+            world, chosen, grid, opening, held=held, ignore=ignore, first_free=first_free, driven=driven
+        )
+        inside = [
+            world.hits(chosen.bases[pair], q, opening, held, ignore)
+            for q, pair in zip(found.q, found.pair, strict=True)
+        ]
+        hits = found.hits | np.array(inside, dtype=np.uint64) | np.uint64(before)
+        found = found._replace(pair=rows[found.pair], hits=hits)
+        if not first_free:
+            parts.append(found)
+        elif not hits.all():
+            return ArmConfigurations(*(column[hits == 0] for column in found))
+    return _joined(parts, len(world.robot.lower))
+
+
+def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
+    """The straight drives out after backing off, and the rows of the pairs of base and gripper pose for each."""
+    yaws, directions = poses.gripper_poses[:, 3], direction_out(scene.support, poses.bases)
+    ways = np.column_stack((yaws, directions)).round(_SAME_WAY)
+    for way in np.unique(ways, axis=0):
+        rows = np.flatnonzero((ways == way).all(axis=1))
+        yaw, direction = yaws[rows[0]], directions[rows[0]]
+        offset = -BACK * np.array([np.cos(yaw), np.sin(yaw)])
+        starts = poses.gripper_poses[rows, :2] + offset
+        farthest = max(distance_out(scene.support, start, direction) for start in starts)
+        yield Drive(offset, direction, farthest, LEAST_LIFT), rows
+
+
+def _joined(parts: Sequence[ArmConfigurations], joints: int) -> ArmConfigurations:
+    none = ArmConfigurations(np.zeros((0, joints)), np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0))
+    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(none, *parts, strict=True)))

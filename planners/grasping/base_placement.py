@@ -1,8 +1,9 @@
-"""Base poses for gripper poses, from the inverse reachability map and the free ground of a scene."""
+"""Base poses for gripper poses, on free ground: from the inverse reachability map, or facing the gripper."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -17,25 +18,33 @@ from irm.chain import BASE, ArmChain
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
 from planners.collision.scene_arrays import robot_arrays
-from planners.grasping.footprint import fits, inner_radius
+from planners.grasping.grasp_poses import wrap_to_pi
 from planners.scene import Scene, StaticObstacle
 
 Array = NDArray[np.float64]
-
 TORSO_MARGIN = 0.02375
 """[m] The torso stays so far off the ends of its lift in the planner's reachability map that it can still raise the
 gripper: with bases for these ends, lookahead needed more clearances than the minimum in 3 of 20 scenes."""
 _DOWNWARD = (0.0, math.pi / 6, math.pi / 3, math.pi / 2)
 """[rad] Rings of the map for arms without the closed form, which are slower to map: no grasp points up."""
-
-FLOOR_MARGIN = 0.02
+GROUND_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
-FLOOR_SIZE = 2.5
+GROUND_SIZE = 2.5
 """[m] from the centre of the support to the edges of the ground that is used."""
 _SPARE = 6
 """Base poses looked at for each one wanted, of a base that is not round."""
 WALL_HEIGHT = 0.5
 """[m] above the support: across an obstacle as tall as that no arm reaches it."""
+STRAIGHT = (0.0,)
+"""[rad] The gripper's yaw is the base's."""
+TURNED = tuple(math.radians(degrees) for degrees in (20, -20, 40, -40, 60, -60))
+"""[rad] Other yaws of the gripper relative to the base."""
+_STANDOFF = 0.648
+"""Share of the arm's reach, from the base's centre to the TCP, at which it moves well; 0.75 m for Fetch."""
+_STEP, _FINER = 0.01, 64
+"""[m] between distances tried, and into how many parts the last step is cut to find the edge of the free ground."""
+_YAW_COST = 0.5
+"""Cost of a radian of the base's yaw, if a radian of the gripper's yaw relative to the base costs 1."""
 
 
 @cache
@@ -67,8 +76,8 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     obstacles = _beside_base(scene)
     outlines = [_shadow(scene, one) if with_shadows and _is_wall(scene, one) else one.outline for one in obstacles]
     x, y = scene.support.position[:2]
-    bounds = (x - FLOOR_SIZE, y - FLOOR_SIZE, x + FLOOR_SIZE, y + FLOOR_SIZE)
-    return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + FLOOR_MARGIN, bounds)
+    bounds = (x - GROUND_SIZE, y - GROUND_SIZE, x + GROUND_SIZE, y + GROUND_SIZE)
+    return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + GROUND_MARGIN, bounds)
 
 
 def _beside_base(scene: Scene) -> list[StaticObstacle]:
@@ -87,7 +96,7 @@ def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
 def _shadow(scene: Scene, obstacle: StaticObstacle) -> Array:
     """The ground (v, 2) under and behind an obstacle, as seen from the centre of the support."""
     away = obstacle.outline - scene.support.position[:2]
-    far = away * (3 * FLOOR_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
+    far = away * (3 * GROUND_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
     corners = scene.support.position[:2] + np.concatenate((away, far))
     return np.asarray(corners[ConvexHull(corners).vertices])
 
@@ -189,8 +198,97 @@ class MapPlacer:
         index = np.repeat(np.arange(len(gripper_poses)), found.count)
         if self.robot is None:
             return found.poses[index, rank], index
-        fitting = fits(self.robot, found.poses[index, rank], self.outlines, FLOOR_MARGIN)
+        fitting = fits(self.robot, found.poses[index, rank], self.outlines, GROUND_MARGIN)
         index, rank = index[fitting], rank[fitting]
         first = np.searchsorted(index, index)
         kept = np.arange(len(index)) - first < wanted
         return found.poses[index[kept], rank[kept]], index[kept]
+
+
+def inner_radius(robot: RobotSpec) -> float:
+    """[m] of a circle inside the base's outline: no base pose is free where this circle is not."""
+    if not robot.base_outline:
+        return robot.base_radius
+    corners = np.array(robot.base_outline)
+    edges = np.roll(corners, -1, axis=0) - corners
+    across = edges[:, 0] * corners[:, 1] - edges[:, 1] * corners[:, 0]
+    return float(np.abs(across / np.linalg.norm(edges, axis=1)).min())
+
+
+def fits(robot: RobotSpec, bases: Array, obstacles: Sequence[Array], margin: float) -> NDArray[np.bool_]:
+    """Whether the base's outline at base poses (n, 3) keeps `margin` [m] from convex obstacles, each (v, 2) corners.
+
+    Two convex polygons are apart if an edge of one of them separates them; at corners the margin is measured across
+    the edges, and may be a little more than asked for.
+    """
+    if not robot.base_outline or not len(bases):
+        return np.ones(len(bases), dtype=np.bool_)
+    corners = np.array(robot.base_outline)
+    c, s = np.cos(bases[:, 2]), np.sin(bases[:, 2])
+    turn = np.stack((np.stack((c, -s), axis=-1), np.stack((s, c), axis=-1)), axis=-2)
+    placed = np.einsum("nij,vj->nvi", turn, corners) + bases[:, None, :2]
+    own = np.einsum("nij,vj->nvi", turn, _normals(corners))
+    free = np.ones(len(bases), dtype=np.bool_)
+    for obstacle in obstacles:
+        along = np.einsum("nvi,nki->nvk", placed, own)
+        other = np.einsum("wi,nki->nwk", obstacle, own)
+        gap = np.maximum(other.min(axis=1) - along.max(axis=1), along.min(axis=1) - other.max(axis=1)).max(axis=1)
+        normals = _normals(obstacle)
+        along, other = placed @ normals.T, obstacle @ normals.T
+        sides = np.maximum(other.min(axis=0) - along.max(axis=1), along.min(axis=1) - other.max(axis=0))
+        free &= np.maximum(gap, sides.max(axis=1)) >= margin
+    return free
+
+
+def _normals(corners: Array) -> Array:
+    """Unit normals (v, 2) of the edges of a polygon."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack((edges[:, 1], -edges[:, 0]))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def facing_bases(
+    placer: MapPlacer, gripper_poses: Array, reach: float, turns: Sequence[float] = STRAIGHT
+) -> tuple[Array, NDArray[np.int64]]:
+    """Base poses that face gripper poses from a fixed distance, smooth in the gripper's pose, the least turned first.
+
+    The distance is `_STANDOFF` of the reach in whole centimetres, or where the free ground begins behind that.
+
+    Args:
+        placer: the free ground of the scene.
+        gripper_poses: (k, 5), as for `MapPlacer.bases`.
+        reach: [m] from the base at most.
+        turns: [rad] yaws of the gripper relative to the base.
+
+    Returns:
+        as `MapPlacer.bases`; those of all gripper poses in one order, the least cost first.
+    """
+    yaw = wrap_to_pi(gripper_poses[:, 3:4] - np.array(turns))
+    distance = np.full(yaw.shape, np.inf)
+    is_level = gripper_poses[:, 4] == 0.0
+    for rows, ground in ((is_level, placer.ground), (~is_level, placer.open_ground)):
+        if rows.any():
+            distance[rows] = _distance_behind(ground, gripper_poses[rows], yaw[rows], reach)
+    x = gripper_poses[:, :1] - distance * np.cos(yaw)
+    y = gripper_poses[:, 1:2] - distance * np.sin(yaw)
+    cost = np.round(_YAW_COST * np.abs(yaw) + np.abs(turns), 9)
+    index, turn = np.nonzero(np.isfinite(distance))
+    order = np.argsort(cost[index, turn], kind="stable")
+    found = np.stack((x, y, yaw), axis=-1)[index, turn][order]
+    return np.ascontiguousarray(found), index[order].astype(np.int64)
+
+
+def _distance_behind(ground: FreeSpace, gripper_poses: Array, yaw: Array, reach: float) -> Array:
+    """[m] behind gripper poses (k, 5) along yaws (k, t) where the base may stand: (k, t), infinite for none."""
+    standoff = round(_STANDOFF * reach, 2)
+    steps = np.tile(np.arange(standoff, reach, _STEP), (*yaw.shape, 1))
+    x, y = gripper_poses[:, 0, None, None], gripper_poses[:, 1, None, None]
+    cosine, sine = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+    is_any = np.ones(yaw.shape, np.bool_)
+    for _ in range(2):
+        free = ground.are_free(x - steps * cosine, y - steps * sine)
+        is_any &= free.any(axis=-1)
+        first = np.take_along_axis(steps, free.argmax(axis=-1)[..., None], axis=-1)
+        # The last step is cut finer, to find the edge of the free ground.
+        steps = np.maximum(first - _STEP * np.arange(_FINER)[::-1] / _FINER, standoff)
+    return np.asarray(np.where(is_any, first[..., 0], np.inf))

@@ -1,4 +1,4 @@
-"""Ways to grasp an object where it stands: gripper yaw, base pose and arm configuration, and the blockers of each."""
+"""Grasps of an object where it stands: gripper pose, base pose and arm configuration, and the blockers of each."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 
 from irm.chain import ArmChain
 from planners.collision.world import CompiledScenes, objects_on
-from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import (
+    ArmConfigurations,
+    ConfigurationGrid,
+    GripperPoses,
+    driven_configurations,
+    scan_configurations,
+)
 from planners.grasping.base_placement import Arm
-from planners.grasping.driven_configurations import driven_configurations
-from planners.grasping.families import SIDE, GraspFamily
-from planners.grasping.grasp_poses import GraspPose, generate_grasps
+from planners.grasping.grasp_poses import SIDE, GraspFamily, GraspPose, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 
@@ -125,114 +129,117 @@ class _Known(NamedTuple):
     refills: int = 0
 
 
+class _Merged(NamedTuple):
+    """The grasps of one object by arm, and all of them."""
+
+    parts: tuple[tuple[GraspCandidate, ...], ...]
+    candidates: tuple[GraspCandidate, ...]
+
+
 @dataclass
 class GraspCandidates:
-    """The grasps of a scene's objects through every arm that acts, computed when first asked for.
+    """The grasps of a scene's objects, through every arm that acts, computed when first asked for.
 
-    Each arm has its own, the others at home with what they hold; all are offered together. The families are looked at
-    in their order until a grasp with nothing in its way is found: no other one can change the minimum number of
-    clearances then. If that grasp is removed later, the remaining families are looked at.
+    The families are looked at in their order until a grasp with nothing in its way is found: no other one can change
+    the minimum number of clearances then. If that grasp is removed later, the remaining families are looked at.
 
     Motion planning may find that a grasp is worse than expected: `ban` removes it, `obstruct` adds blockers, until the
     objects of the scene have moved. A scan keeps few of the grasps that hit the same objects, and none that hit more,
     so once all that hit the same are refuted, the object's other grasps are looked for.
 
     Attributes:
-        arms: the arms that act, by name.
+        arms: the arms that act, by name; while one of them grasps, the others are at home with what they hold.
+        families: the grasp set.
         config: how finely grasps are sampled.
         compiled: the compiled scenes, shared with the other users in one solve.
-        families: the grasp set.
     """
 
     arms: Mapping[str, Arm]
+    families: tuple[GraspFamily, ...] = (SIDE,)
     config: SamplingConfig = field(default_factory=SamplingConfig)
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
-    families: tuple[GraspFamily, ...] = (SIDE,)
     _scene: Scene | None = None
     _views: dict[str, Scene] = field(default_factory=dict)
     _known: dict[tuple[str, str], _Known] = field(default_factory=dict)
-    _merged: dict[str, tuple[list[tuple[GraspCandidate, ...]], tuple[GraspCandidate, ...]]] = field(
-        default_factory=dict
-    )
+    _merged: dict[str, _Merged] = field(default_factory=dict)
 
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
-        parts = [self._of_arm(view, name) for view in self._seen_by_arms(scene)]
-        if len(parts) == 1:
-            return parts[0]
-        before, merged = self._merged.get(name, ([], ()))
-        if len(before) != len(parts) or any(part is not other for part, other in zip(parts, before, strict=True)):
-            merged = best_first(grasp for part in parts for grasp in part)
-            self._merged[name] = parts, merged
-        return merged
+        views = self._views_of(scene)
+        parts = tuple(self._through_arm(view, name) for view in views.values())
+        merged = self._merged.get(name)
+        if merged is None or any(part is not before for part, before in zip(parts, merged.parts, strict=True)):
+            merged = self._merged[name] = _Merged(parts, best_first(grasp for part in parts for grasp in part))
+        return merged.candidates
 
     def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
-        """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family with any."""
+        """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family."""
+        self.for_object(scene, name)
         found: list[GraspCandidate] = []
-        for view in self._seen_by_arms(scene):
-            self._of_arm(view, name)
-            body, grid = view.body(name), self.config.grid(self.arms[view.robot.arm_name].chain)
+        for view in self._views_of(scene).values():
+            body = view.body(name)
             for grasps in (generate_grasps(body, view.robot, (family,)) for family in self.families):
                 wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
                 poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                of_family = self._scan(view, body, poses, grid, opening) if grasps else []
+                of_family = self._scan(view, body, poses, self._grid(view), opening) if grasps else []
+                found += of_family
                 if of_family:
-                    found += best_first(of_family)
                     break
         return best_first(found)
 
     def blank_copy(self) -> GraspCandidates:
         """The same arms and grasp set, with nothing known of any scene."""
-        return replace(self, _scene=None, _views={}, _known={}, _merged={})
+        return type(self)(self.arms, self.families, self.config, self.compiled)
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
-        known = self._of_arm(self._seen_by(scene, grasp.arm), grasp.object)
-        self._keep(scene, grasp, [other for other in known if other.key != grasp.key])
+        view = self._view(scene, grasp)
+        others = [other for other in self._through_arm(view, grasp.object) if other.key != grasp.key]
+        self._keep(view, grasp, others)
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
-        worse = replace(grasp, blockers=grasp.blockers | blockers)
-        known = self._of_arm(self._seen_by(scene, grasp.arm), grasp.object)
-        self._keep(scene, grasp, [worse if other.key == grasp.key else other for other in known])
+        worse, view = replace(grasp, blockers=grasp.blockers | blockers), self._view(scene, grasp)
+        known = self._through_arm(view, grasp.object)
+        self._keep(view, grasp, [worse if other.key == grasp.key else other for other in known])
 
-    def _of_arm(self, view: Scene, name: str) -> tuple[GraspCandidate, ...]:
-        """The grasps of one object by the active arm of a scene."""
-        key, body = (view.robot.arm_name, name), view.body(name)
-        is_off_support = body.bottom < view.support.top - OFF_TABLE
-        known = self._known.setdefault(key, _Known((), () if is_off_support else self._stages()))
+    def _views_of(self, scene: Scene) -> dict[str, Scene]:
+        """The scene with each arm active; what is known of other arrangements of objects is forgotten."""
+        if self._scene is not scene:
+            if self._scene is None or not _same_objects(self._scene, scene):
+                self._known, self._merged = {}, {}
+            self._scene, self._views = scene, {arm: scene.using(arm) for arm in self.arms}
+        return self._views
+
+    def _view(self, scene: Scene, grasp: GraspCandidate) -> Scene:
+        return self._views_of(scene)[grasp.arm]
+
+    def _through_arm(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object with the active arm of a scene."""
+        key, body = (scene.robot.arm_name, name), scene.body(name)
+        known = self._known.get(key)
+        if known is None:
+            is_off_support = body.bottom < scene.support.top - OFF_TABLE
+            known = self._known[key] = _Known((), () if is_off_support else self._stages())
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
-            found = self._of_stage(view, body, known.unseen[0])
+            found = self._of_stage(scene, body, known.unseen[0])
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
             self._known[key] = known
         return known.candidates
 
     def _keep(self, scene: Scene, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
         """Remember the grasps that are left without one as it was; others, where it was the last that hits the same."""
-        view, key = self._seen_by(scene, grasp.arm), (grasp.arm, grasp.object)
+        key = (grasp.arm, grasp.object)
         known = self._known[key]
         known = known._replace(candidates=best_first(candidates), tried=known.tried | {grasp.pair})
         self._known[key] = known
         if known.refills < _REFILLS and not any(other.blockers == grasp.blockers for other in candidates):
             kept = {other.key for other in candidates}
             stages = self._stages()[: len(self._stages()) - len(known.unseen)]
-            found = [other for stage in stages for other in self._of_stage(view, view.body(grasp.object), stage)]
+            found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
             new = [other for other in found if other.key not in kept]
             refilled = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
             self._known[key] = refilled
-
-    def _seen_by_arms(self, scene: Scene) -> list[Scene]:
-        """The scene with each arm active in turn; what is known of other arrangements of the objects is forgotten."""
-        return [self._seen_by(scene, arm) for arm in self.arms]
-
-    def _seen_by(self, scene: Scene, arm: str) -> Scene:
-        if self._scene is not scene:
-            if self._scene is None or not _same_objects(self._scene, scene):
-                self._known, self._merged = {}, {}
-            self._scene, self._views = scene, {}
-        if arm not in self._views:
-            self._views[arm] = scene.using(arm)
-        return self._views[arm]
 
     def _stages(self) -> tuple[Stage, ...]:
         """Where grasps are looked for, in this order."""
@@ -241,18 +248,21 @@ class GraspCandidates:
     def _of_stage(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
         """The grasps of one stage."""
         grasps = generate_grasps(body, scene.robot, (stage.family,))
-        arm, covered = self.arms[scene.robot.arm_name], is_covered(scene, body.foot)
+        covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name].placer
         candidates: list[GraspCandidate] = []
         for most in _BASES if grasps else ():
             wanted = gripper_poses(grasps)
-            bases, index = arm.placer.bases(wanted, most)
+            bases, index = placer.bases(wanted, most)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             opening = max(grasp.opening for grasp in grasps)
-            candidates = self._scan(scene, body, poses, self.config.grid(arm.chain), opening)
+            candidates = self._scan(scene, body, poses, self._grid(scene), opening)
             is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
             if is_enough:
                 break
         return candidates
+
+    def _grid(self, scene: Scene) -> ConfigurationGrid:
+        return self.config.grid(self.arms[scene.robot.arm_name].chain)
 
     def _untried(self, scene: Scene, body: Body, poses: GripperPoses) -> GripperPoses:
         """The pairs of base pose and gripper pose at which no grasp of the object was refuted."""
@@ -283,7 +293,7 @@ def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ..
 
 
 def _same_objects(one: Scene, other: Scene) -> bool:
-    """Whether the objects have the same poses, and the same ones are held; the robot's state does not matter."""
+    """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
     return (
         set(one.held_names) == set(other.held_names)
         and len(one.objects) == len(other.objects)

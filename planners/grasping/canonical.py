@@ -18,11 +18,9 @@ from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import fk_frames
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits
-from planners.grasping.base_placement import farthest_reach
+from planners.grasping.base_placement import STRAIGHT, TURNED, facing_bases, farthest_reach
 from planners.grasping.candidates import OFF_TABLE, GraspCandidate, GraspCandidates, Stage, gripper_poses
-from planners.grasping.facing_bases import STRAIGHT, TURNED, FacingPlacer
-from planners.grasping.families import GraspFamily
-from planners.grasping.grasp_poses import generate_grasps
+from planners.grasping.grasp_poses import GraspFamily, generate_grasps
 from planners.scene import Body, Scene
 
 Array = NDArray[np.float64]
@@ -65,7 +63,7 @@ def _turning_joints(robot: RobotSpec) -> list[int]:
 
 @dataclass
 class CanonicalGrasps(GraspCandidates):
-    """Grasps of a scene's objects, the canonical ones first."""
+    """Grasps of a scene's objects, the canonical ones first; for robots that act with one arm."""
 
     def _stages(self) -> tuple[Stage, ...]:
         return tuple(Stage(family, bases) for family in self.families for bases in (_STRAIGHT, _TURNED, _MAP))
@@ -100,7 +98,7 @@ class CanonicalGrasps(GraspCandidates):
     def _facing_poses(self, scene: Scene, wanted: Array, turns: tuple[float, ...]) -> GripperPoses:
         """Base poses that face the wanted gripper poses (k, 5), the least turned first."""
         placer = self.arms[scene.robot.arm_name].placer
-        bases, index = FacingPlacer(placer, farthest_reach(scene.robot), turns).bases(wanted)
+        bases, index = facing_bases(placer, wanted, farthest_reach(scene.robot), turns)
         return GripperPoses(bases, wanted[index])
 
     def _about_home(self, scene: Scene) -> ConfigurationGrid:

@@ -1,24 +1,137 @@
-"""Grasp poses around an object (Lee & Kim 2019, section 3.3, Figs. 5 and 6)."""
+"""Grasp poses around an object, by families (Lee & Kim 2019, section 3.3, Figs. 5 and 6).
+
+A grasp set is what a solve chooses grasps from, and what its minimum number of clearances is exact for. The paper's
+experiments use level grasps alone.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.grasping.families import SIDE, GraspFamily
-from planners.grasping.gripper import FINGER_GAP, GripperClearances, gripper_clearances
+from irm.chain import pose_of
+from planners.collision.scene_arrays import robot_arrays
 from planners.scene import Body
 
+FINGER_GAP = 0.012
+"""[m] between each finger and the object before the fingers close."""
+_PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
+"""[m] that are kept before the palm, below the palm, beyond the fingertips and at the upper edge of the pads."""
+_DECIMALS = 6
 Array: TypeAlias = NDArray[np.float64]
-
 _STRAIGHT_DOWN = 1e-6
 """Cosine of a pitch below which the gripper points straight down."""
+
+
+class UnknownGraspSet(ValueError):
+    """There is no grasp set of that name; the message lists the valid ones."""
+
+
+@dataclass(frozen=True)
+class GraspFamily:
+    """Grasps that differ only in the direction they come from.
+
+    The TCP is δ above the object's lowest point and ε short of its main axis (Fig. 5). ε is the robot's
+    `grasp_axis_offset`, more where the palm would touch the object.
+
+    Attributes:
+        name: for messages.
+        pitch: [rad] of the gripper; 0 is level, π/2 points straight down.
+        directions: n of the paper: grasps of a round object, 360°/n apart. Half of them differ where the gripper points
+            straight down.
+        depth: [m] of the TCP below the object's highest point, as far as palm and fingertips permit; None for the δ of
+            the paper, which is the robot's `grasp_height`.
+    """
+
+    name: str
+    pitch: float
+    directions: int = 24
+    depth: float | None = None
+
+
+SIDE = GraspFamily("side", 0.0)
+"""The paper's: a level gripper."""
+_TILTED = {degrees: GraspFamily(f"tilted {degrees}°", math.radians(degrees), depth=0.02) for degrees in (20, 40, 60)}
+TOP = GraspFamily("top", math.pi / 2, depth=0.02)
+"""The gripper points straight down."""
+GRASP_SETS: Mapping[str, tuple[GraspFamily, ...]] = MappingProxyType(
+    {
+        "side": (SIDE,),
+        "tilted": (_TILTED[60], _TILTED[40], _TILTED[20]),
+        "top": (TOP,),
+        "all": (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20]),
+    }
+)
+"""By name; the families of a set come in the order in which they are tried."""
+
+
+def find_grasp_set(name: str) -> tuple[GraspFamily, ...]:
+    """The families of a grasp set.
+
+    Raises:
+        UnknownGraspSet: no set of that name; the message lists the valid ones.
+    """
+    if name not in GRASP_SETS:
+        raise UnknownGraspSet(f"no grasp set {name!r}; valid grasp sets: {', '.join(GRASP_SETS)}")
+    return GRASP_SETS[name]
+
+
+@dataclass(frozen=True)
+class GripperClearances:
+    """Lengths of the gripper that grasps depend on [m].
+
+    Attributes:
+        palm_reach: that the object may extend from the TCP towards the palm; Fetch's palm begins 47 mm behind.
+        palm_height: from the approach axis to the palm's lower face, and 2 mm.
+        fingertip_reach: that the fingers extend beyond the TCP, and 4.5 mm.
+        pad_half_height: of a finger pad, which should not extend above the object.
+        least_depth: of the TCP below the object's highest point, so that the pads hold it.
+    """
+
+    palm_reach: float
+    palm_height: float
+    fingertip_reach: float
+    pad_half_height: float
+    least_depth: float
+
+    def above_support(self, pitch: float) -> float:
+        """[m] of the TCP above the support at least, for fingertips and palm at a pitch [rad] to stay clear of it."""
+        down, level = math.sin(pitch), math.cos(pitch)
+        fingertips = self.fingertip_reach * down + self.pad_half_height * level
+        return max(fingertips, self.palm_height * level - self.palm_reach * down)
+
+
+@cache
+def gripper_clearances(robot: RobotSpec) -> GripperClearances:
+    """The lengths of a robot's gripper: of its fingers, and of the palm, the solid behind them that is foremost."""
+    arrays = robot_arrays(robot)
+    T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
+    last = arrays.link == arrays.axes.size - 1
+    centre = arrays.position @ T_tcp_link[:3, :3].T + T_tcp_link[:3, 3]
+    extent = np.array(
+        [np.abs(R) @ half for R, half in zip(T_tcp_link[:3, :3] @ arrays.rotation, arrays.half, strict=True)]
+    )
+    extent += arrays.radius[:, None]
+    front = centre[:, 0] + extent[:, 0]
+    fingers, others = np.flatnonzero(last & arrays.slides), np.flatnonzero(last & ~arrays.slides)
+    palm = others[front[others].argmax()]
+    pad = float(extent[fingers, 2].max())
+    lengths = (
+        -float(front[palm]) - _PALM_CLEARANCE,
+        float(abs(centre[palm, 2]) + extent[palm, 2]) + _PALM_SIDE,
+        float(front[fingers].max()) + _TIP_CLEARANCE,
+        pad,
+        pad + _PAD_CLEARANCE,
+    )
+    return GripperClearances(*(round(length, _DECIMALS) for length in lengths))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +172,7 @@ def generate_grasps(
 
 def even_yaws(count: int) -> Array:
     """Yaws (count,) [rad] in (-π, π], evenly about the vertical: those from which round objects are grasped."""
-    return _wrapped(np.linspace(0.0, 2 * math.pi, count, endpoint=False))
+    return wrap_to_pi(np.linspace(0.0, 2 * math.pi, count, endpoint=False))
 
 
 def gripper_opening(robot: RobotSpec, half_span: float) -> float:
@@ -93,7 +206,7 @@ def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
         if body.shape == "cylinder":
             level_axes = np.array([2])
         headings: Array = np.arctan2(rotation[1, level_axes], rotation[0, level_axes])
-        yaws = _wrapped(np.concatenate((headings, headings + math.pi)))
+        yaws = wrap_to_pi(np.concatenate((headings, headings + math.pi)))
         across = np.stack((-np.sin(yaws), np.cos(yaws), np.zeros(len(yaws))), axis=-1)
         half_spans = np.array([body.half_extent_along(direction) for direction in across])
     count = len(yaws) // 2 if math.cos(family.pitch) < _STRAIGHT_DOWN else len(yaws)
@@ -130,6 +243,6 @@ def _delta(body: Body, robot: RobotSpec, family: GraspFamily, gripper: GripperCl
     return height - min(max(deepest, gripper.least_depth), family.depth)
 
 
-def _wrapped(angles: Array) -> Array:
+def wrap_to_pi(angles: Array) -> Array:
     """Angles [rad] in (-π, π]."""
     return math.pi - np.mod(math.pi - angles, 2 * math.pi)

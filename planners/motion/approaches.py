@@ -1,4 +1,4 @@
-"""Approach patterns: straight lines of the gripper to and from a grasp or release configuration.
+"""Straight lines of the gripper to and from a grasp or release configuration.
 
 A pattern is traced from that configuration outwards. The question is whether the robot can follow it, without and with
 the object, and which objects are in the way. Under a shelf the base drives straight out with the arm rigid.
@@ -6,22 +6,19 @@ the object, and which objects are in the way. Under a shelf the base drives stra
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from assets.robots import RobotSpec
 from planners.collision.straight_lines import trace_by_torso, trace_straight
 from planners.collision.world import CollisionWorld, with_clearance_below
-from planners.motion.arm import on_base, tcp_pose
-from planners.motion.arm_query import ArmQuery
+from planners.motion.arm import SIDE_CLEARANCE, ArmQuery, tcp_pose
+from planners.motion.path import on_base
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
 from planners.scene.masks import FIXED_BITS
-
-SIDE_CLEARANCE = 0.012
-"""[m] between each finger of the open gripper and the object."""
 
 Array = NDArray[np.float64]
 
@@ -65,40 +62,78 @@ _DRIVES = (
 """Tried first under a shelf: the object is lifted where it stands, as high as counts as lifted if the shelf allows."""
 
 
-class GraspContext(NamedTuple):
-    """The situation around a grasp or release configuration.
+@dataclass(frozen=True, eq=False)
+class ContactQuery:
+    """A grasp or a release, and the situation around it.
 
     Attributes:
-        empty: the world while the gripper is empty; the object stands in it.
-        loaded: the world while the object is held.
-        base: (3,) x [m], y [m], yaw [rad].
+        empty: while the gripper is empty and open; the object stands in that world.
+        loaded: while the object is held.
         q: (8,) torso [m] and arm [rad] when the fingers close or open.
-        opening: [m] of the open gripper around the object.
-        grip: [m] of the gripper closed on the object.
-        held: the object, as it is held.
-        ignore: mask of objects that are not obstacles.
         is_covered: whether a shelf hangs over the object.
     """
 
-    empty: CollisionWorld
-    loaded: CollisionWorld
-    base: Array
+    empty: ArmQuery
+    loaded: ArmQuery
     q: Array
-    opening: float
-    grip: float
-    held: HeldObject
-    ignore: int
     is_covered: bool
 
-    @property
-    def empty_query(self) -> ArmQuery:
-        """For motions of the empty arm."""
-        return ArmQuery(self.base, self.opening, None, self.ignore, exact=True)
+    @classmethod
+    def grasp(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, name: str, ignore: int = 0) -> ContactQuery:
+        """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles.
+
+        Raises:
+            UnknownObject: no such object.
+        """
+        body, T_world_tcp = world.scene.body(name), _tcp_pose(world.scene, base, q)
+        worlds, held = (world, with_clearance_below(world, name)), HeldObject.grasped(body, T_world_tcp)
+        return cls._around(worlds, np.asarray(base, float), np.asarray(q, float), held, body, ignore)
+
+    @classmethod
+    def release(
+        cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject
+    ) -> tuple[ContactQuery, Body]:
+        """A release of a held object, and the object where it will then stand.
+
+        Raises:
+            UnknownObject: no such object.
+        """
+        placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
+        worlds = (world.with_body(placed), world)
+        return cls._around(worlds, np.asarray(base, float), np.asarray(q, float), held, placed, 0), placed
+
+    @classmethod
+    def _around(
+        cls,
+        worlds: tuple[CollisionWorld, CollisionWorld],
+        base: Array,
+        q: Array,
+        held: HeldObject,
+        body: Body,
+        ignore: int,
+    ) -> ContactQuery:
+        """The query in the worlds without and with the object in hand, which stands as `body`."""
+        scene = worlds[0].scene
+        grip = body.width_in_gripper(np.linalg.inv(_tcp_pose(scene, base, q)) @ body.pose)
+        opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
+        empty, loaded = ArmQuery(worlds[0], base, opening, None, ignore), ArmQuery(worlds[1], base, grip, held, ignore)
+        return cls(empty, loaded, q, is_covered(scene, body.foot))
 
     @property
-    def loaded_query(self) -> ArmQuery:
-        """For motions with the object."""
-        return ArmQuery(self.base, self.grip, self.held, self.ignore, exact=True)
+    def held(self) -> HeldObject:
+        """The object, as it is held."""
+        assert self.loaded.held is not None
+        return self.loaded.held
+
+    @property
+    def patterns(self) -> tuple[ApproachPattern, ...]:
+        """All patterns, in the order in which they are tried: driving ones only under a shelf."""
+        return _DRIVES + APPROACH_PATTERNS if self.is_covered else APPROACH_PATTERNS
+
+    @property
+    def likely_patterns(self) -> tuple[ApproachPattern, ...]:
+        """The patterns worth tracing before any free path is planned: those from the front only under a shelf."""
+        return self.patterns if self.is_covered else tuple(one for one in self.patterns if one.up > 0.0)
 
 
 class Approach(NamedTuple):
@@ -118,117 +153,121 @@ class Approach(NamedTuple):
     phase: str
 
 
-def grasp_context(world: CollisionWorld, base: ArrayLike, q: Array, name: str, ignore: int) -> GraspContext:
-    """The situation around a grasp of an object where it stands.
+def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
+    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything.
 
     Raises:
         UnknownObject: no such object.
     """
-    body = world.scene.body(name)
-    T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
-    held = HeldObject.grasped(body, T_world_tcp)
-    openings = _openings(world.scene.robot, body, T_world_tcp)
-    loaded, covered = with_clearance_below(world, name), is_covered(world.scene, body.foot)
-    return GraspContext(world, loaded, np.array(base, dtype=float), q, *openings, held, ignore, covered)
+    query = ContactQuery.grasp(world, base, q_grasp, name)
+    return any(free_approach(query, pattern) is not None for pattern in query.patterns)
 
 
-def release_context(
-    world: CollisionWorld, base: ArrayLike, q: Array, held: HeldObject, ignore: int
-) -> tuple[GraspContext, Body]:
-    """The situation around a release, and the object where it will then stand.
+def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
+    """Whether the gripper could lift that object from a grasp (8,) if no other object were there.
 
     Raises:
         UnknownObject: no such object.
     """
-    T_world_tcp = tcp_pose(world.scene.robot, RobotState(np.asarray(base), q, 0.0))
-    placed = world.scene.body(held.name).at_pose(T_world_tcp @ held.T_tcp_object)
-    openings = _openings(world.scene.robot, placed, T_world_tcp)
-    covered, standing = is_covered(world.scene, placed.foot), np.array(base, dtype=float)
-    return GraspContext(world.with_body(placed), world, standing, q, *openings, held, ignore, covered), placed
+    return planned_approach(world, base, q_grasp, name) is not None
 
 
-def _openings(robot: RobotSpec, body: Body, T_world_tcp: Array) -> tuple[float, float]:
-    """[m] between the fingers of a gripper at a pose (4, 4): open around an object, and closed on it."""
-    grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
-    return min(grip + 2 * SIDE_CLEARANCE, robot.max_opening), grip
+def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
+    """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    query, _ = ContactQuery.release(world, base, q_release, held)
+    return any(free_approach(query, pattern) is not None for pattern in query.likely_patterns)
 
 
-def approach_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:
-    """All patterns, in the order in which they are tried: driving ones only under a shelf."""
-    return _DRIVES + APPROACH_PATTERNS if context.is_covered else APPROACH_PATTERNS
+def planned_approach(
+    world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str
+) -> tuple[ContactQuery, Approach] | None:
+    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other object were there.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
+    query = ContactQuery.grasp(world, base, q_grasp, name, others)
+    traced = (trace(query, pattern) for pattern in query.likely_patterns)
+    return next(((query, approach) for approach in traced if isinstance(approach, Approach)), None)
 
 
-def likely_patterns(context: GraspContext) -> tuple[ApproachPattern, ...]:
-    """The patterns worth tracing before any free path is planned: those from the front only under a shelf."""
-    patterns = approach_patterns(context)
-    return patterns if context.is_covered else tuple(pattern for pattern in patterns if pattern.up > 0.0)
+def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> int | None:
+    """The smallest set of objects in the way of the straight lines to and from a grasp (8,), as a mask.
+
+    Returns:
+        None if the robot cannot follow any of the lines, or they lead through static obstacles.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    query = ContactQuery.grasp(world, base, q_grasp, name)
+    traced = (trace(query, pattern) for pattern in query.likely_patterns)
+    return min((found.hits for found in traced if isinstance(found, Approach)), key=int.bit_count, default=None)
 
 
 def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
     """The base pose (3,) outside from which the base drives straight in to one under a shelf; see `drive_out`."""
-    return _drive(scene, np.asarray(base, dtype=float), np.asarray(q, dtype=float))[-1]
+    return drive_out(scene.support, base, _tcp_pose(scene, base, q))[-1]
 
 
-def free_approach(context: GraspContext, pattern: ApproachPattern) -> Approach | None:
+def free_approach(query: ContactQuery, pattern: ApproachPattern) -> Approach | None:
     """The traced pattern if the arm can follow it without and with the object and hits nothing; faster than `trace`."""
-    lines = _lines(context, pattern)
+    lines = _lines(query, pattern)
     if lines is None:
         return None
     empty, loaded = lines
-    ignore = context.ignore
-    if context.empty.path_hits(empty, context.opening, None, ignore, first_only=True):
-        return None
-    if context.loaded.path_hits(loaded, context.grip, context.held, ignore, first_only=True):
+    if query.empty.path_hits(empty, first_only=True) or query.loaded.path_hits(loaded, first_only=True):
         return None
     return Approach(pattern, empty, loaded, 0, "transit")
 
 
-def trace(context: GraspContext, pattern: ApproachPattern) -> Approach | str:
+def trace(query: ContactQuery, pattern: ApproachPattern) -> Approach | str:
     """Trace a pattern and find all objects in its way; the reason if the arm cannot follow it or no clearing helps."""
-    lines = _lines(context, pattern)
+    lines = _lines(query, pattern)
     if lines is None:
         return "the arm cannot follow the line"
     empty, loaded = lines
-    here = context.empty.hits(context.base, context.q, context.opening, None, context.ignore)
-    out = context.empty.path_hits(empty, context.opening, None, context.ignore)
-    away = context.loaded.path_hits(loaded, context.grip, context.held, context.ignore)
-    hits = out | away
+    here, out = query.empty.hits(query.q[None])[0], query.empty.path_hits(empty)
+    hits, world = out | query.loaded.path_hits(loaded), query.empty.world
     if hits & FIXED_BITS:
-        return f"the line touches {' and '.join(context.empty.names_of(hits & FIXED_BITS))}"
-    if hits >> context.empty.scene.index(context.held.name) & 1:
-        return f"the open gripper does not fit around {context.held.name}"
+        return f"the line touches {' and '.join(world.names_of(hits & FIXED_BITS))}"
+    if hits >> world.scene.index(query.held.name) & 1:
+        return f"the open gripper does not fit around {query.held.name}"
     phase = "grasp" if hits == here else ("approach" if hits == out else "lift")
     return Approach(pattern, empty, loaded, hits, phase)
 
 
-def _lines(context: GraspContext, pattern: ApproachPattern) -> tuple[Array, Array] | None:
+def _lines(query: ContactQuery, pattern: ApproachPattern) -> tuple[Array, Array] | None:
     """Configurations (n, 11) outwards along a pattern, without and with the object; None if it cannot be followed."""
-    robot, up = context.empty.scene.robot, np.array([0.0, 0.0, 1.0])
-    back = -tcp_pose(robot, RobotState(context.base, context.q, 0.0))[:3, 0]
-    empty = _follow(context, ((back, pattern.back), (up, pattern.up)), pattern)
+    back, up = -_tcp_pose(query.empty.world.scene, query.empty.base, query.q)[:3, 0], np.array([0.0, 0.0, 1.0])
+    empty = _follow(query, ((back, pattern.back), (up, pattern.up)), pattern)
     if empty is None:
         return None
-    loaded = _follow(context, ((up, pattern.held_up), (back, pattern.held_back)), pattern)
+    loaded = _follow(query, ((up, pattern.held_up), (back, pattern.held_back)), pattern)
     return None if loaded is None else (empty, loaded)
 
 
-def _follow(context: GraspContext, lines: tuple[tuple[Array, float], ...], pattern: ApproachPattern) -> Array | None:
+def _follow(query: ContactQuery, lines: tuple[tuple[Array, float], ...], pattern: ApproachPattern) -> Array | None:
     """Configurations (n, 11) from where it stands along (direction, distance [m]) in turn, then out; None as above."""
-    waypoints = context.q[None]
+    world, base, waypoints = query.empty.world, query.empty.base, query.q[None]
     for direction, distance in lines:
         if distance > 0.0:
             trace_line = trace_by_torso if pattern.by_torso and direction[2] == 1.0 else trace_straight
-            line = trace_line(context.empty, context.base, waypoints[-1], direction, distance)
+            line = trace_line(world, base, waypoints[-1], direction, distance)
             if line is None:
                 return None
             waypoints = np.vstack([waypoints, line[1:]])
-    standing = on_base(context.base, waypoints)
+    standing = on_base(base, waypoints)
     if not pattern.drives:
         return standing
-    drive = _drive(context.empty.scene, context.base, context.q)
-    return np.vstack([standing, *(np.concatenate((base, waypoints[-1])) for base in drive[1:])])
+    drive = drive_out(world.scene.support, base, _tcp_pose(world.scene, base, query.q))
+    return np.vstack([standing, *(np.concatenate((outside, waypoints[-1])) for outside in drive[1:])])
 
 
-def _drive(scene: Scene, base: Array, q: Array) -> Array:
-    """Base poses (k, 3) of the drive out with the arm rigid in a configuration (8,), the first one included."""
-    return drive_out(scene.support, base, tcp_pose(scene.robot, RobotState(base, q, 0.0)))
+def _tcp_pose(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
+    return tcp_pose(scene.robot, RobotState(np.asarray(base, float), np.asarray(q, float), 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -13,80 +14,96 @@ from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import forward
 from planners.collision.scene_arrays import RobotArrays
-from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm_query import DEFAULT_EFFORT, ArmQuery, RRTConfig
+from planners.collision.straight_lines import trace_by_torso, trace_straight
+from planners.collision.world import OVERLAP, STEP, CollisionWorld
+from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import blend_corners, rrt_connect, shortcut
 from planners.scene import SELF_BIT, HeldObject, RobotState
 from planners.scene.masks import FIXED_BITS
 
-ROOM = 0.01
-"""[m] that free motions keep from everything where they can: the arm lags, and what is held sinks by some mm."""
+Array = NDArray[np.float64]
+
+SIDE_CLEARANCE = 0.012
+"""[m] between each finger of the open gripper and the object."""
 _PHASE = "transit"
 """The phase of a motion that this module plans, for messages."""
-_ROLL_RANGE = 2 * math.pi
+_FULL_TURN = 2 * math.pi
 """[rad] A joint with a wider range reaches one orientation at several angles."""
+_UP = np.array([0.0, 0.0, 1.0])
+_RISES = (0.25, 0.19, 0.12, 0.06)
+"""[m] that the gripper moves straight up before the arm moves home, tried in this order."""
 
 
 @dataclass(frozen=True, eq=False)
-class ArmPath:
-    """A motion of torso and arm, straight between waypoints. Arrays are read-only.
+class ArmQuery:
+    """The situation in which torso and arm move, or are asked whether they could.
 
     Attributes:
-        base: (3,) x [m], y [m], yaw [rad].
-        waypoints: (n, 8) torso [m] and arm [rad].
+        world: the scene, compiled.
+        base: (3,) x [m], y [m], yaw [rad]: where the base stands; read-only.
         opening: of the gripper [m].
         held: the held object.
-        ignore: mask of objects that did not count as obstacles.
+        ignore: mask of objects that are not obstacles.
     """
 
-    base: NDArray[np.float64]
-    waypoints: NDArray[np.float64]
+    world: CollisionWorld
+    base: Array
     opening: float
     held: HeldObject | None = None
     ignore: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("base", "waypoints"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        base = np.array(self.base, dtype=float)
+        base.setflags(write=False)
+        object.__setattr__(self, "base", base)
 
-    @property
-    def start(self) -> NDArray[np.float64]:
-        """(8,) first waypoint."""
-        return np.asarray(self.waypoints[0])
+    def hits(self, Q: Array) -> list[int]:
+        """Masks of what configurations (k, 8) hit."""
+        return [int(hits) for hits in self.world.hits_many(self.base, Q, self.opening, self.held, self.ignore)]
 
-    @property
-    def end(self) -> NDArray[np.float64]:
-        """(8,) last waypoint."""
-        return np.asarray(self.waypoints[-1])
-
-    @property
-    def configurations(self) -> NDArray[np.float64]:
-        """(n, 11) whole-body configurations: base and waypoints."""
-        return on_base(self.base, self.waypoints)
-
-    def reversed(self) -> ArmPath:
-        """The same motion backwards."""
-        return replace(self, waypoints=self.waypoints[::-1])
+    def path_hits(self, X: Array, first_only: bool = False) -> int:
+        """Mask of what a motion through whole-body configurations (k, 11) hits; see `CollisionWorld.path_hits`."""
+        return self.world.path_hits(X, self.opening, self.held, self.ignore, first_only=first_only)
 
 
 @dataclass(frozen=True)
-class BlockedBy:
-    """No path as the scene is: these objects are in the way, in this phase of the motion."""
+class RRTConfig:
+    """Effort of one search with RRT-Connect.
 
-    blockers: frozenset[str]
-    phase: str
+    Attributes:
+        iterations: random targets at most.
+        shortcuts: random shortcuts tried afterwards.
+        step: [m] between checks while searching; accepted paths are checked again at `collision.world.STEP`.
+        margin: [rad] beyond start and goal within which joints with a range of more than a turn are sampled.
+        near: share of the random targets that are drawn about the straight line from start to goal.
+    """
+
+    iterations: int = 600
+    shortcuts: int = 20
+    step: float = 0.015
+    margin: float = 1.5
+    near: float = 0.8
 
 
-@dataclass(frozen=True)
-class NoPath:
-    """No path, whatever is cleared, and why: limits, static obstacles, self-collision, or the search gave up."""
-
-    reason: str
+DEFAULT_EFFORT = RRTConfig()
+"""For paths of the arm on a standing base."""
 
 
-def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> NDArray[np.float64]:
+@cache
+def _chain(robot: RobotSpec) -> ArmChain:
+    return ArmChain.from_robot(robot)
+
+
+def tcp_pose(robot: RobotSpec, state: RobotState) -> Array:
+    """T_world_tcp (4, 4) of the robot in a state."""
+    x, y, yaw = state.base
+    T_world_base = np.eye(4)
+    T_world_base[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    T_world_base[:2, 3] = x, y
+    return np.asarray(T_world_base @ forward(_chain(robot), state.q))
+
+
+def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> Array:
     """Add whole turns to continuous joints so that each is nearest to its angle in `q`.
 
     Args:
@@ -98,7 +115,7 @@ def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> NDArray
         the same configurations, in the shape of `goals`, within the limits.
     """
     start, turned = np.asarray(q, dtype=float), np.array(goals, dtype=float)
-    for joint in np.flatnonzero(robot.upper - robot.lower > _ROLL_RANGE):
+    for joint in np.flatnonzero(robot.upper - robot.lower > _FULL_TURN):
         angle = turned[..., joint]
         nearest = angle + 2 * math.pi * np.round((start[joint] - angle) / (2 * math.pi))
         inside = (nearest >= robot.lower[joint]) & (nearest <= robot.upper[joint])
@@ -106,22 +123,7 @@ def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> NDArray
     return turned
 
 
-@cache
-def _chain(robot: RobotSpec) -> ArmChain:
-    return ArmChain.from_robot(robot)
-
-
-def tcp_pose(robot: RobotSpec, state: RobotState) -> NDArray[np.float64]:
-    """T_world_tcp (4, 4) of the robot in a state."""
-    x, y, yaw = state.base
-    T_world_base = np.eye(4)
-    T_world_base[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-    T_world_base[:2, 3] = x, y
-    return np.asarray(T_world_base @ forward(_chain(robot), state.q))
-
-
 def plan_arm(
-    world: CollisionWorld,
     query: ArmQuery,
     q_start: ArrayLike,
     q_goals: ArrayLike,
@@ -129,14 +131,13 @@ def plan_arm(
     rng: np.random.Generator,
     config: RRTConfig = DEFAULT_EFFORT,
     find_blockers: bool = True,
-) -> ArmPath | BlockedBy | NoPath:
-    """A free path from one configuration to one of several, shortened; at a distance of `ROOM` if one is found there.
+) -> WholeBodyPath | BlockedBy | NoPath:
+    """A free path from one configuration to one of several, shortened; at a distance of `CLEARANCE` if one is found.
 
     Args:
-        world: the scene, compiled.
-        query: base pose, gripper opening, held object, and what does not count.
+        query: the situation.
         q_start: (8,).
-        q_goals: (8,) or (k, 8).
+        q_goals: (8,) or (k, 8); see `unwrap_joints` for continuous joints.
         rng: for the random trees; the same generator state gives the same path.
         config: effort.
         find_blockers: whether to find out which objects are in the way; this repeats the search many times.
@@ -145,129 +146,136 @@ def plan_arm(
         the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
     """
     start, goals = np.array(q_start, dtype=float), np.atleast_2d(np.array(q_goals, dtype=float))
-    if not query.exact:
-        goals = unwrap_joints(world.robot, start, goals)
-    path = _search(world, query, start, goals, rng, config)
-    if path is not None:
-        return ArmPath(query.base, path, query.opening, query.held, query.ignore)
-    if not find_blockers:
-        return _gave_up(config)
-    return blocking_set(world, query, start, goals, rng=rng, config=config)
+    path = _path_within(query, start, goals, rng, config)
+    if path is None:
+        return _blocking_set(query, start, goals, rng, config) if find_blockers else _gave_up(config)
+    # The robot may be nearer than that to itself: its links are where they are in every path.
+    wide = replace(query, world=query.world.with_padding(CLEARANCE), ignore=query.ignore | 1 << SELF_BIT)
+    if wide.path_hits(on_base(query.base, path), first_only=True):
+        detour = _path_within(replace(wide, ignore=query.ignore), start, goals, rng, config)
+        path = path if detour is None else detour
+    return WholeBodyPath(on_base(query.base, path), query.opening, query.held, query.ignore)
 
 
-def blocking_set(
-    world: CollisionWorld,
-    query: ArmQuery,
-    q_start: ArrayLike,
-    q_goals: ArrayLike,
-    *,
-    rng: np.random.Generator,
-    config: RRTConfig = DEFAULT_EFFORT,
+def _blocking_set(
+    query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator, config: RRTConfig
 ) -> BlockedBy | NoPath:
     """The smallest set of objects found without which `plan_arm` succeeds; confirmed by planning without them.
 
     The objects that start and goals touch are tried first, then those met by a path that ignores all objects; of the
-    latter, each without which a path is found all the same is left out. Arguments as for `plan_arm`; goals are taken
-    as given.
+    latter, each without which a path is found all the same is left out.
     """
-    start, goals = np.array(q_start, dtype=float), np.atleast_2d(np.array(q_goals, dtype=float))
-    opening, held, ignore = query.opening, query.held, query.ignore
-    touched = [int(h) for h in world.hits_many(query.base, np.vstack([start[None], goals]), opening, held, ignore)]
+    world, names = query.world, query.world.scene.names
+    touched = query.hits(np.vstack([start[None], goals]))
     if touched[0] & FIXED_BITS:
-        return NoPath(f"the start touches {named_bits(world, touched[0] & FIXED_BITS)}")
+        return NoPath(f"the start touches {_named(world, touched[0] & FIXED_BITS)}")
     standing = [(h, goal) for h, goal in zip(touched[1:], goals, strict=True) if not h & FIXED_BITS]
     if not standing:
         worst = touched[1] if len(touched) > 1 else FIXED_BITS
-        return NoPath(f"every goal touches {named_bits(world, worst & FIXED_BITS)}")
+        return NoPath(f"every goal touches {_named(world, worst & FIXED_BITS)}")
     least = min((h for h, _ in standing), key=lambda h: (h.bit_count(), h)) | touched[0]
     free_goals = np.array([goal for _, goal in standing])
 
-    def plan_without(mask: int) -> NDArray[np.float64] | None:
+    def plan_without(mask: int) -> Array | None:
         """A path among the other objects, (n, 8)."""
-        return _path_within(world, replace(query, ignore=ignore | mask), start, free_goals, rng, config)
+        return _path_within(replace(query, ignore=query.ignore | mask), start, free_goals, rng, config)
 
     if least and plan_without(least) is not None:
         return BlockedBy(frozenset(world.scene.names_of(least)), _PHASE)
-    everything = (1 << len(world.scene.objects)) - 1
+    everything = (1 << len(names)) - 1
     path = plan_without(everything)
     if path is None:
         return NoPath("no path even without any object")
-    blockers = world.path_hits(on_base(query.base, path), opening, held, ignore) & everything
-    for bit in [1 << i for i in range(len(world.scene.objects)) if blockers & ~least & 1 << i]:
+    blockers = query.path_hits(on_base(query.base, path)) & everything
+    for bit in [1 << i for i in range(len(names)) if blockers & ~least & 1 << i]:
         if plan_without(blockers & ~bit) is not None:
             blockers &= ~bit
-    if not blockers:
-        return _gave_up(config)
-    return BlockedBy(frozenset(world.scene.names_of(blockers)), _PHASE)
+    return BlockedBy(frozenset(world.scene.names_of(blockers)), _PHASE) if blockers else _gave_up(config)
 
 
-def named_bits(world: CollisionWorld, mask: int) -> str:
-    """The names of what a mask stands for, joined by "and"."""
+def _named(world: CollisionWorld, mask: int) -> str:
     return " and ".join(world.names_of(mask)) or "nothing"
-
-
-def on_base(base: NDArray[np.float64], waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Whole-body configurations (n, 11): a base pose (3,) with each of `waypoints` (n, 8)."""
-    return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
 
 
 def _gave_up(config: RRTConfig) -> NoPath:
     return NoPath(f"{_PHASE}: no path found within {config.iterations} iterations")
 
 
-def _search(
-    world: CollisionWorld,
-    query: ArmQuery,
-    start: NDArray[np.float64],
-    goals: NDArray[np.float64],
-    rng: np.random.Generator,
-    config: RRTConfig,
-) -> NDArray[np.float64] | None:
-    """A verified path (n, 8) that keeps `ROOM` from everything but the robot, or else the world's padding; or None."""
-    path = _path_within(world, query, start, goals, rng, config)
-    if path is None:
-        return None
-    roomy = world.with_padding(ROOM)
-    ignore = query.ignore | 1 << SELF_BIT
-    if not roomy.path_hits(on_base(query.base, path), query.opening, query.held, ignore, first_only=True):
-        return path
-    detour = _path_within(roomy, query, start, goals, rng, config)
-    return path if detour is None else detour
-
-
 def _path_within(
-    world: CollisionWorld,
-    query: ArmQuery,
-    start: NDArray[np.float64],
-    goals: NDArray[np.float64],
-    rng: np.random.Generator,
-    config: RRTConfig,
-) -> NDArray[np.float64] | None:
+    query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator, config: RRTConfig
+) -> Array | None:
     """A verified path (n, 8), None when start or goals are blocked or the search gives up."""
-    opening, held, ignore = query.opening, query.held, query.ignore
-    touched = world.hits_many(query.base, np.vstack([start[None], goals]), opening, held, ignore)
+    touched = np.array(query.hits(np.vstack([start[None], goals])), dtype=np.uint64)
     if touched[0] or touched[1:].all():
         return None
     X = on_base(query.base, np.vstack([start[None], goals[touched[1:] == 0]]))
-    lower, upper = _bounds(world.robot, X, config.margin)
-    checks = world.query(opening, held, ignore, first_only=True)
+    # The base stands; joints that turn without end stay near start and goals.
+    robot, lower, upper = query.world.robot, X.min(axis=0), X.max(axis=0)
+    turns = robot.upper - robot.lower > _FULL_TURN
+    lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - config.margin), robot.lower)
+    upper[3:] = np.where(turns, np.minimum(robot.upper, upper[3:] + config.margin), robot.upper)
+    checks = query.world.query(query.opening, query.held, query.ignore, first_only=True)
     for step in (config.step, STEP):
         path = rrt_connect(checks, X[0], X[1:], lower, upper, step, config.iterations, config.near, rng)
         if not len(path):
             return None
         path = shortcut(checks, path, step, config.shortcuts, rng)
         path = blend_corners(checks, path, step)
-        if not world.path_hits(path, opening, held, ignore):
+        if not query.path_hits(path):
             return np.asarray(path[:, len(query.base) :])
     return None
 
 
-def _bounds(
-    robot: RobotArrays, X: NDArray[np.float64], margin: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bounds of random whole-body configurations: the base stands, continuous joints stay near start and goals."""
-    lower, upper = X.min(axis=0), X.max(axis=0)
-    turns = robot.upper - robot.lower > _ROLL_RANGE
-    lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - margin), robot.lower)
-    upper[3:] = np.where(turns, np.minimum(robot.upper, upper[3:] + margin), robot.upper)
-    return lower, upper
+def is_at_home(world: CollisionWorld, state: RobotState) -> bool:
+    """Whether torso and arm are in the home configuration, but for whole turns."""
+    return np.array_equal(state.q, unwrap_joints(world.robot, state.q, world.scene.robot.home))
+
+
+def is_among_objects(world: CollisionWorld, state: RobotState) -> bool:
+    """Whether the robot, away from home, is nearer than `CLEARANCE` to something other than itself."""
+    if is_at_home(world, state):
+        return False
+    gap, held = world.scene.robot.opening(state.finger_position), world.scene.held
+    return bool(world.with_padding(CLEARANCE).hits(state.base, state.q, gap, held, 1 << SELF_BIT))
+
+
+def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator) -> WholeBodyPath | NoPath:
+    """A free path of torso and arm to the home configuration, on a standing base, so that the base can drive.
+
+    A robot that starts with its gripper among the objects moves straight up first. Where the start is nearer to
+    something than the world's padding, as in a grasp or after a disturbance, less padding will do.
+
+    Args:
+        world: the scene, compiled, with what is held.
+        state: where the robot is.
+        rng: for the random trees.
+
+    Returns:
+        the path, whose `opening` the gripper takes before it; or why there is none.
+    """
+    held, robot = world.scene.held, world.scene.robot
+    gap = robot.opening(state.finger_position)
+    touched, is_among = world.hits(state.base, state.q, gap, held), is_among_objects(world, state)
+    opening = min(gap + 2 * SIDE_CLEARANCE, robot.max_opening) if touched and held is None else gap
+    for padded in (world, world.with_padding(0.0), world.with_padding(-OVERLAP)):
+        query = ArmQuery(padded, state.base, opening, held)
+        ignore = query.hits(state.q[None])[0] & ~FIXED_BITS
+        for line in sorted(_lines_up(padded, state), key=len, reverse=is_among):
+            if replace(query, ignore=ignore).path_hits(on_base(state.base, line)):
+                continue
+            goal = unwrap_joints(padded.robot, line[-1], robot.home)
+            path = plan_arm(query, line[-1], goal, rng=rng, find_blockers=False)
+            if isinstance(path, WholeBodyPath):
+                rise = on_base(state.base, line[:-1])
+                return WholeBodyPath(np.vstack([rise, path.configurations]), opening, held)
+    return NoPath("home: no free path of the arm to its home configuration found")
+
+
+def _lines_up(world: CollisionWorld, state: RobotState) -> Iterator[Array]:
+    """Configurations (n, 8) from the present one: none but itself, then straight lines up."""
+    yield state.q[None]
+    for rise in _RISES:
+        for trace in (trace_straight, trace_by_torso):
+            line = trace(world, state.base, state.q, _UP, rise)
+            if line is not None:
+                yield line

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import ROOM, NoPath
-from planners.motion.arm_query import RRTConfig
+from planners.motion.arm import RRTConfig
+from planners.motion.path import CLEARANCE, NoPath, WholeBodyPath
 from planners.motion.rrt import rrt_connect, shortcut
 from planners.scene import HeldObject
 
@@ -25,32 +24,6 @@ ROAM = 1.0
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class BasePath:
-    """A motion of the base, straight between waypoints. Arrays are read-only.
-
-    Attributes:
-        waypoints: (n, 3) x [m], y [m], yaw [rad], continuous.
-        q: (8,) torso [m] and arm [rad].
-        held: the held object.
-    """
-
-    waypoints: Array
-    q: Array
-    held: HeldObject | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("waypoints", "q"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
-    @property
-    def configurations(self) -> Array:
-        """(n, 11) whole-body configurations: waypoints and `q`."""
-        return np.hstack([self.waypoints, np.tile(self.q, (len(self.waypoints), 1))])
-
-
 def plan_base(
     world: CollisionWorld,
     start: ArrayLike,
@@ -61,10 +34,10 @@ def plan_base(
     held: HeldObject | None = None,
     rng: np.random.Generator | None = None,
     config: RRTConfig = DRIVE_EFFORT,
-) -> BasePath | NoPath:
+) -> WholeBodyPath | NoPath:
     """A collision-free motion of the base: straight if possible, else backing away first, else by RRT-Connect.
 
-    Motions at a distance of `ROOM` from everything come first.
+    Motions at a distance of `CLEARANCE` from everything come first.
 
     Args:
         world: the scene, compiled.
@@ -83,11 +56,11 @@ def plan_base(
     if opening is None:
         opening = 0.0 if held is not None else world.scene.robot.max_opening
     there[2] = unwrap_yaw(there[2], here[2])
-    for padded in (world.with_padding(ROOM), world):
+    for padded in (world.with_padding(CLEARANCE), world):
         for waypoints in _simple_paths(here, there):
-            path = BasePath(waypoints, configuration, held)
-            if not padded.path_hits(path.configurations, opening, held, first_only=True):
-                return path
+            X = _with_arm(waypoints, configuration)
+            if not padded.path_hits(X, opening, held, first_only=True):
+                return WholeBodyPath(X, opening, held)
     for name, place in (("start", here), ("goal", there)):
         touched = world.hits(place, configuration, opening, held)
         if touched:
@@ -95,7 +68,12 @@ def plan_base(
     found = _detour(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
     if found is None:
         return NoPath("drive: no way around the static obstacles found")
-    return BasePath(found, configuration, held)
+    return WholeBodyPath(_with_arm(found, configuration), opening, held)
+
+
+def _with_arm(waypoints: Array, q: Array) -> Array:
+    """Whole-body configurations (n, 11): base poses (n, 3), torso and arm the same (8,) in all."""
+    return np.hstack([waypoints, np.tile(q, (len(waypoints), 1))])
 
 
 def unwrap_yaw(yaw: float, near: float) -> float:
@@ -132,7 +110,7 @@ def _detour(
     config: RRTConfig,
 ) -> Array | None:
     """Waypoints (n, 3) found by RRT-Connect over base poses."""
-    X = np.hstack([np.stack((start, goal)), np.tile(q, (2, 1))])
+    X = _with_arm(np.stack((start, goal)), q)
     lower, upper = X.min(axis=0), X.max(axis=0)
     lower[:3] -= (ROAM, ROAM, math.pi)
     upper[:3] += (ROAM, ROAM, math.pi)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld
-from planners.motion.arm import ROOM, tcp_pose
-from planners.motion.free_paths import SAME_BASE
+from planners.motion.arm import tcp_pose
+from planners.motion.path import CLEARANCE, SAME_BASE
 from planners.motion.timing import finger_ramp, round_corners, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject, RobotState
@@ -34,7 +34,7 @@ _MOST_CORNERS = 10
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
 _OFF_LINE = 0.001
-"""[m] A driven configuration farther off the planned lines keeps `ROOM`: where base and arm move together, they lag."""
+"""[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
 
 
 class ContactFree(NamedTuple):
@@ -144,9 +144,9 @@ class _Checks(NamedTuple):
         return cls(world, world.scene.robot.opening(widest), first.touched if first.held else None)
 
     def is_free(self, path: Array) -> bool:
-        """Whether a path keeps `ROOM` from all but the robot itself."""
-        roomy = self.world.with_padding(ROOM)
-        return not roomy.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
+        """Whether a path keeps `CLEARANCE` from all but the robot itself."""
+        wide = self.world.with_padding(CLEARANCE)
+        return not wide.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
 
     def rounded(self, robot: RobotSpec, start: Array, corners: Array, end: Array) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
@@ -160,7 +160,7 @@ class _Checks(NamedTuple):
             for half_width in _HALF_WIDTHS:
                 path, at = _rounded_between(robot, polygon, begin, stop, half_width)
                 changed = (at >= first) & (at <= last) | self._is_driven_differently(path, polygon, at)
-                if self._keeps_room(path, changed):
+                if self._keeps_clear(path, changed):
                     return path
         return None
 
@@ -171,8 +171,8 @@ class _Checks(NamedTuple):
         drives = np.abs(np.gradient(path[:, :3], axis=0)).max(axis=1) > SAME_BASE
         return np.asarray(is_off & drives)
 
-    def _keeps_room(self, path: Array, changed: NDArray[np.bool_]) -> bool:
-        """Whether a path is free, and where it was changed (m,) keeps `ROOM`."""
+    def _keeps_clear(self, path: Array, changed: NDArray[np.bool_]) -> bool:
+        """Whether a path is free, and where it was changed (m,) keeps `CLEARANCE`."""
         edges = np.flatnonzero(np.diff(changed, prepend=False, append=False))
         runs = (path[begin:end] for begin, end in edges.reshape(-1, 2))
         return all(map(self.is_free, runs)) and not self.world.path_hits(path, self.opening, self.held, first_only=True)

@@ -2,38 +2,37 @@
 
 A pick goes from the start configuration to a hover configuration (free path), along straight lines to the grasp, lifts
 the object along straight lines, and ends in a carry configuration (free path). A placement is the same in reverse.
-The straight lines are those of `approaches.approach_patterns`, tried in that order. Where the hover configuration has
-another base pose than the start, the free path to it begins with a drive.
+The straight lines are those of `ContactQuery.patterns`, tried in that order. Where the hover configuration has another
+base pose than the start, the free path to it begins with a drive.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import CollisionWorld
-from planners.motion.approaches import (
-    Approach,
-    ApproachPattern,
-    GraspContext,
-    approach_patterns,
-    free_approach,
-    grasp_context,
-    likely_patterns,
-    release_context,
-    trace,
-)
-from planners.motion.arm import BlockedBy, NoPath, unwrap_joints
-from planners.motion.arm_query import DEFAULT_EFFORT, RRTConfig
-from planners.motion.base import unwrap_yaw
-from planners.motion.free_paths import SAME_BASE, Task, free_paths
-from planners.motion.whole_body_path import WholeBodyPath
-from planners.scene import Body, HeldObject
+from planners.motion.approaches import Approach, ApproachPattern, ContactQuery, free_approach, trace
+from planners.motion.arm import DEFAULT_EFFORT, ArmQuery, RRTConfig, plan_arm, tcp_pose, unwrap_joints
+from planners.motion.base import plan_base, unwrap_yaw
+from planners.motion.path import SAME_BASE, BlockedBy, NoPath, WholeBodyPath
+from planners.scene import Body, HeldObject, RobotState
+from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
+
+_TORSO_SHARES = (0.5, 1.0)
+"""Shares of the torso's travel at which the home configuration of the arm is tried where home itself does not fit."""
+_RISES = (0.25, 0.15, 0.05, 0.0)
+"""[m] that the torso rises for carrying in the configuration of the arm at hand."""
+_SAMPLING = 0.1
+"""[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
+
+LIFTED = 0.10
+"""[m] above where it stood that an object is carried, where that is possible: a target then counts as lifted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +85,6 @@ class PlaceMotion:
         return self.transit, self.lower, self.rise, self.retreat
 
 
-_Composed: TypeAlias = tuple[ApproachPattern, WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]
-"""A pattern; the motion along it outwards, without and with the object; the free paths without and with the object."""
-
-
 def plan_pick(
     world: CollisionWorld,
     base: ArrayLike,
@@ -121,12 +116,12 @@ def plan_pick(
         UnknownObject: no such object.
     """
     inside, stand, q_start = _split(world, base, start)
-    context = grasp_context(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
-    found = _plan_around(Task(context, stand, q_start, False, rng, config))
-    if not isinstance(found, tuple):
+    query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
+    found = _plan_around(_FreePaths(query, stand, q_start, False, rng, config))
+    if not isinstance(found, _Outwards):
         return found
-    pattern, empty, loaded, transit, retreat = found
-    return PickMotion(name, pattern, transit, empty.reversed(), loaded, retreat, context.held)
+    transit, approach = found.free_empty, found.empty.reversed()
+    return PickMotion(name, found.pattern, transit, approach, found.loaded, found.free_loaded, query.held)
 
 
 def plan_place(
@@ -159,69 +154,12 @@ def plan_place(
         UnknownObject: no such object.
     """
     inside, stand, q_start = _split(world, base, start)
-    context, placed = release_context(world, inside, unwrap_joints(world.robot, q_start, q_release), held, 0)
-    found = _plan_around(Task(context, stand, q_start, True, rng, config), find_blockers)
-    if not isinstance(found, tuple):
+    query, placed = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)
+    found = _plan_around(_FreePaths(query, stand, q_start, True, rng, config), find_blockers)
+    if not isinstance(found, _Outwards):
         return found
-    pattern, empty, loaded, retreat, transit = found
-    return PlaceMotion(placed, pattern, transit.reversed(), loaded.reversed(), empty, retreat.reversed(), held)
-
-
-def planned_approach(
-    world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str
-) -> tuple[GraspContext, Approach] | None:
-    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other object were there.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
-    context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, others)
-    traced = (trace(context, pattern) for pattern in likely_patterns(context))
-    return next(((context, approach) for approach in traced if isinstance(approach, Approach)), None)
-
-
-def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper could lift that object from a grasp (8,) if no other object were there.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    return planned_approach(world, base, q_grasp, name) is not None
-
-
-def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> int | None:
-    """The smallest set of objects in the way of the straight lines to and from a grasp (8,), as a mask.
-
-    Returns:
-        None if the robot cannot follow any of the lines, or they lead through static obstacles.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, 0)
-    traced = (trace(context, pattern) for pattern in likely_patterns(context))
-    return min((found.hits for found in traced if isinstance(found, Approach)), key=int.bit_count, default=None)
-
-
-def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
-    """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    context, _ = release_context(world, base, np.asarray(q_release, dtype=float), held, 0)
-    return any(free_approach(context, pattern) is not None for pattern in likely_patterns(context))
-
-
-def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    context = grasp_context(world, base, np.asarray(q_grasp, dtype=float), name, 0)
-    return any(free_approach(context, pattern) is not None for pattern in approach_patterns(context))
+    transit, lower = found.free_loaded.reversed(), found.loaded.reversed()
+    return PlaceMotion(placed, found.pattern, transit, lower, found.empty, found.free_empty.reversed(), held)
 
 
 def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:
@@ -237,38 +175,185 @@ def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Ar
     return (x[:3] if is_there else inside), x[:3], x[3:]
 
 
-def _plan_around(task: Task, find_blockers: bool = True) -> _Composed | BlockedBy | NoPath:
-    """Straight lines, outwards, and the free paths to and from their end."""
-    for pattern in approach_patterns(task.context):
-        approach = free_approach(task.context, pattern)
-        free = None if approach is None else free_paths(task, approach, find_blockers=False)
-        if approach is not None and isinstance(free, tuple):
-            return _composed(task.context, approach, free)
-    return _least_blocked(task) if find_blockers else NoPath("no free approach found")
+class _Outwards(NamedTuple):
+    """A motion planned outwards from the contact, without and with the object: straight lines, then free paths.
+
+    The free path without the object leads to the hover configuration, the one with it away from there.
+    """
+
+    pattern: ApproachPattern
+    empty: WholeBodyPath
+    loaded: WholeBodyPath
+    free_empty: WholeBodyPath
+    free_loaded: WholeBodyPath
 
 
-def _composed(context: GraspContext, approach: Approach, free: tuple[WholeBodyPath, WholeBodyPath]) -> _Composed:
-    empty = WholeBodyPath(approach.empty, context.opening, None, context.ignore)
-    loaded = WholeBodyPath(approach.loaded, context.grip, context.held, context.ignore)
-    return approach.pattern, empty, loaded, *free
+@dataclass(frozen=True, eq=False)
+class _FreePaths:
+    """The free paths of a pick or a placement: between its start, the hover and a carry configuration.
+
+    Attributes:
+        query: the grasp or release.
+        base: (3,) where the base stands at the start.
+        q: (8,) torso [m] and arm [rad] at the start.
+        starts_loaded: whether the object is held at the start: a placement.
+        rng: for the random trees.
+        config: effort of each path.
+    """
+
+    query: ContactQuery
+    base: Array
+    q: Array
+    starts_loaded: bool
+    rng: np.random.Generator
+    config: RRTConfig
+
+    def around(self, approach: Approach, find_blockers: bool) -> _Outwards | BlockedBy | NoPath:
+        """The whole motion along straight lines, planned as if what they hit were gone; that counts as blockers."""
+        paths: list[WholeBodyPath] = []
+        blockers = set(self.query.empty.world.scene.names_of(approach.hits))
+        for is_loaded in (False, True):
+            path = self._path(approach, is_loaded, find_blockers)
+            if isinstance(path, NoPath):
+                return path
+            if isinstance(path, BlockedBy):
+                blockers |= path.blockers
+            else:
+                paths.append(path)
+        if blockers:
+            return BlockedBy(frozenset(blockers), approach.phase if approach.hits else "transit")
+        lines = [
+            WholeBodyPath(X, query.opening, query.held, query.ignore)
+            for X, query in ((approach.empty, self.query.empty), (approach.loaded, self.query.loaded))
+        ]
+        return _Outwards(approach.pattern, *lines, *paths)
+
+    def _path(self, approach: Approach, is_loaded: bool, find_blockers: bool) -> WholeBodyPath | BlockedBy | NoPath:
+        """One of the two; the one at the start of the motion includes the drive to the hover, if need be."""
+        query, lines = (self.query.loaded, approach.loaded) if is_loaded else (self.query.empty, approach.empty)
+        hover, q_hover = lines[-1, :3], lines[-1, 3:]
+        query = replace(query, base=hover, ignore=query.ignore | approach.hits)
+        if is_loaded != self.starts_loaded:
+            return self._carry_path(query, q_hover, find_blockers)
+        drive: WholeBodyPath | NoPath | None = None
+        if np.abs(self.base - hover).max() > SAME_BASE:
+            held, opening = query.held, query.opening
+            drive = plan_base(query.world, self.base, hover, self.q, opening=opening, held=held, rng=self.rng)
+        if isinstance(drive, NoPath):
+            return drive
+        path = self._arm_path(query, q_hover, self.q, find_blockers)
+        if drive is None or not isinstance(path, WholeBodyPath):
+            return path
+        inwards = path.reversed() if is_loaded else path
+        joined = replace(path, configurations=np.vstack([drive.configurations, inwards.configurations]))
+        return joined.reversed() if is_loaded else joined
+
+    def _carry_path(self, query: ArmQuery, q_hover: Array, find_blockers: bool) -> WholeBodyPath | BlockedBy | NoPath:
+        """The path between the hover configuration and a carry configuration.
+
+        One that lowers the held object below the support is taken only if there is no other: so low it counts as lost.
+        """
+        scene = query.world.scene
+        least = -np.inf if query.held is None else scene.body(query.held.name).bottom + LIFTED
+        path: WholeBodyPath | BlockedBy | NoPath = NoPath("no carry configuration")
+        low: WholeBodyPath | None = None
+        for only_home in (True, False):
+            for end in _carry_configurations(query, self.query.q, q_hover, least, only_home):
+                path = self._arm_path(query, q_hover, end, find_blockers)
+                if not isinstance(path, WholeBodyPath):
+                    continue
+                if not any(_held_height(query, q) < scene.support.top for q in _sampled(path.configurations[:, 3:])):
+                    return path
+                low = low or path
+            if low is None:
+                return path
+        return low or path
+
+    def _arm_path(
+        self, query: ArmQuery, q_hover: Array, q: Array, find_blockers: bool
+    ) -> WholeBodyPath | BlockedBy | NoPath:
+        """A free path from the hover configuration to another one (8,); without an object in reverse."""
+        start, goal = (q, q_hover) if query.held is None else (q_hover, q)
+        return plan_arm(query, start, goal, rng=self.rng, config=self.config, find_blockers=find_blockers)
 
 
-def _least_blocked(task: Task) -> _Composed | BlockedBy | NoPath:
-    """The fewest objects in the way over all patterns, free paths included; a motion, if one is found this time."""
-    traced = [(pattern, trace(task.context, pattern)) for pattern in approach_patterns(task.context)]
+def _plan_around(free: _FreePaths, find_blockers: bool = True) -> _Outwards | BlockedBy | NoPath:
+    """Straight lines, outwards, and the free paths to and from their end.
+
+    First the patterns on which nothing is hit. Then, if blockers are asked for, the fewest objects in the way over all
+    patterns, free paths included; a motion, if one is found this time.
+    """
+    query = free.query
+    for pattern in query.patterns:
+        approach = free_approach(query, pattern)
+        found = None if approach is None else free.around(approach, find_blockers=False)
+        if isinstance(found, _Outwards):
+            return found
+    if not find_blockers:
+        return NoPath("no free approach found")
+    traced = [(pattern, trace(query, pattern)) for pattern in query.patterns]
     reasons = [f"{pattern.name}: {found}" for pattern, found in traced if isinstance(found, str)]
     approaches = [found for _, found in traced if not isinstance(found, str)]
     blocked: list[BlockedBy] = []
     for approach in sorted(approaches, key=lambda approach: approach.hits.bit_count()):
         if blocked and approach.hits.bit_count() >= min(len(other.blockers) for other in blocked):
             break
-        free = free_paths(task, approach, find_blockers=True)
-        if isinstance(free, NoPath):
-            reasons.append(f"{approach.pattern.name}: {free.reason}")
-        elif isinstance(free, BlockedBy):
-            blocked.append(free)
+        found = free.around(approach, find_blockers=True)
+        if isinstance(found, NoPath):
+            reasons.append(f"{approach.pattern.name}: {found.reason}")
+        elif isinstance(found, BlockedBy):
+            blocked.append(found)
         else:
-            return _composed(task.context, approach, free)
+            return found
     if blocked:
         return min(blocked, key=lambda found: (len(found.blockers), sorted(found.blockers)))
     return NoPath("; ".join(dict.fromkeys(reasons)))
+
+
+def _carry_configurations(
+    query: ArmQuery, q_grasp: Array, q_hover: Array, least_height: float, only_home: bool
+) -> Array:
+    """Configurations (k, 8) in which a motion may end, best first.
+
+    The robot's home configuration where it fits; elsewhere home with another height of the torso, then the
+    configuration of the arm at hand, with the torso raised. What fits hits neither static obstacles nor the robot, and
+    holds the object high enough, if any of them does.
+
+    Args:
+        query: base pose, gripper opening and held object.
+        q_grasp: (8,) configuration of the grasp or release; continuous joints end near it at home.
+        q_hover: (8,) configuration at the end of the straight lines.
+        least_height: [m] of the held object's lowest point.
+        only_home: whether the others are left out where home fits and holds the object high enough.
+    """
+
+    def fits(q: Array) -> bool:
+        """Whether neither static obstacles nor the robot are hit."""
+        return not query.hits(q[None])[0] & FIXED_BITS
+
+    robot = query.world.robot
+    home = unwrap_joints(robot, q_grasp, query.world.scene.robot.home)
+    if only_home and fits(home) and _held_height(query, home) >= least_height:
+        return home[None]
+    torsos = [robot.lower[0] + share * (robot.upper[0] - robot.lower[0]) for share in _TORSO_SHARES]
+    rises = [min(q_hover[0] + rise, robot.upper[0]) for rise in _RISES]
+    others = [np.array([torso, *home[1:]]) for torso in torsos] + [np.array([torso, *q_hover[1:]]) for torso in rises]
+    fitting = [q for q in (home, *others) if fits(q)]
+    fitting.sort(key=lambda q: _held_height(query, q) < least_height)
+    return np.array(fitting or [home])
+
+
+def _held_height(query: ArmQuery, q: Array) -> float:
+    """[m] of the held object's lowest point; infinite without one."""
+    if query.held is None:
+        return np.inf
+    scene = query.world.scene
+    T_world_tcp = tcp_pose(scene.robot, RobotState(query.base, q, 0.0))
+    return scene.body(query.held.name).at_pose(T_world_tcp @ query.held.T_tcp_object).bottom
+
+
+def _sampled(waypoints: Array) -> Array:
+    """Configurations (k, 8) along straight lines between waypoints (n, 8), `_SAMPLING` apart at most."""
+    steps = np.maximum(np.ceil(np.abs(np.diff(waypoints, axis=0)).max(axis=1) / _SAMPLING), 1).astype(int)
+    lines = zip(waypoints[:-1], waypoints[1:], steps, strict=True)
+    return np.vstack([waypoints[:1], *(np.linspace(start, end, count + 1)[1:] for start, end, count in lines)])

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.motion.arm import ArmPath
-from planners.motion.base import BasePath
+from planners.motion.path import WholeBodyPath
 from planners.motion.pick_and_place import PickMotion, PlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
-from planners.motion.whole_body_path import WholeBodyPath
 from planners.scene import HeldObject, RobotState
 
 SETTLE_TIME = 0.15
@@ -102,7 +100,9 @@ def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Ar
     return means, np.interp(length[half : half + count + 1], ends, np.arange(len(path)))
 
 
-def drive_trajectory(robot: RobotSpec, path: BasePath, state: RobotState, homing: ArmPath | None = None) -> Trajectory:
+def drive_trajectory(
+    robot: RobotSpec, path: WholeBodyPath, state: RobotState, homing: WholeBodyPath | None = None
+) -> Trajectory:
     """The trajectory of a base path, arm and fingers still: the phase "drive".
 
     Where the arm moves home before, its motion comes first: the phases "ready" (the fingers open) and "home".
@@ -161,7 +161,7 @@ def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -
     )
 
 
-def _along(robot: RobotSpec, path: WholeBodyPath | ArmPath | BasePath, finger_position: float, name: str) -> Trajectory:
+def _along(robot: RobotSpec, path: WholeBodyPath, finger_position: float, name: str) -> Trajectory:
     phase, is_loaded = _phase(name, path.held), path.held is not None
     return time_parametrise(path.configurations, robot, finger_position, phase, is_loaded)
 

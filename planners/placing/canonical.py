@@ -17,8 +17,7 @@ from scipy.ndimage import distance_transform_edt
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
-from planners.grasping.base_placement import farthest_reach
-from planners.grasping.facing_bases import FacingPlacer
+from planners.grasping.base_placement import facing_bases, farthest_reach
 from planners.placing.negative_goal_region import is_free
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import Surface
@@ -77,7 +76,6 @@ class CanonicalPlacements(PlacementSearch):
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
         scene, arm = world.scene, self.arms[world.scene.robot.arm_name]
         grid = ConfigurationGrid.about_home(arm.chain, scene.robot.home)
-        facing = FacingPlacer(arm.placer, farthest_reach(scene.robot))
         wanted = [self._gripper_poses(scene, location) for location in locations]
         yaws = wanted[0][:, 3] if wanted else np.zeros(0)  # the same at all locations
         turns = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
@@ -86,7 +84,7 @@ class CanonicalPlacements(PlacementSearch):
                 if deadline.is_over:
                     return
                 free = self._free(world, poses[turns == turn])
-                bases, index = facing.bases(free)
+                bases, index = facing_bases(arm.placer, free, farthest_reach(scene.robot))
                 for base, pose in zip(bases, free[index], strict=True):
                     yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
 

@@ -12,12 +12,17 @@ from numpy.typing import NDArray
 
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.arm_configurations import (
+    ConfigurationGrid,
+    GripperPoses,
+    driven_configurations,
+    gripper_hits,
+    scan_configurations,
+)
 from planners.grasping.base_placement import Arm, farthest_reach
 from planners.grasping.candidates import SamplingConfig
-from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
-from planners.motion.pick_and_place import can_put_down
+from planners.motion.approaches import can_put_down
 from planners.placing.locations import PlacementConfig, placement_levels, put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes

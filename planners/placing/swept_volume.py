@@ -9,8 +9,8 @@ from irm.chain import BASE
 from planners.collision.robot_pose_kernel import place_along
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.arm import on_base
-from planners.motion.pick_and_place import planned_approach
+from planners.motion.approaches import planned_approach
+from planners.motion.path import on_base
 from planners.placing.negative_goal_region import SweptVolume, join_volumes
 from planners.scene import HeldObject
 from planners.scene.bodies import UPRIGHT_TILT
@@ -34,9 +34,9 @@ def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
     planned = planned_approach(world, grasp.base, grasp.q, grasp.object)
     if planned is None:
         return standing_volume(world, grasp)
-    context, approach = planned
-    empty = path_volume(world, approach.empty, context.opening)
-    loaded = path_volume(world, approach.loaded, context.grip, context.held)
+    query, approach = planned
+    empty = path_volume(world, approach.empty, query.empty.opening)
+    loaded = path_volume(world, approach.loaded, query.loaded.opening, query.held)
     return join_volumes((empty, loaded))
 
 

@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.contact import Contact
-from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import (
+    ConfigurationGrid,
+    GripperPoses,
+    driven_configurations,
+    scan_configurations,
+)
 from planners.grasping.candidates import GraspCandidate
-from planners.grasping.driven_configurations import driven_configurations
 from planners.grasping.grasp_poses import gripper_opening
-from planners.motion.arm import BlockedBy, NoPath
+from planners.motion.path import BlockedBy, NoPath
 from planners.placing.locations import put_down
 from planners.placing.placements import Placement
 from planners.scene import Body, Scene

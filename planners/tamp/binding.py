@@ -9,7 +9,7 @@ from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
 from planners.clearing.lookahead import keep_clear
 from planners.clock import cpu_seconds
-from planners.motion.arm import NoPath
+from planners.motion.path import NoPath
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
 from planners.symbolic.problem import (

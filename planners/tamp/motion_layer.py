@@ -17,24 +17,16 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import stand_off
-from planners.motion.arm import ArmPath, BlockedBy, NoPath
+from planners.motion.approaches import can_leave, fewest_blockers, stand_off
+from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
 from planners.motion.contact_free import ContactFree, merge_phases, phases_of
-from planners.motion.homing import is_among_objects, is_at_home, plan_home
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import (
-    PickMotion,
-    PlaceMotion,
-    can_leave,
-    fewest_blockers,
-    plan_pick,
-    plan_place,
-)
+from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
+from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory, is_contact, join
-from planners.motion.whole_body_path import WholeBodyPath
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
@@ -226,7 +218,7 @@ class MotionLayer:
         if isinstance(found, NoPath):
             return found
         trajectory = drive_trajectory(scene.robot, found, scene.state, homing)
-        state = RobotState(found.waypoints[-1], found.q, float(trajectory.finger_position[-1]))
+        state = RobotState(found.end_base, found.end, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
@@ -235,10 +227,10 @@ class MotionLayer:
         is_ready = arm == scene.robot.arm_name or is_at_home(self.compiled.world(scene), scene.state)
         return scene.using(arm) if is_ready else None
 
-    def _home(self, scene: Scene) -> ArmPath | None:
+    def _home(self, scene: Scene) -> WholeBodyPath | None:
         """The arm's path home, if one is found and accepted."""
         home = plan_home(self.compiled.world(scene), scene.state, self.rng)
-        return home if isinstance(home, ArmPath) and self.is_accepted(scene, [home]) else None
+        return home if isinstance(home, WholeBodyPath) and self.is_accepted(scene, [home]) else None
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
         """Take an object through a grasp with its arm, and carry it."""
@@ -314,7 +306,7 @@ class MotionLayer:
                 shorter[index].append(phase)
         return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))
 
-    def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | ArmPath | Trajectory]) -> bool:
+    def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
         arm = scene.robot.arm_name
         if arm not in self._checkers:

@@ -13,7 +13,8 @@ from irm.chain import ArmChain
 from irm.ik.closed_form import inverse
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
-from planners.scene import Body, Scene, StaticObstacle
+from planners.motion.path import WholeBodyPath, on_base
+from planners.scene import Body, HeldObject, Scene, StaticObstacle
 from tests.planners.scenes import HEIGHT, random_scene
 
 CHAIN = ArmChain.from_robot(FETCH)
@@ -27,6 +28,17 @@ def mixed_scene(count: int, seed: int, board: bool = False) -> Scene:
     objects = tuple(_varied(body, i, rng) for i, body in enumerate(scene.objects))
     obstacles = (*scene.static_obstacles, BOARD) if board else scene.static_obstacles
     return replace(scene, objects=objects, static_obstacles=obstacles)
+
+
+def arm_path(
+    base: NDArray[np.float64],
+    waypoints: NDArray[np.float64],
+    opening: float,
+    held: HeldObject | None = None,
+    ignore: int = 0,
+) -> WholeBodyPath:
+    """A motion of the arm through waypoints (n, 8) on a standing base."""
+    return WholeBodyPath(on_base(base, waypoints), opening, held, ignore)
 
 
 def _varied(body: Body, index: int, rng: np.random.Generator) -> Body:

@@ -9,7 +9,7 @@ from assets.robots import FETCH
 from planners.contact import Contact
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
-from planners.grasping.families import SIDE
+from planners.grasping.grasp_poses import SIDE
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated

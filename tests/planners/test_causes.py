@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
+from planners import STRATEGIES, Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
 from planners.clock import Deadline
-from planners.motion.arm import BlockedBy, NoPath
+from planners.motion.path import BlockedBy, NoPath
 from planners.planner import best_outcome
 from planners.symbolic.astar import shortest_plan
 from planners.symbolic.problem import TaskProblem
@@ -68,3 +70,26 @@ def test_after_a_refuted_motion_the_grasps_alone_are_not_the_cause(monkeypatch: 
     found = Planner(FETCH, engine=GetsStuck()).solve(scene, "object_00", "ngr")
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.MOTION
+
+
+class StuckFollower:
+    """A model of a controller whose arm does not move."""
+
+    def __init__(self) -> None:
+        self._q = np.array(FETCH.home)
+
+    def reset(self, q: np.ndarray) -> None:
+        self._q = q
+
+    def step(self, T_base_tcp: np.ndarray) -> np.ndarray:  # noqa: ARG002  it ignores what it is told
+        return self._q
+
+
+def test_a_robot_that_cannot_follow_any_motion_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Planner, "_exercise", lambda *_: None)  # with this follower it would try everything
+    scene = table_scene(cylinder("wanted", -0.2, 0.0))
+    once = replace(STRATEGIES["ngr"], attempts=1)
+    found = Planner(FETCH, follower=StuckFollower(), grasps="side").solve(scene, "wanted", once)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.MOTION
+    assert "the TCP cannot follow the trajectory" in found.detail

@@ -13,7 +13,7 @@ from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidates
-from planners.grasping.families import GRASP_SETS, GraspFamily, UnknownGraspSet
+from planners.grasping.grasp_poses import GRASP_SETS, GraspFamily, UnknownGraspSet
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, plan_pick

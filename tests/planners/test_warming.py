@@ -48,6 +48,7 @@ print(*(name for name, _ in loaded() - before))
 """
 
 
+@pytest.mark.slow
 def test_a_warmed_up_process_loads_and_compiles_nothing_in_a_solve() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED_BY_SOLVES], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from planners.collision.scene_arrays import obstacle_arrays
 from planners.collision.world import CollisionWorld, validate
-from planners.motion.arm import ArmPath
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import STATIC_BIT, HeldObject, Scene, SceneError, StaticObstacle
 from tests.planners.collision.slow_gjk import project, slow_hits
-from tests.planners.motion_scenes import mixed_scene
+from tests.planners.motion_scenes import arm_path, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 
 BASE = np.array([-0.72, 0.05, 0.1])
@@ -70,7 +69,7 @@ def test_free_and_hit_mean_the_same_to_mujoco(shape: str) -> None:
     hits = world.hits_many(BASE, Q, OPENING)
     touching = 0
     for q, mask in zip(Q, hits, strict=True):
-        report = checker.deepest_penetration(ArmPath(BASE, q[None], OPENING))
+        report = checker.deepest_penetration(arm_path(BASE, q[None], OPENING))
         assert (report.penetration > 0.0) == bool(mask) or report.penetration < 1e-5
         touching += any(name.startswith(shape) for name in report.pair)
     assert touching > 20
@@ -136,5 +135,5 @@ def test_obstacles_may_be_called_as_parts_of_the_robot_are() -> None:
         for i, name in enumerate(("floor", "palm", "base"))
     ]
     checker = MujocoCollisionChecker(replace(scene, static_obstacles=(*scene.static_obstacles, *twins)))
-    path = ArmPath(np.array([0.0, 3.0, 0.0]), np.array(scene.state.q)[None], OPENING)
+    path = arm_path(np.array([0.0, 3.0, 0.0]), np.array(scene.state.q)[None], OPENING)
     assert set(checker.deepest_penetration(path).pair) & {"floor", "palm", "base"}

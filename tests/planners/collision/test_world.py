@@ -13,12 +13,12 @@ from assets.robots import FETCH
 from planners.collision.hit_kernels import edge_samples
 from planners.collision.robot_pose_kernel import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
-from planners.motion.arm import ArmPath, tcp_pose
+from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import STATIC_BIT, HeldObject, RobotState, UnknownObject
 from tests.planners.collision.slow_gjk import slow_hits
-from tests.planners.motion_scenes import grasp_configurations, mixed_scene
+from tests.planners.motion_scenes import arm_path, grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 
 BASE = np.array([-0.72, 0.05, 0.1])
@@ -54,7 +54,7 @@ def test_free_and_hit_mean_the_same_to_mujoco(seed: int, held: HeldObject | None
     hits = world.hits_many(BASE, Q, OPENING, held)
     slack = 1e-6 if held is None else 0.001
     for q, mask in zip(Q, hits, strict=True):
-        depth = checker.deepest_penetration(ArmPath(BASE, q[None], OPENING, held)).penetration
+        depth = checker.deepest_penetration(arm_path(BASE, q[None], OPENING, held)).penetration
         assert (depth > 0.0) == bool(mask) or depth < slack
 
 

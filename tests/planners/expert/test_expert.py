@@ -15,7 +15,7 @@ from assets.robots import FETCH
 from planners import EpisodeReport, Planner, Scene, Solution, TampExpert, solve
 from planners.expert.config import ExpertError
 from planners.expert.interfaces import num_disturbances
-from planners.grasping.families import UnknownGraspSet
+from planners.grasping.grasp_poses import UnknownGraspSet
 from planners.placing.surfaces import UnknownSupport
 from planners.strategies import UnknownStrategy
 

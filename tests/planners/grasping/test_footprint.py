@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH, PR2
-from planners.grasping.footprint import fits, inner_radius
+from planners.grasping.base_placement import fits, inner_radius
 
 TABLE = np.array([(-0.35, -0.5), (0.35, -0.5), (0.35, 0.5), (-0.35, 0.5)])
 HALF = 0.334

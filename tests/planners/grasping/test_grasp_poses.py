@@ -11,9 +11,19 @@ from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, UnknownGraspSet, find_grasp_set
-from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_opening
-from planners.grasping.gripper import GripperClearances, gripper_clearances
+from planners.grasping.grasp_poses import (
+    GRASP_SETS,
+    SIDE,
+    TOP,
+    GraspFamily,
+    GraspPose,
+    GripperClearances,
+    UnknownGraspSet,
+    find_grasp_set,
+    generate_grasps,
+    gripper_clearances,
+    gripper_opening,
+)
 from planners.placing.locations import PlacementConfig, placement_grid, placement_levels, stand_at
 from planners.scene import Body, StaticObstacle
 from tests.planners.scenes import HEIGHT, table_scene

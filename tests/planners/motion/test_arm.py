@@ -15,18 +15,9 @@ from irm.kinematics import forward
 from planners.collision.straight_lines import trace_straight
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
-from planners.motion.arm import (
-    ROOM,
-    ArmPath,
-    BlockedBy,
-    NoPath,
-    on_base,
-    plan_arm,
-    tcp_pose,
-    unwrap_joints,
-)
-from planners.motion.arm_query import ArmQuery, RRTConfig
+from planners.motion.arm import ArmQuery, RRTConfig, plan_arm, tcp_pose, unwrap_joints
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
+from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.scene import Body, RobotState
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
@@ -61,12 +52,12 @@ def test_paths_are_free_when_checked_ten_times_finer(seed: int) -> None:
     goals = hovers(world, rng, 4)
     assert len(goals) == 4
     for base, q, opening in goals:
-        path = plan_arm(world, ArmQuery(base, opening), HOME, q, rng=rng)
-        assert isinstance(path, ArmPath)
+        path = plan_arm(ArmQuery(world, base, opening), HOME, q, rng=rng)
+        assert isinstance(path, WholeBodyPath)
         assert np.allclose(path.start, HOME)
         assert np.allclose(pose(base, path.end), pose(base, q))
-        assert (path.waypoints >= world.robot.lower - 1e-9).all()
-        assert (path.waypoints <= world.robot.upper + 1e-9).all()
+        assert (path.configurations[:, 3:] >= world.robot.lower - 1e-9).all()
+        assert (path.configurations[:, 3:] <= world.robot.upper + 1e-9).all()
         assert checker.deepest_penetration(path, step=STEP / 10).penetration <= TOLERANCE
         assert checker.accepts(path.reversed())
 
@@ -82,17 +73,17 @@ def test_a_path_keeps_room_where_it_can() -> None:
         if world.with_padding(0.008).path_hits(straight, 0.1):
             break
     assert not world.with_padding(0.003).path_hits(straight, 0.1)
-    path = plan_arm(world, ArmQuery(base, 0.1), q_start, q_goal, rng=np.random.default_rng(0))
-    assert isinstance(path, ArmPath)
-    assert not world.with_padding(ROOM).path_hits(path.configurations, 0.1)
+    path = plan_arm(ArmQuery(world, base, 0.1), q_start, q_goal, rng=np.random.default_rng(0))
+    assert isinstance(path, WholeBodyPath)
+    assert not world.with_padding(CLEARANCE).path_hits(path.configurations, 0.1)
 
 
 def test_the_same_generator_gives_the_same_path() -> None:
     world = CollisionWorld.from_scene(mixed_scene(18, 1))
     for base, q, opening in hovers(world, np.random.default_rng(0), 3):
-        query = ArmQuery(base, opening)
-        paths = [plan_arm(world, query, HOME, q, rng=np.random.default_rng(5)) for _ in range(2)]
-        assert np.array_equal(*(path.waypoints for path in paths if isinstance(path, ArmPath)))
+        query = ArmQuery(world, base, opening)
+        paths = [plan_arm(query, HOME, q, rng=np.random.default_rng(5)) for _ in range(2)]
+        assert np.array_equal(*(path.configurations[:, 3:] for path in paths if isinstance(path, WholeBodyPath)))
 
 
 def test_straight_lines_are_straight_and_keep_the_gripper_level() -> None:
@@ -159,23 +150,23 @@ def test_blockers_are_needed_and_enough() -> None:
     ]
     world = CollisionWorld.from_scene(table_scene(*sides, cylinder("object_03", 0.2, 0.35)))
     rng = np.random.default_rng(0)
-    query = ArmQuery(base, 0.084)
-    found = plan_arm(world, query, HOME, q, rng=rng)
+    query = ArmQuery(world, base, 0.084)
+    found = plan_arm(query, HOME, q, rng=rng)
     assert found == BlockedBy(frozenset({"object_01", "object_02"}), "transit")
     enough = world.scene.mask(found.blockers)
-    assert isinstance(plan_arm(world, replace(query, ignore=enough), HOME, q, rng=rng), ArmPath)
+    assert isinstance(plan_arm(replace(query, ignore=enough), HOME, q, rng=rng), WholeBodyPath)
     for name in found.blockers:
         fewer = world.scene.mask(found.blockers - {name})
-        assert isinstance(plan_arm(world, replace(query, ignore=fewer), HOME, q, rng=rng), BlockedBy)
+        assert isinstance(plan_arm(replace(query, ignore=fewer), HOME, q, rng=rng), BlockedBy)
 
 
 def test_where_clearing_cannot_help_there_is_no_path_and_a_reason() -> None:
     world = CollisionWorld.from_scene(mixed_scene(5, 0))
-    query, rng = ArmQuery(np.array([-0.8, 0.0, 0.0]), 0.08), np.random.default_rng(0)
-    found = plan_arm(world, query, HOME, INTO_TABLE, rng=rng)
+    query, rng = ArmQuery(world, np.array([-0.8, 0.0, 0.0]), 0.08), np.random.default_rng(0)
+    found = plan_arm(query, HOME, INTO_TABLE, rng=rng)
     assert isinstance(found, NoPath)
     assert "static obstacle" in found.reason
-    found = plan_arm(world, query, INTO_TABLE, HOME, rng=rng)
+    found = plan_arm(query, INTO_TABLE, HOME, rng=rng)
     assert isinstance(found, NoPath)
     assert "start" in found.reason
 
@@ -184,8 +175,8 @@ def test_one_of_several_goals_is_enough() -> None:
     world = CollisionWorld.from_scene(mixed_scene(15, 3))
     base, q, opening = hovers(world, np.random.default_rng(2), 1)[0]
     goals, rng = np.stack([INTO_TABLE, q]), np.random.default_rng(0)
-    path = plan_arm(world, ArmQuery(base, opening), HOME, goals, rng=rng)
-    assert isinstance(path, ArmPath)
+    path = plan_arm(ArmQuery(world, base, opening), HOME, goals, rng=rng)
+    assert isinstance(path, WholeBodyPath)
     assert np.allclose(pose(base, path.end), pose(base, q))
 
 
@@ -206,6 +197,6 @@ def test_effort_is_bounded() -> None:
     """A search without iterations still answers: with a straight path, or with the reason why there is none."""
     world = CollisionWorld.from_scene(mixed_scene(18, 2))
     for base, q, opening in hovers(world, np.random.default_rng(1), 3):
-        query, config = ArmQuery(base, opening), RRTConfig(iterations=0)
-        found = plan_arm(world, query, HOME, q, rng=np.random.default_rng(0), config=config)
-        assert isinstance(found, ArmPath | BlockedBy | NoPath)
+        query, config = ArmQuery(world, base, opening), RRTConfig(iterations=0)
+        found = plan_arm(query, HOME, q, rng=np.random.default_rng(0), config=config)
+        assert isinstance(found, WholeBodyPath | BlockedBy | NoPath)

@@ -9,8 +9,9 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import NoPath, tcp_pose
-from planners.motion.base import BasePath, plan_base
+from planners.motion.arm import tcp_pose
+from planners.motion.base import plan_base
+from planners.motion.path import NoPath, WholeBodyPath
 from planners.scene import HeldObject, RobotState
 from tests.planners.motion_scenes import mixed_scene
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
@@ -31,10 +32,10 @@ def test_drives_are_free_when_checked_finer_and_end_where_asked(held: HeldObject
         if world.hits(start, HOME, FETCH.max_opening, held) or world.hits(goal, HOME, FETCH.max_opening, held):
             continue
         path = plan_base(world, start, goal, HOME, held=held)
-        assert isinstance(path, BasePath)
+        assert isinstance(path, WholeBodyPath)
         planned += 1
-        assert np.allclose(path.waypoints[0], start)
-        assert np.allclose(path.waypoints[-1], goal)
+        assert np.allclose(path.base, start)
+        assert np.allclose(path.end_base, goal)
         tight = world.with_padding(0.0)
         for opening in (0.0, FETCH.max_opening):
             assert tight.path_hits(path.configurations, opening, held, step=STEP / 4) == 0
@@ -44,8 +45,8 @@ def test_drives_are_free_when_checked_finer_and_end_where_asked(held: HeldObject
 def test_the_shorter_turn_is_taken_and_yaw_is_continuous() -> None:
     world = CollisionWorld.from_scene(table_scene())
     path = plan_base(world, [-1.5, 0.0, 3.0], [-1.5, 0.2, -3.0], HOME)
-    assert isinstance(path, BasePath)
-    turned = np.diff(path.waypoints[:, 2]).sum()
+    assert isinstance(path, WholeBodyPath)
+    turned = np.diff(path.configurations[:, 2]).sum()
     assert turned == pytest.approx(2 * math.pi - 6.0)
 
 
@@ -57,7 +58,7 @@ def test_a_detour_is_found_where_the_straight_line_is_blocked() -> None:
     straight = np.hstack([np.stack([start, goal]), np.tile(HOME, (2, 1))])
     assert world.path_hits(straight, FETCH.max_opening)
     path = plan_base(world, start, goal, HOME)
-    assert isinstance(path, BasePath)
+    assert isinstance(path, WholeBodyPath)
     assert world.path_hits(path.configurations, FETCH.max_opening) == 0
 
 

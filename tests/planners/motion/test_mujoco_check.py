@@ -7,13 +7,13 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
-from planners.motion.arm import ArmPath, tcp_pose
+from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import HeldObject, RobotState, Scene, SceneError
-from tests.planners.motion_scenes import grasp_configurations, mixed_scene
+from tests.planners.motion_scenes import arm_path, grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 
 HOME = np.array(FETCH.home)
@@ -36,7 +36,7 @@ def scene_with_a_post(depth: float) -> Scene:
 @pytest.mark.parametrize("depth", [-0.002, 0.002, 0.006])
 def test_depth_is_measured_and_the_pair_is_named(depth: float) -> None:
     checker = MujocoCollisionChecker(scene_with_a_post(depth))
-    path = ArmPath(BASE, HOME[None], 0.0)
+    path = arm_path(BASE, HOME[None], 0.0)
     report = checker.deepest_penetration(path)
     if depth < 0:
         assert report.penetration == 0.0
@@ -45,7 +45,7 @@ def test_depth_is_measured_and_the_pair_is_named(depth: float) -> None:
         assert report.penetration == pytest.approx(depth, abs=1e-3)
         assert "object_00" in report.pair
         assert not checker.accepts(path)
-        assert checker.accepts(ArmPath(BASE, HOME[None], 0.0, ignore=1))
+        assert checker.accepts(arm_path(BASE, HOME[None], 0.0, ignore=1))
 
 
 def test_a_collision_between_waypoints_is_seen() -> None:
@@ -54,27 +54,27 @@ def test_a_collision_between_waypoints_is_seen() -> None:
     away[1], through[1] = 1.5, -1.5
     lowered = np.stack([away, through]) + np.array([0, 0, 1.0, 0, 0, 0, 0, 0])
     base = np.array([-0.75, 0.0, 0.0])
-    ends = [checker.deepest_penetration(ArmPath(base, q[None], 0.05)).penetration for q in lowered]
-    assert checker.deepest_penetration(ArmPath(base, lowered, 0.05)).penetration > max(ends)
+    ends = [checker.deepest_penetration(arm_path(base, q[None], 0.05)).penetration for q in lowered]
+    assert checker.deepest_penetration(arm_path(base, lowered, 0.05)).penetration > max(ends)
 
 
 def test_the_robot_collides_with_itself_but_neighbours_may_touch() -> None:
     checker = MujocoCollisionChecker(table_scene())
     folded = np.array([0.1, 0.0, -1.2, 0.0, 2.25, 0.0, 1.9, 0.0])
-    into_head = ArmPath(np.array([-1.5, 0, 0]), folded[None], 0.05)
-    into_torso = ArmPath(np.array([-1.5, 0, 0]), np.array([[0.05, 1.6, 1.5, 0.0, 2.2, 0.0, 2.0, 0.0]]), 0.05)
+    into_head = arm_path(np.array([-1.5, 0, 0]), folded[None], 0.05)
+    into_torso = arm_path(np.array([-1.5, 0, 0]), np.array([[0.05, 1.6, 1.5, 0.0, 2.2, 0.0, 2.0, 0.0]]), 0.05)
     assert (
         max(checker.deepest_penetration(into_head).penetration, checker.deepest_penetration(into_torso).penetration)
         > 0.01
     )
-    assert checker.deepest_penetration(ArmPath(BASE, HOME[None], 0.1)).penetration == 0.0
+    assert checker.deepest_penetration(arm_path(BASE, HOME[None], 0.1)).penetration == 0.0
 
 
 def test_a_held_object_collides_with_others_but_not_with_the_gripper() -> None:
     tcp = tcp_at_home(BASE)[:3, 3]
     far, near = (cylinder("object_00", tcp[0] + gap, tcp[1], 0.03, 0.4) for gap in (0.08, 0.05))
     held = HeldObject("object_01", np.eye(4))
-    path = ArmPath(BASE, HOME[None], 0.0, held)
+    path = arm_path(BASE, HOME[None], 0.0, held)
     other = cylinder("object_01", 0.2, 0.3)
     assert MujocoCollisionChecker(table_scene(far, other)).accepts(path)
     report = MujocoCollisionChecker(table_scene(near, other)).deepest_penetration(path)
@@ -85,8 +85,8 @@ def test_a_held_object_collides_with_others_but_not_with_the_gripper() -> None:
 def test_a_check_does_not_change_the_next_one() -> None:
     scene = mixed_scene(10, 1)
     checker = MujocoCollisionChecker(scene)
-    empty = ArmPath(np.array([-0.8, 0.0, 0.0]), np.stack([HOME, HOME + 0.3]), 0.05)
-    loaded = ArmPath(empty.base, empty.waypoints, 0.05, HeldObject("object_02", np.eye(4)))
+    empty = arm_path(np.array([-0.8, 0.0, 0.0]), np.stack([HOME, HOME + 0.3]), 0.05)
+    loaded = arm_path(empty.base, empty.configurations[:, 3:], 0.05, HeldObject("object_02", np.eye(4)))
     first = checker.deepest_penetration(empty)
     checker.deepest_penetration(loaded)
     assert checker.deepest_penetration(empty).penetration == first.penetration
@@ -95,7 +95,7 @@ def test_a_check_does_not_change_the_next_one() -> None:
 def test_moving_to_another_scene_equals_building_anew() -> None:
     scene = mixed_scene(12, 2)
     moved = scene.with_body(scene.body("object_00").at([-0.3, 0.0, 1.05]))
-    path = ArmPath(np.array([-1.1, 0.0, 0.0]), HOME[None], 0.05)
+    path = arm_path(np.array([-1.1, 0.0, 0.0]), HOME[None], 0.05)
     checker = MujocoCollisionChecker(scene)
     before = checker.deepest_penetration(path).penetration
     checker.move_to(moved)

@@ -7,9 +7,11 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import BlockedBy, tcp_pose
+from planners.motion.approaches import can_leave, can_put_down
+from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, can_leave, can_put_down, plan_pick, plan_place
+from planners.motion.path import BlockedBy
+from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
 from planners.scene import HeldObject, RobotState, UnknownObject
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene

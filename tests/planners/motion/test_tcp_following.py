@@ -11,7 +11,8 @@ from clutter_env.simulation.end_effector import TcpFollower
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.arm import BlockedBy, tcp_pose
+from planners.motion.arm import tcp_pose
+from planners.motion.path import BlockedBy
 from planners.motion.pick_and_place import PickMotion, plan_pick
 from planners.motion.tcp_following import Followed, follow
 from planners.motion.timing import pick_trajectory
@@ -76,8 +77,11 @@ def test_fingers_are_only_as_wide_as_they_are_when_they_pass() -> None:
 
 
 def test_objects_touched_while_following_are_in_the_way_and_named() -> None:
-    between = (GRASP.base[:2] + TCP_POSE[:2, 3]) / 2
-    blocked = SCENE.with_body(SCENE.body("other").at([*between, 0.95]))
+    way = follow(TcpFollower(FETCH), FETCH, np.array(SCENE.state.q), TRAJECTORY)
+    assert way is not None
+    middle = way.configurations[len(way.configurations) // 4]
+    passed = tcp_pose(FETCH, RobotState(middle[:3], middle[3:], 0.0))[:3, 3]
+    blocked = SCENE.with_body(SCENE.body("other").at(passed))
     found = motion_layer(blocked)._followed(blocked, BoundMotion(TRAJECTORY, blocked), ("wanted",))
     assert isinstance(found, BlockedBy)
     assert found.blockers == {"other"}

@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
-from planners.motion.base import BasePath
+from planners.motion.path import WholeBodyPath
 from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
@@ -81,12 +81,12 @@ def test_a_single_move_takes_about_the_least_time() -> None:
 
 def test_a_loaded_base_turns_slowly() -> None:
     X = np.zeros((2, 11))
-    X[1, 2] = 2.0
-    path = BasePath(X[:, :3], HOME, HeldObject("object_00", np.eye(4)))
+    X[1, 2], X[:, 3:] = 2.0, HOME
+    path = WholeBodyPath(X, 0.0, HeldObject("object_00", np.eye(4)))
     trajectory = drive_trajectory(FETCH, path, STATE)
     assert np.abs(rates(trajectory)[:, 2]).max() <= FETCH.max_loaded_yaw_rate
     assert trajectory.held == "object_00"
-    assert drive_trajectory(FETCH, BasePath(X[:, :3], HOME), STATE).duration < trajectory.duration
+    assert drive_trajectory(FETCH, WholeBodyPath(X, 0.0), STATE).duration < trajectory.duration
 
 
 def test_standing_still_is_a_trajectory() -> None:

@@ -9,11 +9,10 @@ from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
-from planners.motion.approaches import stand_off
+from planners.motion.approaches import fewest_blockers, stand_off
 from planners.motion.arm import tcp_pose
-from planners.motion.free_paths import LIFTED
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, fewest_blockers, plan_pick, plan_place
+from planners.motion.pick_and_place import LIFTED, PickMotion, PlaceMotion, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
 from planners.scene import RobotState, Scene
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene

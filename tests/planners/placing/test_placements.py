@@ -140,7 +140,7 @@ def test_supports_are_names_that_the_scene_declares() -> None:
 def test_a_planner_refuses_to_put_objects_nowhere() -> None:
     """It put them where it would have by default."""
     with pytest.raises(UnknownSupport, match=r"supports=\(\) is not valid"):
-        Planner(FETCH, supports=()).solve(table_scene(cylinder("object_00", 0.0, 0.0)), "object_00")
+        Planner(FETCH, supports=()).context(table_scene())
 
 
 def test_locations_of_all_supports_are_tried_level_by_level(in_hand: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,8 +169,8 @@ def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Sce
         support = scene.support_named(name)
         finder = replace(search(scene), supports=(name,))
         found = finder.find(world, KeepClear(), STRATEGIES["srivastava"], np.random.default_rng(0))
-        first = list(itertools.islice(found, 5))
-        assert len(first) == 5
+        first = list(itertools.islice(found, 3))
+        assert len(first) == 3
         for placement in first:
             body = placement.body
             away = np.abs(body.position[:2] - support.position[:2])

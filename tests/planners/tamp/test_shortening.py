@@ -10,9 +10,9 @@ import pytest
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import ROOM
 from planners.motion.contact_free import phases_of
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
+from planners.motion.path import CLEARANCE
 from planners.motion.timing import round_corners
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join
 from planners.scene import SELF_BIT, Scene
@@ -96,7 +96,7 @@ def test_base_and_arm_move_together(plans: tuple[Solution, Solution]) -> None:
     assert steps_together(plans[1]) > 20
 
 
-@pytest.mark.parametrize(("seed", "target"), [(1, "object_01"), (2, "object_00")])
+@pytest.mark.parametrize(("seed", "target"), [(1, "object_01")])
 def test_in_a_shelf_the_robot_keeps_its_distance_where_it_drives_off_the_planned_lines(seed: int, target: str) -> None:
     """The base lags behind by some mm; on a line with a rigid arm that changes nothing, elsewhere it needs room."""
     planned, shorter = both_plans(random_shelf(12, seed), target)
@@ -104,7 +104,7 @@ def test_in_a_shelf_the_robot_keeps_its_distance_where_it_drives_off_the_planned
     for before, after in zip(motions_between_contacts(planned), motions_between_contacts(shorter), strict=True):
         as_planned = np.vstack([phase.states[:, :-1] for _, phase in before])
         for action, phase in after:
-            world, held = CollisionWorld.from_scene(action.scene, ROOM - STEP / 2), phase.phases[0]
+            world, held = CollisionWorld.from_scene(action.scene, CLEARANCE - STEP / 2), phase.phases[0]
             X = phase.states[:, :-1]
             is_off = np.array([distance(world, x, as_planned) > 3 * OFF_LINE for x in X])
             drives = np.abs(np.diff(X[:, :3], axis=0)).max(axis=1) > 1e-6

@@ -1,0 +1,83 @@
+"""Motions of the whole robot, not timed yet, and the two ways in which planning them fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.scene import HeldObject
+
+Array = NDArray[np.float64]
+
+CLEARANCE = 0.01
+"""[m] that free motions keep from everything where they can: the arm lags, and what is held sinks by some mm."""
+SAME_BASE = 1e-6
+"""[m, rad] by which base poses may differ that count as the same: rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeBodyPath:
+    """A motion of base, torso and arm, straight between configurations. Arrays are read-only.
+
+    Attributes:
+        configurations: (n, 11) base x [m], y [m], yaw [rad] (continuous), torso [m] and arm [rad].
+        opening: of the gripper [m].
+        held: the held object.
+        ignore: mask of objects that did not count as obstacles.
+    """
+
+    configurations: Array
+    opening: float
+    held: HeldObject | None = None
+    ignore: int = 0
+
+    def __post_init__(self) -> None:
+        array = np.array(self.configurations, dtype=float)
+        array.setflags(write=False)
+        object.__setattr__(self, "configurations", array)
+
+    @property
+    def base(self) -> Array:
+        """(3,) base pose at the start."""
+        return np.asarray(self.configurations[0, :3])
+
+    @property
+    def start(self) -> Array:
+        """(8,) torso and arm at the start."""
+        return np.asarray(self.configurations[0, 3:])
+
+    @property
+    def end_base(self) -> Array:
+        """(3,) base pose at the end."""
+        return np.asarray(self.configurations[-1, :3])
+
+    @property
+    def end(self) -> Array:
+        """(8,) torso and arm at the end."""
+        return np.asarray(self.configurations[-1, 3:])
+
+    def reversed(self) -> WholeBodyPath:
+        """The same motion backwards."""
+        return replace(self, configurations=self.configurations[::-1])
+
+
+@dataclass(frozen=True)
+class BlockedBy:
+    """No path as the scene is: these objects are in the way, in this phase of the motion."""
+
+    blockers: frozenset[str]
+    phase: str
+
+
+@dataclass(frozen=True)
+class NoPath:
+    """No path, whatever is cleared, and why: limits, static obstacles, self-collision, or the search gave up."""
+
+    reason: str
+
+
+def on_base(base: ArrayLike, waypoints: Array) -> Array:
+    """Whole-body configurations (n, 11): a base pose (3,) with each of `waypoints` (n, 8)."""
+    return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
