@@ -62,7 +62,7 @@ def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, 
             try:
                 return ReachabilityMap.load(found, robot)
             except (MapFileError, MapMismatchError) as error:
-                _LOG.warning("%s; not used", error)
+                _LOG.warning("%s; the map is built again", error)
     built = ReachabilityMap.build(robot, progress=progress, **parameters)
     try:
         built.save(file)

@@ -311,10 +311,10 @@ def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
 def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:
     """Turns (n,) for the outer map, and the largest distance of any yaw in the range from the nearest of them [rad]."""
     widening = _OUTER_STEPS * 2 * np.pi / grid.orientations.count[key.group]
-    return evenly((yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening))
+    return linspace_angles((yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening))
 
 
-def evenly(span: tuple[float, float]) -> tuple[Floats, float]:
+def linspace_angles(span: tuple[float, float]) -> tuple[Floats, float]:
     """Yaws (n,) over a span, a full turn at most, and half their distance [rad]."""
     low, high = span if span[1] - span[0] < 2 * np.pi else (-np.pi, np.pi)
     count = max(1, int(np.ceil((high - low) / _OUTER_STEP)))

@@ -15,7 +15,7 @@ from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.grid import MapGrid
 from irm.ik.exact import ExactSolver, exact_solver
-from irm.inverse_table import Key, Tiles, evenly, flat_key, invert_map, nearby_keys, outer_turns
+from irm.inverse_table import Key, Tiles, flat_key, invert_map, linspace_angles, nearby_keys, outer_turns
 from irm.multi_target_kernel import GroupField, group_field
 from irm.query_kernels import any_base_near, disc_meets_floor, turns_of
 from irm.query_options import QueryOptions
@@ -133,7 +133,7 @@ class KeyedBases:
         disc, raster = self.disc(point[2], pitch), space.raster
         if disc is None:
             return False
-        yaws, half = evenly((yaw_range[0], yaw_range[1]))
+        yaws, half = linspace_angles((yaw_range[0], yaw_range[1]))
         if not disc_meets_floor(point[0], point[1], disc.level, disc.radius, yaws, half, raster):
             return False
         keys = nearby_keys(self.grid, key)

@@ -1,4 +1,8 @@
-"""x"""
+"""Figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, slices, and the
+base poses for a cup on a table. Blue is high manipulability and red is low, as in the paper.
+
+    python scripts/map_figures.py --robot fetch --out outputs/maps
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import tyro
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -19,6 +24,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from clutter_env.cli.map_report import best_manipulability, draw_slice
+from clutter_env.cli.named_robot import robot_by_name
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
 from clutter_env.simulation.model import add_meshes, has_visuals
@@ -33,7 +39,11 @@ from irm.query_options import YAW_STEP
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation
 from irm.verification import Verified, tcp_poses, verify
-from scripts.map_bases import CollisionModel
+
+Floats = NDArray[np.float64]
+
+TOUCH = 0.001
+"""[m] of penetration that counts as a collision."""
 
 
 class PosedRobot:
@@ -57,7 +67,44 @@ class PosedRobot:
         self.data.qpos[self._columns] = np.concatenate([base, q])
 
 
-Floats = NDArray[np.float64]
+class CollisionModel:
+    """Robot, floor and furniture in a MuJoCo model of its own; the robot may collide with itself."""
+
+    def __init__(self, robot: RobotSpec, layout: Layout) -> None:
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        for geom in spec.geoms:
+            if geom.contype or geom.conaffinity:
+                geom.contype, geom.conaffinity = 1, 3
+        _let_neighbours_touch(spec, robot)
+        world, bits = spec.worldbody, {"contype": 2, "conaffinity": 0}
+        world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **bits)
+        for box in furniture(layout):
+            world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.position, size=box.half_extents, **bits)
+        self._posed = PosedRobot(spec, robot)
+
+    def is_free(self, base: Floats, q: Floats) -> bool:
+        """Whether a base pose (3,) with a configuration (1 + n,) touches nothing, itself included."""
+        model, data = self._posed.model, self._posed.data
+        self._posed.put(base, q)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        return not data.ncon or float(data.contact.dist.min()) > -TOUCH
+
+
+def _let_neighbours_touch(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Exclude contacts between bodies on the same or on neighbouring links of the arm."""
+    model = spec.compile()
+    link = np.zeros(model.nbody, dtype=int)
+    for body in range(1, model.nbody):
+        link[body] = link[model.body_parentid[body]]
+        names = [model.joint(int(j)).name for j in range(model.njnt) if model.jnt_bodyid[j] == body]
+        link[body] += any(name in (robot.torso_joint, *robot.arm_joints) for name in names)
+    for first in range(1, model.nbody):
+        for second in range(first + 1, model.nbody):
+            if abs(link[first] - link[second]) <= 1:
+                spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
+
+
 FAR = 30.0
 """[m] Far clipping plane of the camera."""
 NEAR = 0.02
@@ -398,32 +445,6 @@ SIDE, SLICE_PIXELS = 2.4, 640
 """Edge of a slice [m], and in pixels."""
 
 
-def draw_figures(robot: RobotSpec, folder: Path, cup: tuple[float, float], dpi: int) -> list[Path]:
-    """Draw all figures of a robot's maps.
-
-    Args:
-        robot: whose maps.
-        folder: where the pictures go; made if it is missing.
-        cup: x, y of the cup on the table of the last figure, from its middle [m].
-        dpi: resolution of the pictures.
-
-    Returns:
-        The files.
-
-    Raises:
-        ValueError: no base is valid for the cup.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    figures = {
-        "irm_maps.png": draw_maps(robot),
-        "irm_slices.png": draw_slices(robot),
-        "irm_placement.png": draw_placement(robot, cup, COLOURS),
-    }
-    for name, figure in figures.items():
-        figure.savefig(folder / name, dpi=dpi, pil_kwargs={"optimize": True})
-    return [folder / name for name in figures]
-
-
 def draw_maps(robot: RobotSpec) -> Figure:
     """Fig. 1: the reachability map, and its inverse by equation 4 and by equation 5."""
     rm = ReachabilityMap.build(robot, **COARSE)
@@ -534,3 +555,26 @@ def draw_slices(robot: RobotSpec) -> Figure:
 def _table_height(rm: ReachabilityMap, robot: RobotSpec) -> float:
     """A TCP height above a table."""
     return min(rm.grid.top, 0.75 + robot.grasp_height)
+
+
+def main(
+    robot: str = "fetch", out: Path = Path("outputs/maps"), cup: tuple[float, float] = (0.1, 0.3), dpi: int = 90
+) -> None:
+    """Draw and save the figures.
+
+    Args:
+        robot: name of a robot, or module:NAME of a RobotSpec.
+        out: folder of the pictures.
+        cup: position of the cup on the table, from its middle: away from the robot, and to the left [m].
+        dpi: resolution of the pictures.
+    """
+    spec = robot_by_name(robot)
+    out.mkdir(parents=True, exist_ok=True)
+    figures = {"maps": draw_maps(spec), "slices": draw_slices(spec), "placement": draw_placement(spec, cup, COLOURS)}
+    for name, figure in figures.items():
+        figure.savefig(out / f"irm_{name}.png", dpi=dpi, pil_kwargs={"optimize": True})
+        print(f"picture: {out / f'irm_{name}.png'}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

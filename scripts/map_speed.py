@@ -1,4 +1,8 @@
-"""x"""
+"""The paper's experiment, and the cost of maps: times of placement queries for cups on a table, by the classical and
+the proposed map; of building, inverting, saving and loading maps. All times are CPU times of one thread.
+
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/map_speed.py --queries 500
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from clutter_env.cli.named_robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm.cache import cached_map
@@ -278,3 +284,37 @@ def measure_build(robot: RobotSpec, name: str) -> BuildCost:
         loaded = time.process_time()
         size = file.stat().st_size / 1e6
     return BuildCost(name, len(rm), built - start, inverted - built, saved - inverted, loaded - saved, size)
+
+
+def main(
+    robot: str = "fetch",
+    queries: int = 500,
+    sizes: tuple[int, ...] = (*ON_RINGS, 1_000_000),
+    seed: int = 0,
+    out: Path = Path("outputs/irm_speed.png"),
+) -> None:
+    """Measure, and print two tables.
+
+    Args:
+        robot: name of a robot, or module:NAME of a RobotSpec.
+        queries: random cup positions for each map and each range of approach yaws.
+        sizes: poses of the maps: 7899 and 26000 as in the paper; any other number for one of more than a million poses.
+        seed: random seed.
+        out: where the box plot goes.
+    """
+    spec = robot_by_name(robot)
+    rows = [row for size in sizes for row in measure_speed(spec, size, queries, seed)]
+    plot_speed(rows, out)
+    print(f"{speed_table(rows, queries)}\nbox plot: {out}\n")
+    head = ("map", "poses", "build [s]", "invert [s]", "save [s]", "load [s]", "file [MB]")
+    costs = [measure_build(spec, name) for name in BUILDS]
+    times = [[f"{s:.2f}" for s in (c.build_s, c.invert_s, c.save_s, c.load_s)] for c in costs]
+    print(
+        markdown_table(
+            head, [(c.name, f"{c.poses:,}", *t, f"{c.megabytes:.1f}") for c, t in zip(costs, times, strict=True)]
+        )
+    )
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

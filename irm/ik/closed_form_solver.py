@@ -80,14 +80,13 @@ class WristBox(NamedTuple):
 
 
 class LiftBounds(NamedTuple):
-    """What a box of wrist centres allows.
+    """Bounds of the lift angle over a box of wrist centres.
 
-    `is_possible`: whether the lengths of the arm and the elbow's limit allow any of them; `is_certain`: whether they
-    allow all; `bend` and `bearing`: smallest and largest value of the two angles of which the lift is the sum [rad].
+    `is_possible`: whether the lengths of the arm and the limit of the elbow allow any; `bend` and `bearing`: smallest
+    and largest value of the two angles of which the lift is the sum [rad].
     """
 
     is_possible: bool
-    is_certain: bool
     bend0: float
     bend1: float
     bearing0: float
@@ -110,8 +109,7 @@ def lift_bounds(links: Floats, upper: Floats, box: WristBox) -> LiftBounds:
     shortest = L1 * L1 + L2 * L2 + 2.0 * L1 * L2 * cos(upper[4])
     longest = (L1 + L2) * (L1 + L2)
     if near > longest + SLACK or far < shortest - SLACK:
-        return LiftBounds(False, False, 0.0, 0.0, 0.0, 0.0)
-    is_certain = near >= shortest and far <= longest
+        return LiftBounds(False, 0.0, 0.0, 0.0, 0.0)
     near, far = max(near, shortest), min(far, longest)
     a0, a1 = (near + L1 * L1 - L2 * L2) / (2.0 * L1), (far + L1 * L1 - L2 * L2) / (2.0 * L1)
     side_near = 0.0 if s0 <= 0.0 <= s1 else box.rho0 * min(abs(s0), abs(s1))
@@ -119,7 +117,7 @@ def lift_bounds(links: Floats, upper: Floats, box: WristBox) -> LiftBounds:
     widest = L2 * L2 if near <= L1 * L1 + L2 * L2 <= far else max(near - a0 * a0, far - a1 * a1)
     widest -= side_near * side_near
     if widest < -SLACK:
-        return LiftBounds(False, False, 0.0, 0.0, 0.0, 0.0)
+        return LiftBounds(False, 0.0, 0.0, 0.0, 0.0)
     narrowest = min(near - a0 * a0, far - a1 * a1) - side_far * side_far
     h0, h1 = sqrt(max(0.0, narrowest)), sqrt(max(0.0, widest))
     bend0 = atan2(h0 if a1 > 0.0 else h1, a1)
@@ -127,7 +125,7 @@ def lift_bounds(links: Floats, upper: Floats, box: WristBox) -> LiftBounds:
     x0 = min(box.rho0 * c0, box.rho1 * c0) - shoulder
     x1 = max(box.rho0 * c1, box.rho1 * c1) - shoulder
     low, high = bearing_range(x0, x1, z0, z1)
-    return LiftBounds(True, is_certain and narrowest >= 0.0, bend0, bend1, low, high)
+    return LiftBounds(True, bend0, bend1, low, high)
 
 
 @njit(cache=True)

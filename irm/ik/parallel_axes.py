@@ -20,15 +20,15 @@ from irm.ik.subproblems import (
     angles_to_component,
     angles_to_distance,
     dot,
+    matvec,
     nearest_turn,
     norm,
     perpendicular,
     point,
+    rotate,
     row,
     scale,
     subtract,
-    times,
-    turn,
 )
 
 Floats = NDArray[np.float64]
@@ -69,18 +69,18 @@ def _search(arm: ParallelArm, R: Floats, p: Floats, enough: float, rows: Floats)
     to_tool = np.ascontiguousarray(moved.T)
     axis_1, along, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 4), row(arm.axes, 5)
     first, meeting = row(arm.points, 0), row(arm.points, 4)
-    to_meeting = subtract(add(point(p), times(moved, subtract(meeting, point(arm.tool)))), first)
+    to_meeting = subtract(add(point(p), matvec(moved, subtract(meeting, point(arm.tool)))), first)
     height = dot(along, subtract(meeting, first))
     q1, q1_other, missed_1 = angles_to_component(along, scale(-1.0, axis_1), to_meeting, height)
     count = _NONE
     for i in range(1 if missed_1 > 0.0 else 2):
         angle_1, excess_1 = nearest_turn(q1 if i == 0 else q1_other, arm.lower[0], arm.upper[0])
-        last = turn(axis_1, -angle_1, times(moved, axis_6))
+        last = rotate(axis_1, -angle_1, matvec(moved, axis_6))
         q5, q5_other, missed_5 = angles_to_component(along, axis_5, axis_6, dot(along, last))
-        back = times(to_tool, turn(axis_1, angle_1, along))
+        back = matvec(to_tool, rotate(axis_1, angle_1, along))
         for j in range(1 if missed_5 > 0.0 else 2):
             angle_5, excess_5 = nearest_turn(q5 if j == 0 else q5_other, arm.lower[4], arm.upper[4])
-            q6 = angle_about(scale(-1.0, axis_6), turn(axis_5, -angle_5, along), back)
+            q6 = angle_about(scale(-1.0, axis_6), rotate(axis_5, -angle_5, along), back)
             angle_6, excess_6 = nearest_turn(q6, arm.lower[5], arm.upper[5])
             excess = max(_LENGTH_WEIGHT * missed_1, missed_5, excess_1, excess_5, excess_6)
             if excess < enough:
@@ -110,17 +110,17 @@ def _with_elbow(
     axis_1, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 4), row(arm.axes, 5)
     second, third, fourth = row(arm.points, 1), row(arm.points, 2), row(arm.points, 3)
     side = perpendicular(along)
-    turned = turn(axis_1, -angle_1, times(moved, turn(axis_6, -angle_6, turn(axis_5, -angle_5, side))))
+    turned = rotate(axis_1, -angle_1, matvec(moved, rotate(axis_6, -angle_6, rotate(axis_5, -angle_5, side))))
     total = angle_about(along, side, turned)
-    last = turn(along, total, subtract(row(arm.points, 4), fourth))
-    from_first = turn(axis_1, -angle_1, to_meeting)
+    last = rotate(along, total, subtract(row(arm.points, 4), fourth))
+    from_first = rotate(axis_1, -angle_1, to_meeting)
     to_fourth = subtract(subtract(from_first, subtract(second, row(arm.points, 0))), last)
     upper_arm, forearm = subtract(third, second), subtract(fourth, third)
     q3, q3_other, missed = angles_to_distance(axis_3, upper_arm, forearm, norm(to_fourth))
     sign_3, sign_4 = copysign(1.0, dot(along, axis_3)), copysign(1.0, dot(along, axis_4))
     for k in range(1 if missed > 0.0 else 2):
         angle_3, excess_3 = nearest_turn(q3 if k == 0 else q3_other, arm.lower[2], arm.upper[2])
-        angle_2 = angle_about(along, add(upper_arm, turn(axis_3, angle_3, forearm)), to_fourth)
+        angle_2 = angle_about(along, add(upper_arm, rotate(axis_3, angle_3, forearm)), to_fourth)
         angle_4 = sign_4 * (total - angle_2 - sign_3 * angle_3)
         angle_2, excess_2 = nearest_turn(angle_2, arm.lower[1], arm.upper[1])
         angle_4, excess_4 = nearest_turn(angle_4, arm.lower[3], arm.upper[3])

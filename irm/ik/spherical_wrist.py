@@ -27,14 +27,14 @@ from irm.ik.subproblems import (
     angles_to_distance,
     angles_to_meet,
     cross,
+    matvec,
     nearest_turn,
     norm,
     perpendicular,
     point,
+    rotate,
     row,
     subtract,
-    times,
-    turn,
 )
 from irm.status import NO, UNKNOWN, YES
 
@@ -67,8 +67,8 @@ def spherical_goal(arm: SphericalArm, R: Floats, p: Floats) -> SphericalGoal:
     moved = R @ arm.R_tool.T
     last = row(arm.axes, 6)
     side = perpendicular(last)
-    wrist = add(point(p), times(moved, subtract(point(arm.wrist), point(arm.tool))))
-    return SphericalGoal(wrist, times(moved, last), side, times(moved, side))
+    wrist = add(point(p), matvec(moved, subtract(point(arm.wrist), point(arm.tool))))
+    return SphericalGoal(wrist, matvec(moved, last), side, matvec(moved, side))
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
@@ -128,7 +128,7 @@ def _search(arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, 
     """
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     pivot, shoulder, elbow = point(arm.pivot), point(arm.shoulder), point(arm.elbow)
-    to_wrist = subtract(add(pivot, turn(axis_1, -free, subtract(goal.wrist, pivot))), shoulder)
+    to_wrist = subtract(add(pivot, rotate(axis_1, -free, subtract(goal.wrist, pivot))), shoulder)
     distance = max(norm(to_wrist), _SHORTEST)
     upper_arm, forearm = subtract(elbow, shoulder), subtract(point(arm.wrist), elbow)
     elbow_1, elbow_2, missed = angles_to_distance(axis_4, upper_arm, forearm, distance)
@@ -145,7 +145,7 @@ def _search(arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, 
         excess_4 = _motion(excess_4, bend, ease_4)
         if max(shared, excess_4) >= enough:
             continue
-        reach = add(upper_arm, turn(axis_4, q4, forearm))
+        reach = add(upper_arm, rotate(axis_4, q4, forearm))
         minus_q2, q3, minus_q2_other, q3_other, apart, ease = angles_to_meet(axis_2, to_wrist, axis_3, reach)
         sine_2, sine_3 = _sine(axis_2, to_wrist), _sine(axis_3, reach)
         for i in range(1 if apart > 0.0 else 2):
@@ -191,11 +191,11 @@ def _with_wrist(
     axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     q1, q2, q3, q4 = first
-    last_axis = turn(axis_4, -q4, turn(axis_3, -q3, turn(axis_2, -q2, turn(axis_1, -q1, goal.last_axis))))
+    last_axis = rotate(axis_4, -q4, rotate(axis_3, -q3, rotate(axis_2, -q2, rotate(axis_1, -q1, goal.last_axis))))
     minus_q5, q6, minus_q5_other, q6_other, apart, ease = angles_to_meet(axis_5, last_axis, axis_6, axis_7)
     if apart >= enough:
         return count, enough
-    side = turn(axis_4, -q4, turn(axis_3, -q3, turn(axis_2, -q2, turn(axis_1, -q1, goal.side))))
+    side = rotate(axis_4, -q4, rotate(axis_3, -q3, rotate(axis_2, -q2, rotate(axis_1, -q1, goal.side))))
     sine = _sine(axis_5, last_axis)
     ease_6 = ease / max(sine, _SHORTEST)
     for k in range(1 if apart > 0.0 else 2):
@@ -204,7 +204,7 @@ def _with_wrist(
         excess = max(others, apart, _motion(excess_5, sine, ease), _motion(excess_6, 1.0, ease_6))
         if excess >= enough:
             continue
-        turned = turn(axis_6, -angle_6, turn(axis_5, -q5, side))
+        turned = rotate(axis_6, -angle_6, rotate(axis_5, -q5, side))
         q7, excess_7 = nearest_turn(angle_about(axis_7, goal.side_at_zero, turned), arm.lower[6], arm.upper[6])
         excess = max(excess, _motion(excess_7, sine, ease))
         if excess >= enough:

@@ -33,7 +33,7 @@ def point(array: Floats) -> Vector:
 
 
 @njit(cache=True)
-def times(R: Floats, v: Vector) -> Vector:
+def matvec(R: Floats, v: Vector) -> Vector:
     """R v, for R (3, 3)."""
     return (
         R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
@@ -79,7 +79,7 @@ def scale(factor: float, a: Vector) -> Vector:
 
 
 @njit(cache=True)
-def turn(axis: Vector, angle: float, v: Vector) -> Vector:
+def rotate(axis: Vector, angle: float, v: Vector) -> Vector:
     """Rot(axis, angle) v."""
     c, s = cos(angle), sin(angle)
     along = (1.0 - c) * dot(axis, v)

@@ -66,18 +66,21 @@ print(distance_to_seeds(np.eye(4) > 0, 1.0).max())
 """
 
 
+@pytest.mark.slow
 def test_numba_itself_refuses_there(read_only_install: Path) -> None:
     """Otherwise the next test shows nothing."""
     result = run_there(read_only_install, PLAIN_NUMBA)
     assert "cannot cache function" in result.stderr, result.stderr
 
 
+@pytest.mark.slow
 def test_packages_import_and_compile_with_one_warning(read_only_install: Path) -> None:
     result = run_there(read_only_install, USE)
     assert result.returncode == 0, result.stderr
     assert result.stderr.count("NUMBA_CACHE_DIR") == 1, result.stderr
 
 
+@pytest.mark.slow
 def test_the_directory_that_the_warning_asks_for_is_used(read_only_install: Path) -> None:
     with tempfile.TemporaryDirectory() as cache:
         result = run_there(read_only_install, USE, NUMBA_CACHE_DIR=cache)
@@ -92,6 +95,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_no_error(tmp_path: Path) -> None:
     """A limit of the size of files stands in for the full disk."""
     pytest.importorskip("resource")
@@ -168,12 +172,14 @@ def package(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_kept_kernel_is_compiled_again_if_one_that_it_calls_has_changed(package: Path) -> None:
     assert answer_of(package.parent) == "3"
     (package / "callee.py").write_text(CALLEE.format(step=10))
     assert answer_of(package.parent) == "21"
 
 
+@pytest.mark.slow
 def test_kept_kernels_are_loaded_where_no_kernel_has_changed(package: Path) -> None:
     assert answer_of(package.parent) == "3"
     kept = {path: path.stat().st_mtime_ns for path in package.rglob("*.nbc")}

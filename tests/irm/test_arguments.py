@@ -1,0 +1,99 @@
+"""Keyword arguments of the queries: one set for all of them, checked in one place."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from irm.errors import QueryError
+from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.query_options import approach_yaws
+
+POSITION = (0.0, 0.0, 0.9)
+
+
+@pytest.fixture(scope="module")
+def queries(coarse_map, coarse_inverse):
+    """Every public query with its first argument given."""
+    classical = ClassicalInverseReachabilityMap(coarse_map)
+    return {
+        "yaw_range": lambda **keywords: coarse_inverse.query(POSITION, **keywords),
+        "target, solids, yaw_range": lambda **keywords: coarse_inverse.query_path([POSITION], **keywords),
+        "yaw_ranges": lambda **keywords: coarse_inverse.query_batch(POSITION, **keywords),
+        "yaw_ranges, pitch": lambda **keywords: coarse_inverse.query_multi([POSITION], **keywords),
+        "yaw_range, pitch": lambda **keywords: classical.query(POSITION, **keywords),
+    }
+
+
+def test_a_wrong_value_is_refused_after_an_equal_one_of_the_right_kind(coarse_inverse):
+    assert len(coarse_inverse.query(POSITION, k=1, exact=True)) == 1
+    for wrong in ({"k": True, "exact": True}, {"k": 1.0}, {"k": 1, "exact": 1}):
+        with pytest.raises(QueryError):
+            coarse_inverse.query(POSITION, **wrong)
+
+
+BAD_VALUES = [
+    ({"pitch": np.nan}, "finite"),
+    ({"roll": np.inf}, "finite"),
+    ({"pitch": "level"}, "finite number"),
+    ({"k": 0}, "at least 1"),
+    ({"k": 1.5}, "at least 1"),
+    ({"k": "many"}, "at least 1"),
+    ({"k": np.nan}, "at least 1"),
+    ({"k": []}, "at least 1"),
+    ({"k": np.inf}, "at least 1"),
+    ({"k": None}, "at least 1"),
+    ({"k": True}, "at least 1"),
+    ({"k": 10**12}, "at most 100000"),
+    ({"k": np.array([1, 2])}, "at least 1"),
+    ({"pitch": None}, "finite number"),
+    ({"pitch": np.array([0.1, 0.2])}, "finite number"),
+    ({"pitch": 10**400}, "finite number"),
+    ({"yaw_step": 1e-9}, "yaw_step must be at least 0.001"),
+    ({"yaw_step": np.array([0.1, 0.2])}, "yaw_step"),
+    ({"separation": np.array([0.1, 0.2])}, "separation"),
+    ({"separation": np.nan}, "separation"),
+    ({"separation": -0.1}, "separation"),
+    ({"separation": None}, "separation"),
+    ({"yaw_step": 0.0}, "yaw_step"),
+    ({"yaw_step": np.inf}, "yaw_step"),
+    ({"free_space": [(0, 0, 1, 1)]}, "FreeSpace or None, not list"),
+]
+
+
+@pytest.mark.parametrize(("keywords", "message"), BAD_VALUES, ids=lambda value: str(value))
+def test_values_without_meaning_are_refused_by_every_query(queries, keywords, message):
+    for query in queries.values():
+        with pytest.raises(QueryError, match=message):
+            query(**keywords)
+
+
+def test_numbers_of_numpy_are_numbers(coarse_inverse):
+    plain = coarse_inverse.query(POSITION, pitch=0.0, k=2, separation=0.2)
+    numpy = coarse_inverse.query(POSITION, pitch=np.array(0.0), k=np.int64(2), separation=np.float32(0.2))
+    np.testing.assert_array_equal(plain.poses, numpy.poses)
+
+
+def test_yaw_ranges_that_are_no_pairs_are_refused(coarse_inverse):
+    for query in (coarse_inverse.query_batch, coarse_inverse.query_multi):
+        for bad in ((0.0, 1.0, 2.0), [[0.0], [1.0]], "all", [[(0.0, 1.0)]]):
+            with pytest.raises(QueryError, match="pairs of numbers"):
+                query([POSITION], yaw_ranges=bad)
+        with pytest.raises(QueryError, match="longer than"):
+            query([POSITION], yaw_ranges=(0.0, 7.0))
+        with pytest.raises(QueryError, match="finite"):
+            query([POSITION], yaw_ranges=(0.0, np.nan))
+
+
+def test_positions_that_are_no_numbers_are_refused(coarse_inverse):
+    for query in (coarse_inverse.query_batch, coarse_inverse.query_multi, coarse_inverse.query_path):
+        with pytest.raises(QueryError, match="positions are an array"):
+            query([("a", "b", "c")])
+
+
+def test_approach_yaws_cover_the_range_in_steps():
+    for (low, high), step in itertools.product([(0.0, 1.0), (-0.2, 0.2), (-np.pi, np.pi)], [0.05, 0.3, 2.0]):
+        yaws = approach_yaws((low, high), step, samples=4)
+        assert np.all(np.diff(yaws) <= step + 1e-9)
+        assert yaws[0] >= low
+        assert yaws[-1] <= high

@@ -1,0 +1,109 @@
+"""Map files and parameters from anywhere: one clear error each, and a bad cache is rebuilt."""
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.cache import cache_file, cached_map
+from irm.errors import MapFileError, ReachabilityError
+from irm.reachability_map import ReachabilityMap
+
+SMALL = {"voxel": 0.25, "orientations": 6}
+
+
+@pytest.fixture(scope="module")
+def members(tmp_path_factory):
+    """The files inside a map file."""
+    path = tmp_path_factory.mktemp("map") / "map.npz"
+    ReachabilityMap.build(FETCH, **SMALL).save(path)
+    with zipfile.ZipFile(path) as file:
+        return {name: file.read(name) for name in file.namelist()}
+
+
+def npy(array):
+    content = io.BytesIO()
+    np.save(content, array)
+    return content.getvalue()
+
+
+def with_header(shape, kind="<u4"):
+    """A .npy file that promises an array of some shape, and contains four bytes."""
+    content = io.BytesIO()
+    np.lib.format.write_array_header_1_0(content, {"descr": kind, "fortran_order": False, "shape": shape})
+    return content.getvalue() + bytes(4)
+
+
+def about(members, **changes):
+    description = json.loads(str(np.load(io.BytesIO(members["about.npy"]))))
+    return npy(np.array(json.dumps(description | changes)))
+
+
+def parameters(members, **changes):
+    description = json.loads(str(np.load(io.BytesIO(members["about.npy"]))))
+    return about(members, parameters=description["parameters"] | changes)
+
+
+def changed(members, name, index, value):
+    array = np.load(io.BytesIO(members[f"{name}.npy"])).copy()
+    array[index] = value
+    return npy(array)
+
+
+CRAFTED = {
+    "deep JSON": lambda _: {"about.npy": npy(np.array("[" * 100_000))},
+    "JSON that is no description": lambda _: {"about.npy": npy(np.array("[1, 2]"))},
+    "no robot": lambda m: {"about.npy": about(m, robot=3)},
+    "no key": lambda m: {"about.npy": about(m, key=None)},
+    "one height": lambda m: {"about.npy": parameters(m, heights=[1.0])},
+    "three heights": lambda m: {"about.npy": parameters(m, heights=[0.0, 1.0, 2.0])},
+    "heights as text": lambda m: {"about.npy": parameters(m, heights="high")},
+    "pitches in lists": lambda m: {"about.npy": parameters(m, pitches=[[0.0]])},
+    "voxel as text": lambda m: {"about.npy": parameters(m, voxel="small")},
+    "orientations as list": lambda m: {"about.npy": parameters(m, orientations=[6])},
+    "4 TB": lambda _: {"cells.npy": with_header((1_000_000_000_000,))},
+    "more than 64 bits": lambda _: {"cells.npy": with_header((2**62, 16))},
+    "negative shape": lambda _: {"cells.npy": with_header((-1,))},
+    "objects": lambda _: {"cells.npy": with_header((1,), "|O")},
+    "torso index": lambda m: {"torso_index.npy": changed(m, "torso_index", 0, 255)},
+    "flags": lambda m: {"flags.npy": changed(m, "flags", 0, 4)},
+    "cell": lambda m: {"cells.npy": changed(m, "cells", -1, 2**32 - 1)},
+    "order": lambda m: {"cells.npy": changed(m, "cells", 5, 0)},
+    "manipulability": lambda m: {"manipulability.npy": changed(m, "manipulability", 0, np.nan)},
+}
+
+
+@pytest.mark.parametrize("kind", CRAFTED)
+def test_a_crafted_file_gives_one_clear_error_and_a_bad_cache_is_rebuilt(kind, members, tmp_path, monkeypatch):
+    monkeypatch.setenv("CLUTTER_ENV_CACHE", str(tmp_path))
+    path = cache_file(FETCH, **SMALL)
+    with zipfile.ZipFile(path, "w") as file:
+        for name, content in (members | CRAFTED[kind](members)).items():
+            file.writestr(name, content)
+    with pytest.raises(MapFileError, match=str(path)):
+        ReachabilityMap.load(path, FETCH)
+    assert len(cached_map(FETCH, **SMALL))
+    assert len(ReachabilityMap.load(path, FETCH))
+
+
+@pytest.mark.parametrize("extent", [{"half": 10**6}, {"layers": -1}, {"centre": [0.0]}, {"bottom": "low"}, 3])
+def test_a_crafted_grid_is_refused(extent, tmp_path):
+    path = tmp_path / "map.npz"
+    ReachabilityMap.from_poses(np.eye(4)[None], [0.1], orientations=6).save(path)
+    with zipfile.ZipFile(path) as file:
+        members = {name: file.read(name) for name in file.namelist()}
+    grid = json.loads(str(np.load(io.BytesIO(members["about.npy"]))))["grid"]
+    members["about.npy"] = about(members, grid=grid | extent if isinstance(extent, dict) else extent)
+    with zipfile.ZipFile(path, "w") as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    with pytest.raises(MapFileError, match="no valid grid"):
+        ReachabilityMap.load(path)
+
+
+def test_a_map_that_no_memory_holds_is_refused_before_it_is_built():
+    with pytest.raises(ReachabilityError, match=r"needs .* GiB; at most"):
+        ReachabilityMap.build(FETCH, voxel=0.005)

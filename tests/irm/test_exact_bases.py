@@ -1,0 +1,128 @@
+"""Bases decided by exact inverse kinematics, on request; paths off the rings of the map."""
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.chain import ArmChain
+from irm.errors import QueryError
+from irm.free_space import FreeSpace
+from irm.ik.exact import exact_solver
+from irm.rotations import rotation
+from irm.status import Status
+from irm.verification import NotVerified, tcp_poses, verify
+
+CHAIN = ArmChain.from_robot(FETCH)
+SOLVER = exact_solver(CHAIN)
+PITCHES = (0.0, 0.37, -0.61, np.pi / 2)
+PATH = np.array([(-0.10, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.10)])
+
+
+def reaches(base, points, yaws, pitch, roll=0.0):
+    """(m,) exact answers for TCP positions (m, 3) from one base."""
+    T_world_base = np.eye(4)
+    T_world_base[:3, :3], T_world_base[:2, 3] = rotation(base[2], 0.0, 0.0), base[:2]
+    T = np.array([tcp_poses(point, yaw, pitch, roll)[0] for point, yaw in zip(points, yaws, strict=True)])
+    return SOLVER.solve(np.linalg.inv(T_world_base) @ T)[0]
+
+
+@pytest.mark.parametrize("pitch", PITCHES)
+def test_exact_bases_reach_and_the_torso_height_is_one_of_a_configuration(coarse_inverse, table_floor, cups, pitch):
+    some = 0
+    for cup in cups[:20]:
+        how = {"pitch": pitch, "yaw_range": (-0.9, 0.4), "free_space": table_floor, "k": 4}
+        placement = coarse_inverse.query(cup, exact=True, **how)
+        for base, yaw, is_certain, torso in zip(
+            placement.poses, placement.approach_yaw, placement.certain, placement.torso, strict=True
+        ):
+            answer = reaches(base, [cup], [yaw], pitch)[0]
+            assert answer != Status.NO.value
+            assert is_certain == (answer == Status.YES.value)
+            assert CHAIN.lower[0] <= torso <= CHAIN.upper[0]
+            some += is_certain
+        assert placement.status is (Status.YES if placement.certain.any() else Status.UNKNOWN) or not len(placement)
+        assert np.all(np.diff(placement.manipulability) <= 0)
+    assert some > 20
+
+
+def test_bases_that_do_not_reach_are_dropped(coarse_inverse):
+    """At the end of the arm's reach some bases of a coarse map do not reach; with `exact` none of them is left."""
+    point, wrong, kept = (0.0, 0.0, 0.9), 0, 0
+    for distance in np.linspace(0.5, 1.15, 30):
+        edge = FreeSpace.from_boxes([(2.0 - distance + 0.3, 0.0, 4.0, 9.0)], 0.3, (-3, -3, 3.5, 3))
+        how = {"pitch": 0.7, "yaw_range": (-0.5, 0.3), "free_space": edge, "k": 4}
+        plain, exact = coarse_inverse.query(point, **how), coarse_inverse.query(point, exact=True, **how)
+        answers = [reaches(b, [point], [y], 0.7)[0] for b, y in zip(plain.poses, plain.approach_yaw, strict=True)]
+        wrong += answers.count(Status.NO.value)
+        kept += len(exact)
+        assert len(exact) >= len(plain) - answers.count(Status.NO.value)
+        for base, yaw in zip(exact.poses, exact.approach_yaw, strict=True):
+            assert reaches(base, [point], [yaw], 0.7)[0] != Status.NO.value
+    assert wrong > 0
+    assert kept > 50
+
+
+@pytest.mark.slow
+def test_a_batch_decides_exactly_too(coarse_inverse, table_floor, cups):
+    how = {"pitch": 0.37, "free_space": table_floor, "k": 3, "exact": True}
+    batch = coarse_inverse.query_batch(cups, yaw_ranges=(-0.9, 0.4), **how)
+    for k, cup in enumerate(cups):
+        found = int(batch.count[k])
+        assert np.isnan(batch.poses[k, found:]).all()
+        assert not batch.certain[k, found:].any()
+        for rank in range(found):
+            answer = reaches(batch.poses[k, rank], [cup], [batch.approach_yaw[k, rank]], 0.37)[0]
+            assert answer == (Status.YES if batch.certain[k, rank] else Status.UNKNOWN).value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pitch", PITCHES)
+def test_narrow_windows_of_paths_say_yes_and_are_right(coarse_inverse, table_floor, cups, pitch):
+    """Off the rings too: every waypoint is reached, and small steps connect them."""
+    path, said = PATH if pitch < 1.5 else PATH[2:], 0
+    for cup in cups[:12]:
+        whole = coarse_inverse.query_path(path, target=cup, pitch=pitch, free_space=table_floor)
+        if not len(whole):
+            continue
+        middle = float(whole.approach_yaw[0]) + 0.1
+        window = (middle - np.radians(10), middle + np.radians(10))
+        placement = coarse_inverse.query_path(
+            path, target=cup, pitch=pitch, free_space=table_floor, yaw_range=window, k=3
+        )
+        said += placement.status is Status.YES
+        for base, yaw, is_certain in zip(placement.poses, placement.approach_yaw, placement.certain, strict=True):
+            c, s = np.cos(yaw), np.sin(yaw)
+            points = cup + path @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+            answers = reaches(base, points, np.full(len(path), yaw), pitch)
+            assert not np.any(answers == Status.NO.value)
+            assert is_certain == np.all(answers == Status.YES.value)
+    assert said >= 10
+
+
+@pytest.mark.slow
+def test_a_certain_path_is_continuous(coarse_inverse, table_floor, cups):
+    for cup in cups[:10]:
+        placement = coarse_inverse.query_path(
+            PATH, target=cup, pitch=0.37, free_space=table_floor, yaw_range=(-0.3, 0.1)
+        )
+        if placement.status is not Status.YES:
+            continue
+        yaw = placement.approach_yaw[0]
+        c, s = np.cos(yaw), np.sin(yaw)
+        points = cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        found = verify(CHAIN, placement, lambda _, points=points, yaw=yaw: tcp_poses(points, yaw, 0.37), limit=1)
+        assert not isinstance(found, NotVerified)
+
+
+def test_targets_of_several_are_decided_on_request(coarse_inverse, table_floor):
+    targets = [(-0.25, -0.1, 0.82), (-0.2, 0.25, 0.9)]
+    placement = coarse_inverse.query_multi(targets, pitch=0.2, free_space=table_floor, k=3, exact=True)
+    assert placement.status is Status.YES
+    for base, yaws, torso in zip(placement.poses, placement.approach_yaw, placement.torso, strict=True):
+        assert np.all(reaches(base, targets, yaws, 0.2) == Status.YES.value)
+        assert torso.shape == (2,)
+
+
+def test_exact_is_refused_if_it_is_no_answer(coarse_inverse):
+    with pytest.raises(QueryError, match="exact is True, False or None"):
+        coarse_inverse.query((0.0, 0.0, 0.9), exact="yes")

@@ -1,0 +1,210 @@
+"""Both inverse maps, and the compiled query against plain NumPy."""
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.chain import ArmChain
+from irm.errors import QueryError
+from irm.free_space import FreeSpace
+from irm.ik.closed_form import ik_pan
+from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.status import Status
+from scripts.map_speed import full_scan
+
+CHAIN = ArmChain.from_robot(FETCH)
+PANS = np.linspace(CHAIN.lower[1], CHAIN.upper[1], 721)
+TORSOS = np.linspace(CHAIN.lower[0], CHAIN.upper[0], 60)
+
+
+def reaches(base, position, yaw, pitch=0.0, torsos=TORSOS):
+    """Exact: does any configuration reach the TCP pose from this base? The roll is free."""
+    c, s = np.cos(-base[2]), np.sin(-base[2])
+    dx, dy = position[0] - base[0], position[1] - base[1]
+    p = np.array([c * dx - s * dy, s * dx + c * dy, position[2]])
+    turn = yaw - base[2]
+    approach = np.array([np.cos(pitch) * np.cos(turn), np.cos(pitch) * np.sin(turn), -np.sin(pitch)])
+    rows = np.empty((2, 5))
+    for torso in torsos:
+        wrist = p - CHAIN.links[6] * approach - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
+        for pan in PANS:
+            if ik_pan(CHAIN.links, approach, wrist, np.cos(pan), np.sin(pan), CHAIN.lower, CHAIN.upper, rows):
+                return True
+    return False
+
+
+def best(placement):
+    return float(placement.manipulability[0]) if len(placement) else 0.0
+
+
+@pytest.mark.parametrize("yaw_range", [(-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (2.9, 3.6), (0.3, 0.3)])
+@pytest.mark.parametrize("pitch", [0.0, np.radians(30), np.radians(-40), np.pi / 2])
+def test_equations_4_and_5_and_the_compiled_query_agree(
+    coarse_map, coarse_inverse, table_floor, cups, pitch, yaw_range
+):
+    classical = ClassicalInverseReachabilityMap(coarse_map)
+    for cup in cups[:4]:
+        keywords = {"pitch": pitch, "yaw_range": yaw_range, "free_space": table_floor}
+        proposed = coarse_inverse.query(cup, **keywords)
+        assert best(full_scan(coarse_inverse, cup, **keywords)) == best(proposed)
+        assert best(classical.query(cup, **keywords)) == best(proposed)
+
+
+def test_several_bases_are_the_same_by_both_equations(coarse_map, coarse_inverse, table_floor, cups):
+    classical = ClassicalInverseReachabilityMap(coarse_map)
+    for cup in cups[:5]:
+        keywords = {"yaw_range": (-1.0, 1.0), "free_space": table_floor, "k": 4, "separation": 0.0}
+        a, b = coarse_inverse.query(cup, **keywords), classical.query(cup, **keywords)
+        np.testing.assert_allclose(a.manipulability, b.manipulability)
+        assert a.status is b.status
+
+
+def test_bases_are_free_apart_sorted_and_read_only(level_inverse, table_floor, cups):
+    for cup in cups:
+        placement = level_inverse.query(cup, free_space=table_floor, k=6, separation=0.15)
+        assert len(placement) == 6
+        assert all(table_floor.is_free(x, y) for x, y, _ in placement.poses)
+        assert np.all(np.diff(placement.manipulability) <= 0)
+        apart = np.linalg.norm(placement.poses[:, None, :2] - placement.poses[None, :, :2], axis=2)
+        assert apart[~np.eye(6, dtype=bool)].min() > 0.15
+        assert np.all(np.abs(placement.poses[:, 2]) <= np.pi)
+        for array in (placement.poses, placement.manipulability, placement.torso, placement.certain):
+            assert not array.flags.writeable
+
+
+def test_certain_bases_reach_exactly_with_the_torso_given(level_inverse, table_floor, cups):
+    certain = 0
+    for cup in cups[:30]:
+        placement = level_inverse.query(cup, yaw_range=(-1.5, 1.5), free_space=table_floor, k=3)
+        for k in range(len(placement)):
+            if placement.certain[k]:
+                assert reaches(placement.poses[k], cup, placement.approach_yaw[k])
+                certain += 1
+    assert certain > 60
+
+
+def test_an_entirely_turned_world_gives_entirely_turned_bases(level_inverse, cups):
+    placement = level_inverse.query(cups[0], yaw_range=(0.2, 0.2), k=3)
+    turn = 1.1
+    c, s = np.cos(turn), np.sin(turn)
+    turned = level_inverse.query(
+        [c * cups[0][0] - s * cups[0][1], s * cups[0][0] + c * cups[0][1], cups[0][2]],
+        yaw_range=(0.2 + turn, 0.2 + turn),
+        k=3,
+    )
+    x, y, yaw = placement.poses.T
+    expected = np.column_stack([c * x - s * y, s * x + c * y, yaw + turn])
+    np.testing.assert_allclose(turned.poses[:, :2], expected[:, :2], atol=1e-6)
+    np.testing.assert_allclose(np.cos(turned.poses[:, 2] - expected[:, 2]), 1.0, atol=1e-9)
+
+
+def test_a_batch_gives_what_single_queries_give(level_inverse, table_floor, cups):
+    batch = level_inverse.query_batch(cups, yaw_ranges=(-1.2, 0.9), free_space=table_floor, k=3)
+    for k, cup in enumerate(cups):
+        single = level_inverse.query(cup, yaw_range=(-1.2, 0.9), free_space=table_floor, k=3)
+        assert batch.count[k] == len(single)
+        np.testing.assert_array_equal(batch.poses[k, : len(single)], single.poses)
+        np.testing.assert_array_equal(batch.certain[k, : len(single)], single.certain)
+        assert np.isnan(batch.poses[k, len(single) :]).all()
+
+
+@pytest.mark.slow
+def test_narrow_strips_of_floor_are_not_lost(level_inverse):
+    rng = np.random.default_rng(3)
+    found = 0
+    for _ in range(40):
+        width, turn = rng.uniform(0.05, 0.1), rng.uniform(-np.pi, np.pi)
+        away = rng.uniform(0.45, 0.95)
+        c, s = np.cos(turn), np.sin(turn)
+        near, far = away - 2.0, away + width + 2.0
+        walls = [(c * near, s * near, 4.0 - 0.6, 9.0, turn), (c * far, s * far, 4.0 - 0.6, 9.0, turn)]
+        strip = FreeSpace.from_boxes(walls, 0.3, (-2.5, -2.5, 2.5, 2.5))
+        cup = [0.0, 0.0, rng.uniform(0.75, 1.1)]
+        scan, fast = full_scan(level_inverse, cup, free_space=strip), level_inverse.query(cup, free_space=strip)
+        assert best(scan) == best(fast)
+        found += len(fast)
+    assert found > 20
+
+
+def test_no_is_said_when_nothing_is_free_or_all_is_out_of_reach(level_inverse, coarse_inverse):
+    walled = FreeSpace.from_boxes([(0.0, 0.0, 8.0, 8.0)], 0.3, (-2, -2, 2, 2))
+    assert level_inverse.query([0, 0, 0.9], free_space=walled).status is Status.NO
+    far = FreeSpace.from_boxes([(0.0, 0.0, 3.6, 3.6)], 0.3, (-4, -4, 4, 4))
+    assert level_inverse.query([0, 0, 0.9], free_space=far).status is Status.NO
+    assert coarse_inverse.query([0, 0, 2.9]).status is Status.NO
+    assert coarse_inverse.query([0, 0, 0.9]).status is Status.YES
+    behind = FreeSpace.from_boxes([(-3.0, 0.0, 4.0, 8.0)], 0.3, (-4, -4, 4, 4))
+    assert coarse_inverse.query([-2.0, 0.0, 0.9], yaw_range=(0, 0), free_space=behind).status is Status.NO
+
+
+@pytest.mark.slow
+def test_no_is_never_wrong(coarse_inverse):
+    """Where NO is said, no base on a fine lattice of the free floor reaches, whatever its yaw."""
+    rng = np.random.default_rng(5)
+    said = 0
+    for _ in range(60):
+        edge, yaw = rng.uniform(-1.9, -0.2), rng.uniform(-3, 3)
+        floor = FreeSpace.from_boxes([(edge + 2.3, 0.0, 4.0, 9.0)], 0.3, (-2, -1.5, 2, 1.5))
+        cup = np.array([0.0, rng.uniform(-0.3, 0.3), rng.uniform(0.1, 1.6)])
+        if coarse_inverse.query(cup, yaw_range=(yaw, yaw), free_space=floor).status is not Status.NO:
+            continue
+        said += 1
+        for _ in range(25):
+            x, y, base_yaw = rng.uniform([edge - 0.3, -1.3, -np.pi], [edge, 1.3, np.pi])
+            assert not (floor.is_free(x, y) and reaches((x, y, base_yaw), cup, yaw, torsos=TORSOS[::12]))
+    assert said > 5
+
+
+def test_a_vertical_approach_leaves_the_base_free_to_stand_all_around(coarse_inverse):
+    ranges = [(0.0, 0.0), (1.0, 2.0), (-np.pi, np.pi)]
+    found = [coarse_inverse.query([0, 0, 0.9], pitch=np.pi / 2, yaw_range=bounds) for bounds in ranges]
+    assert len({float(placement.manipulability[0]) for placement in found}) == 1
+    base = found[0].poses[0]
+    assert reaches(base, [0, 0, 0.9], 0.0, np.pi / 2)
+
+
+def test_queries_without_meaning_are_refused(level_inverse, coarse_inverse):
+    with pytest.raises(QueryError, match="three finite numbers"):
+        level_inverse.query([np.nan, 0, 0.9])
+    with pytest.raises(QueryError, match="three finite numbers"):
+        level_inverse.query([0, 0.9])
+    with pytest.raises(QueryError, match="is empty"):
+        level_inverse.query([0, 0, 0.9], yaw_range=(1.0, 0.5))
+    with pytest.raises(QueryError, match="finite"):
+        level_inverse.query([0, 0, 0.9], yaw_range=(np.nan, 0.5))
+    with pytest.raises(QueryError, match="longer than"):
+        level_inverse.query([0, 0, 0.9], yaw_range=(0, 7.0))
+    with pytest.raises(QueryError, match="pair of numbers"):
+        level_inverse.query([0, 0, 0.9], yaw_range=0.5)
+    with pytest.raises(QueryError, match=r"covers TCP heights 0\.69 to 1\.24"):
+        level_inverse.query([0, 0, 0.3])
+    with pytest.raises(QueryError, match=r"rings at 0\.0"):
+        level_inverse.query([0, 0, 0.9], pitch=0.5)
+    with pytest.raises(QueryError, match=r"\[-π/2, π/2\]"):
+        coarse_inverse.query([0, 0, 0.9], pitch=2.0)
+    with pytest.raises(QueryError, match="finite"):
+        level_inverse.query([0, 0, 0.9], pitch=np.inf)
+    with pytest.raises(QueryError, match="at least 1"):
+        level_inverse.query([0, 0, 0.9], k=0)
+    with pytest.raises(QueryError, match="yaw_step"):
+        level_inverse.query([0, 0, 0.9], yaw_step=0.0)
+    with pytest.raises(QueryError, match="do not go with"):
+        level_inverse.query_batch(np.zeros((3, 3)) + 0.9, yaw_ranges=np.zeros((2, 2)))
+    with pytest.raises(QueryError, match="finite"):
+        level_inverse.query_batch([[0, 0, np.nan]])
+
+
+BAD_POSITIONS = [[np.nan, 0, 0.9], [0, np.inf, 0.9], [0, 0], "here"]
+
+
+def test_free_space_that_excludes_everything_leaves_nothing(coarse_map, coarse_inverse):
+    walled = FreeSpace.from_boxes([(0.0, 0.0, 8.0, 8.0)], 0.3, (-2, -2, 2, 2))
+    position = (0.0, 0.0, 0.9)
+    for narrow in ((-np.pi, np.pi), (0.0, 0.5)):
+        assert coarse_inverse.query(position, yaw_range=narrow, free_space=walled).status is Status.NO
+        classical = ClassicalInverseReachabilityMap(coarse_map)
+        assert classical.query(position, yaw_range=narrow, free_space=walled).status is Status.NO
+        assert len(full_scan(coarse_inverse, position, yaw_range=narrow, free_space=walled)) == 0
+        batch = coarse_inverse.query_batch(np.tile(position, (3, 1)), yaw_ranges=narrow, free_space=walled)
+        assert not batch.count.any()
+        assert np.isnan(batch.poses).all()

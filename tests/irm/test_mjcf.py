@@ -1,0 +1,158 @@
+"""Arms read from MJCF files: the chain's poses are MuJoCo's, and what is no arm is refused with the reason."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.chain import ArmChain
+from irm.errors import ChainError
+from irm.kinematics import forward, jacobian
+from tests.irm.arms import APPROACH, FOLDER, arm_chain, arm_model
+
+ODD_ARM = """
+<mujoco model="odd">
+  <compiler angle="degree" autolimits="true"/>
+  <worldbody>
+    <body name="stand" pos="0.3 -0.2 0.1" euler="0 0 40">
+      <body name="column" euler="20 0 10">
+        <joint name="a" axis="0.3 -0.2 -1" pos="0.02 0.03 0" range="-170 160" ref="15"/><geom size="0.05"/>
+        <body pos="0.1 0 0.3" euler="0 50 0">
+          <joint name="b" axis="0 -1 0" range="-100 100"/><joint name="c" axis="1 1 0" range="-100 100"/>
+          <geom size="0.05"/>
+          <body pos="0 0.05 0.3" euler="30 0 70">
+            <joint name="d" axis="0 -1 0.1" range="-150 0"/><geom size="0.05"/>
+            <body pos="0.3 0 0"><joint name="e" axis="-1 0 0"/><geom size="0.05"/>
+              <body pos="0.1 0.02 0"><joint name="f" axis="0 1 0" range="-120 120"/><geom size="0.05"/>
+                <body name="tool" pos="0.08 0 0.01" euler="10 20 30"/>
+              </body>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def tip_in_base(data, base, tip, kind="site"):
+    """T_base_tip (4, 4) by MuJoCo."""
+    T_world_base, T_world_tip = np.eye(4), np.eye(4)
+    body = data.body(base)
+    T_world_base[:3, :3], T_world_base[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+    frame = data.site(tip) if kind == "site" else data.body(tip)
+    T_world_tip[:3, :3], T_world_tip[:3, 3] = frame.xmat.reshape(3, 3), frame.xpos
+    return np.linalg.inv(T_world_base) @ T_world_tip
+
+
+def set_configuration(model, data, chain, q):
+    for name, value in zip(chain.joints, q, strict=True):
+        if name:
+            data.qpos[model.joint(name).qposadr[0]] = value
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+
+
+def assert_same_poses(model, chain, base, tip, kind="site"):
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    for _ in range(40):
+        q = rng.uniform(chain.lower, chain.upper)
+        set_configuration(model, data, chain, q)
+        np.testing.assert_allclose(forward(chain, q), tip_in_base(data, base, tip, kind), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", APPROACH)
+def test_poses_are_those_of_the_model(name):
+    model = arm_model(name)
+    assert_same_poses(model, ArmChain.from_mjcf(model, "base", "tcp"), "base", "tcp")
+
+
+def test_any_axes_signs_anchors_and_references():
+    model = mujoco.MjModel.from_xml_string(ODD_ARM)
+    for base in ("stand", "world"):
+        chain = ArmChain.from_mjcf(model, base, "tool")
+        assert_same_poses(model, chain, base, "tool", "body")
+    assert chain.joints == ("", "a", "b", "c", "d", "e", "f")
+    np.testing.assert_allclose(np.degrees([chain.lower[1], chain.upper[1]]), [-170, 160])
+    assert chain.upper[5] - chain.lower[5] >= 2 * np.pi
+
+
+@pytest.mark.parametrize("approach", ["x", "-x", "y", "-y", "z", "-z"])
+def test_the_x_axis_of_the_tcp_is_the_approach(approach):
+    model = arm_model("panda")
+    plain, turned = ArmChain.from_mjcf(model, "base", "tcp"), ArmChain.from_mjcf(model, "base", "tcp", approach)
+    q = np.array([0.0, 0.3, -0.4, 0.2, -1.7, 0.4, 1.2, 0.6])
+    T, T_turned = forward(plain, q), forward(turned, q)
+    sign, axis = (-1, approach[1]) if approach[0] == "-" else (1, approach)
+    np.testing.assert_allclose(T_turned[:3, 0], sign * T[:3, "xyz".index(axis)], atol=1e-12)
+    np.testing.assert_allclose(T_turned[:3, 3], T[:3, 3], atol=1e-12)
+    assert np.linalg.det(T_turned[:3, :3]) == pytest.approx(1.0)
+
+
+def test_the_jacobian_is_that_of_the_model():
+    model, chain = arm_model("gen3"), arm_chain("gen3")
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    for _ in range(10):
+        q = rng.uniform(chain.lower, chain.upper)
+        set_configuration(model, data, chain, q)
+        linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, linear, angular, model.site("tcp").id)
+        np.testing.assert_allclose(jacobian(chain, q), np.vstack([linear, angular]), atol=1e-9)
+
+
+def test_fetch_from_its_own_file_is_fetch():
+    chain, fetch = ArmChain.from_mjcf(FETCH.mjcf_path, FETCH.base_body, FETCH.tcp_site), ArmChain.from_robot(FETCH)
+    assert chain.has_closed_form
+    assert chain.joints == fetch.joints
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        q = rng.uniform(fetch.lower, fetch.upper)
+        np.testing.assert_allclose(forward(chain, q), forward(fetch, q), atol=1e-9)
+
+
+def test_a_lift_is_a_joint_and_an_arm_without_one_has_one_that_does_not_move():
+    lifted, fixed = arm_chain("pr2_arm"), arm_chain("panda")
+    assert lifted.joints[0] == "torso_lift"
+    assert (lifted.lower[0], lifted.upper[0]) == (0.0115, 0.325)
+    assert (fixed.joints[0], fixed.lower[0], fixed.upper[0]) == ("", 0.0, 0.0)
+
+
+def test_self_collision_pairs_are_those_that_the_model_collides():
+    model = arm_model("panda")
+    pairs = {frozenset(pair) for pair in arm_chain("panda").self_collisions}
+    assert frozenset(("link1", "link2")) not in pairs
+    assert frozenset(("link1", "link3")) in pairs
+    data, rng = mujoco.MjData(model), np.random.default_rng(3)
+    touching = set()
+    for _ in range(300):
+        data.qpos[:] = rng.uniform(*model.jnt_range.T)
+        mujoco.mj_forward(model, data)
+        bodies = model.geom_bodyid[data.contact.geom]
+        touching |= {frozenset((model.body(a).name, model.body(b).name)) for a, b in bodies}
+    assert touching
+    assert touching <= pairs
+
+
+def test_what_is_no_arm_is_refused_with_the_reason(tmp_path):
+    model = arm_model("pr2_arm")
+    with pytest.raises(ChainError, match=r"no body 'bse'; there are 'world', 'base', 'torso'"):
+        ArmChain.from_mjcf(model, "bse", "tcp")
+    with pytest.raises(ChainError, match=r"no site or body 'tool'; there are the sites 'tcp'"):
+        ArmChain.from_mjcf(model, "base", "tool")
+    with pytest.raises(ChainError, match="'base' is not attached to 'gripper'"):
+        ArmChain.from_mjcf(model, "gripper", "base")
+    with pytest.raises(ChainError, match=r"6 or 7 hinges.*wrist_flex \(hinge\)"):
+        ArmChain.from_mjcf(model, "forearm", "tcp")
+    with pytest.raises(ChainError, match="'-z'"):
+        ArmChain.from_mjcf(model, "base", "tcp", "w")
+    with pytest.raises(ChainError, match="cannot be read"):
+        ArmChain.from_mjcf(tmp_path / "none.xml", "base", "tcp")
+    text = (FOLDER / "pr2_arm.xml").read_text()
+    for old, new, reason in (
+        ('type="slide" axis="0 0 1"', 'type="slide" axis="0 0 -1"', "must slide along"),
+        ('type="slide" axis="0 0 1"', 'type="slide" axis="1 0 0"', "must slide along"),
+        ('type="slide" axis="0 0 1" range="0.0115 0.325"', 'type="ball"', "'torso_lift'"),
+    ):
+        with pytest.raises(ChainError, match=reason):
+            ArmChain.from_mjcf(mujoco.MjModel.from_xml_string(text.replace(old, new)), "base", "tcp")

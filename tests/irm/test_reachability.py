@@ -1,0 +1,166 @@
+"""Laws of reachability maps."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.chain import ArmChain
+from irm.errors import MapFileError, ReachabilityError
+from irm.grid import MapParameters, Orientations, nearest_orientation
+from irm.ik.closed_form import ik_pan, inverse
+from irm.kinematics import jacobian, manipulability
+from irm.map_kernels import PAN_SAMPLES
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation, yaw_pitch_roll
+
+CHAIN = ArmChain.from_robot(FETCH)
+
+
+def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):
+    rng = np.random.default_rng(0)
+    positions, angles, torso = coarse_map.positions, coarse_map.yaw_pitch_roll, coarse_map.torso
+    rolls = np.linspace(-np.pi, np.pi, 2000, endpoint=False)  # some families of solutions are narrow
+    for k in rng.choice(len(coarse_map), 40, replace=False):
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = rotation(*angles[k]), positions[k]
+        found = inverse(CHAIN, T, [torso[k]], rolls)
+        assert len(found)
+        best = max(manipulability(jacobian(CHAIN, q)) for q in found)
+        assert best > 0.9 * coarse_map.manipulability[k] - 0.005
+
+
+def test_the_eight_images_of_a_voxel_are_those_of_a_scan_of_their_own(coarse_map):
+    """A slow reference without symmetry: every pan sample of a cell by itself."""
+    rng = np.random.default_rng(1)
+    pans = (np.arange(PAN_SAMPLES) + 0.5) * 2 * np.pi / PAN_SAMPLES
+    pans = (pans + np.pi) % (2 * np.pi) - np.pi
+    pans = pans[(pans >= CHAIN.lower[1]) & (pans <= CHAIN.upper[1])]
+    rows = np.empty((2, 5))
+    grid = coarse_map.grid
+    for _ in range(150):
+        cell = [int(rng.integers(low, high)) for low, high in ((4, 12), (0, grid.shape[1]), (3, 21), (3, 21))]
+        z, o, i, j = cell
+        R = rotation(*coarse_map.grid.orientations.angles[o])
+        best = 0.0
+        for torso in grid.torsos:
+            p = np.array([grid.axis(0)[i], grid.axis(1)[j], grid.layer_height(z)])
+            wrist = p - CHAIN.links[6] * R[:, 0] - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
+            for pan in pans:
+                for k in range(
+                    ik_pan(CHAIN.links, R[:, 0].copy(), wrist, np.cos(pan), np.sin(pan), CHAIN.lower, CHAIN.upper, rows)
+                ):
+                    best = max(best, manipulability(jacobian(CHAIN, [torso, pan, *rows[k], 0.0])))
+        number = np.ravel_multi_index(cell, grid.shape)
+        place = np.searchsorted(coarse_map.cells, number)
+        stored = coarse_map.manipulability[place] if number in coarse_map.cells else 0.0
+        assert stored == pytest.approx(best, abs=1e-6)
+
+
+def test_a_map_is_its_own_mirror_image(coarse_map):
+    z, o, i, j = coarse_map.indices()
+    orientations = coarse_map.grid.orientations
+    group = np.searchsorted(orientations.start, o, side="right") - 1
+    start, count = orientations.start[group], orientations.count[group]
+    mirrored = start + (-(o - start)) % count
+    cells = np.ravel_multi_index((z, mirrored, i, coarse_map.grid.shape[3] - 1 - j), coarse_map.grid.shape)
+    np.testing.assert_array_equal(np.sort(cells), coarse_map.cells)
+    np.testing.assert_allclose(coarse_map.manipulability[np.argsort(cells)], coarse_map.manipulability, atol=1e-6)
+
+
+def test_reachability_index_counts_orientations(coarse_map):
+    index = coarse_map.reachability_index
+    assert index.max() <= 100.0
+    assert index.sum() == pytest.approx(len(coarse_map) / 62 * 100)
+
+
+def test_orientations_number_and_index_themselves():
+    for count in (6, 26, 62, 114, 266):
+        parameters = MapParameters(orientations=count)
+        for rolls, free in ((1, True), (4, False)):
+            orientations = Orientations.sample(dataclasses.replace(parameters, rolls=rolls), free)
+            assert orientations.size == (count - 2) * rolls + 2 * rolls
+            R = np.array([rotation(*angles) for angles in orientations.angles])
+            np.testing.assert_array_equal(nearest_orientation(orientations, R), np.arange(orientations.size))
+            turned = np.array([rotation(*angles) for angles in yaw_pitch_roll(R)])
+            np.testing.assert_allclose(turned, R, atol=1e-9)
+
+
+def test_saving_and_loading_gives_the_same_map(coarse_map, tmp_path):
+    file = tmp_path / "deep" / "map.npz"
+    coarse_map.save(file)
+    loaded = ReachabilityMap.load(file, FETCH)
+    assert loaded.parameters == coarse_map.parameters
+    assert loaded.key == coarse_map.key
+    for name in ("cells", "manipulability", "torso_index", "flags"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(coarse_map, name))
+        assert not getattr(loaded, name).flags.writeable
+    assert list(tmp_path.glob("deep/*")) == [file]
+
+
+def test_a_part_of_a_map_can_be_kept(coarse_map, tmp_path):
+    part = coarse_map.subset(coarse_map.positions[:, 2] < 0.8)
+    part.save(tmp_path / "part.npz")
+    assert len(ReachabilityMap.load(tmp_path / "part.npz", FETCH)) == len(part) < len(coarse_map)
+    assert part.key != coarse_map.key
+
+
+def test_damaged_and_foreign_files_are_refused(coarse_map, tmp_path):
+    file = tmp_path / "map.npz"
+    coarse_map.save(file)
+    whole = file.read_bytes()
+    for bad in (b"", b"not a map", whole[: len(whole) // 2], whole[:1000] + bytes(3000) + whole[4000:]):
+        file.write_bytes(bad)
+        with pytest.raises(MapFileError, match="build it again"):
+            ReachabilityMap.load(file, FETCH)
+    np.savez(file, cells=np.arange(3))
+    with pytest.raises(MapFileError):
+        ReachabilityMap.load(file, FETCH)
+    with pytest.raises(FileNotFoundError):
+        ReachabilityMap.load(tmp_path / "none.npz", FETCH)
+
+
+def test_parameters_that_make_no_sense_are_refused():
+    with pytest.raises(ReachabilityError, match="there are sets of 6, 26, 62"):
+        MapParameters(orientations=60)
+    with pytest.raises(ReachabilityError, match="voxel"):
+        MapParameters(voxel=0.0)
+    with pytest.raises(ReachabilityError, match="voxel"):
+        MapParameters(voxel=float("nan"))
+    with pytest.raises(ReachabilityError, match="increasing pair"):
+        MapParameters(heights=(1.0, 0.5))
+    with pytest.raises(ReachabilityError, match="rings, at"):
+        ReachabilityMap.build(FETCH, pitches=(0.1,))
+    with pytest.raises(ReachabilityError, match="reaches nothing"):
+        ReachabilityMap.build(FETCH, heights=(4.0, 5.0))
+
+
+def test_a_fixed_torso_reaches_less_and_keeps_its_height():
+    free = ReachabilityMap.build(FETCH, voxel=0.2, orientations=26)
+    fixed = ReachabilityMap.build(FETCH, voxel=0.2, orientations=26, lift=False)
+    assert len(fixed) < len(free)
+    np.testing.assert_allclose(fixed.torso, FETCH.home[0])
+    assert free.torso.min() >= CHAIN.lower[0]
+    assert free.torso.max() <= CHAIN.upper[0]
+
+
+def test_progress_is_shown_by_the_callers_function() -> None:
+    """It was a bar of tqdm, which fills a log file."""
+    shown = []
+
+    def record(items: Iterable[Any], desc: str, total: int) -> Iterator[Any]:
+        shown.extend((desc, total))
+        for item in items:
+            shown.append(item)
+            yield item
+
+    small = {"voxel": 0.2, "orientations": 26}
+    built = ReachabilityMap.build(FETCH, progress=record, **small)
+    name, total, *layers = shown
+    assert (name, total) == ("reachability map", len(layers))
+    assert len(built) == len(ReachabilityMap.build(FETCH, **small))
+    with pytest.raises(ReachabilityError, match="progress=True must be None or a function"):
+        ReachabilityMap.build(FETCH, progress=True, **small)  # what earlier versions took

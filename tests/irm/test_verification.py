@@ -1,0 +1,55 @@
+"""Exact verification of proposed bases."""
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from irm.chain import ArmChain
+from irm.errors import QueryError
+from irm.kinematics import forward
+from irm.verification import ConfigurationSearch, NotVerified, Verified, tcp_poses, verify
+
+CHAIN = ArmChain.from_robot(FETCH)
+PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])
+
+
+def path_of(placement, cup):
+    def poses_of(rank):
+        yaw = placement.approach_yaw[rank]
+        c, s = np.cos(yaw), np.sin(yaw)
+        return tcp_poses(cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), yaw)
+
+    return poses_of
+
+
+def test_verified_configurations_reach_the_tcp_poses_in_small_steps(level_inverse, table_floor, cups):
+    for cup in cups[:6]:
+        placement = level_inverse.query_path(PATH, target=cup, free_space=table_floor, k=5)
+        poses_of = path_of(placement, cup)
+        result = verify(CHAIN, placement, poses_of)
+        assert isinstance(result, Verified)
+        base = result.base
+        c, s = np.cos(base[2]), np.sin(base[2])
+        T_world_base = np.eye(4)
+        T_world_base[:2, :2], T_world_base[:2, 3] = [[c, -s], [s, c]], base[:2]
+        for q, T in zip(result.configurations, poses_of(result.rank), strict=True):
+            np.testing.assert_allclose(T_world_base @ forward(CHAIN, q), T, atol=1e-6)
+        steps = np.abs(np.diff(result.configurations, axis=0))
+        steps[:, [3, 5, 7]] = np.minimum(steps[:, [3, 5, 7]], 2 * np.pi - steps[:, [3, 5, 7]])
+        assert steps.max() <= ConfigurationSearch().largest_step
+
+
+def test_the_callers_check_decides(level_inverse, table_floor, cups):
+    placement = level_inverse.query(cups[0], free_space=table_floor, k=4)
+    poses_of = lambda rank: tcp_poses(cups[0], placement.approach_yaw[rank])  # noqa: E731
+    assert verify(CHAIN, placement, poses_of, lambda *_: False) == NotVerified((0, 0, 0, 0))
+    refused = placement.poses[0]
+    result = verify(CHAIN, placement, poses_of, lambda base, _: not np.array_equal(base, refused))
+    assert isinstance(result, Verified)
+    assert result.rank == 1
+
+
+def test_poses_of_a_wrong_shape_are_refused(level_inverse, cups):
+    placement = level_inverse.query(cups[0])
+    with pytest.raises(QueryError, match=r"\(m, 4, 4\)"):
+        verify(CHAIN, placement, lambda _: np.eye(4))
