@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-__all__ = ["Cause"]
-
 
 class Cause(StrEnum):
     """Why a solve ended without a plan.

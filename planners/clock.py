@@ -8,8 +8,6 @@ import time
 from dataclasses import dataclass
 from numbers import Real
 
-__all__ = ["NO_DEADLINE", "Deadline", "TimeLimitError", "cpu_seconds"]
-
 
 class TimeLimitError(ValueError):
     """A time limit that is not a number of seconds, not negative."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-__all__ = ["STRATEGIES", "Strategy", "StrategyError", "UnknownStrategy", "find_strategy"]
-
 Grasps: TypeAlias = Literal["greedy", "smallest"]
 Region: TypeAlias = Literal["none", "ngr1", "ngr"]
 Locations: TypeAlias = Literal["random", "priority"]

@@ -15,8 +15,6 @@ from clutter_env.rendering.renderer import Renderer
 from clutter_env.rendering.window import Window
 from clutter_env.simulation.world import World
 
-__all__ = ["MAX_DEPTH", "EnvRenderer"]
-
 MAX_DEPTH = 8.0
 """[m] Clip of the depth images in observations."""
 

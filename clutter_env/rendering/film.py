@@ -15,8 +15,6 @@ from clutter_env.config import CONTROL_HZ
 from clutter_env.rendering.framing import ABOVE, across, whole_scene, work_place
 from clutter_env.rendering.renderer import Renderer
 
-__all__ = ["Film"]
-
 Frame = NDArray[np.uint8]
 
 _WIDTH, _WIDTH_ABOVE, _HEIGHT = 640, 384, 480

@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 
-__all__ = ["ABOVE", "FRAMED_CAMERA", "across", "whole_scene", "whole_table", "work_place"]
-
 FRAMED_CAMERA = "scene"
 """Name of the view of the whole scene; all other cameras are in the model and stay where they are."""
 _ACROSS = (72.0, -32.0)
 """[deg] azimuth and elevation: across the table from the robot's right; neither the arm nor the head hides the gripper
 for long."""
-_UNDER_BOARDS = (30.0, -50.0)
-"""[deg] The same from farther in front and above, past the side of a shelf and through its clear boards."""
+_INTO_SHELF = (30.0, -50.0)
+"""[deg] The same from farther in front and above, past the side of a shelf and through its transparent boards."""
 ABOVE = (0.0, -90.0)
 """[deg] azimuth and elevation: straight down, the robot below the table."""
 _ROBOT_RADIUS = 0.40
@@ -40,7 +38,7 @@ Points = NDArray[np.float64]
 
 def across(layout: Layout) -> tuple[float, float]:
     """Azimuth and elevation [deg] from which most of a layout's objects are seen, and the robot beside them."""
-    return _ACROSS if layout.board_height is None else _UNDER_BOARDS
+    return _ACROSS if layout.board_height is None else _INTO_SHELF
 
 
 def whole_scene(

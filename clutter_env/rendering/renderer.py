@@ -1,10 +1,15 @@
-"""Renders images with the OpenGL that the machine has; no OpenGL library is loaded before the first image."""
+"""Rendering of images with the OpenGL that the machine has; no OpenGL library is loaded before the first image.
+
+OpenGL may be used by the process that opened it, and a context only by the thread that made it: a forked process has a
+copy of the driver's memory without its threads, and hangs in its first call.
+"""
 
 from __future__ import annotations
 
 import importlib
 import os
 import sys
+import threading
 from typing import Protocol
 
 import mujoco
@@ -12,9 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import RenderingUnavailable
-from clutter_env.rendering.ownership import ContextOwner, check_no_fork, note_opened
-
-__all__ = ["Renderer", "has_display", "make_context"]
 
 _DEBIAN_PACKAGES = (
     "on Debian or Ubuntu install libegl1 libegl-mesa0 libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa, software only)"
@@ -23,6 +25,8 @@ _OFF = ("disable", "disabled", "off", "false", "0")
 _MAX_GEOMS = 2000
 _GEOM_GROUPS = (1, 1, 1, 0, 0, 0)
 """Rendered: the scene (0), the meshes (1) and the primitives (2) that no mesh replaces."""
+_opened_by: set[int] = set()
+"""Processes that have opened OpenGL: this one, or those from which it was forked."""
 
 
 class GLContext(Protocol):
@@ -47,7 +51,7 @@ def make_context(width: int, height: int) -> GLContext:
         RenderingUnavailable: none works; the message names the missing packages. Or this process was forked from
             one that had rendered.
     """
-    check_no_fork()
+    _check_no_fork()
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
         raise RenderingUnavailable(f"rendering is switched off by MUJOCO_GL={wanted}; unset it to render images")
@@ -63,7 +67,7 @@ def make_context(width: int, height: int) -> GLContext:
 
 def _open(backend: str, width: int, height: int) -> GLContext:
     """A context of one backend. PyOpenGL's choice of platform is undone when the backend does not work."""
-    note_opened()
+    _opened_by.add(os.getpid())
     before = os.environ.get("PYOPENGL_PLATFORM")
     try:
         context: GLContext = importlib.import_module(backend).GLContext(width, height)
@@ -73,6 +77,16 @@ def _open(backend: str, width: int, height: int) -> GLContext:
             os.environ.pop("PYOPENGL_PLATFORM", None)
         raise
     return context
+
+
+def _check_no_fork() -> None:
+    """Raise RenderingUnavailable if this process was forked from one that had opened OpenGL."""
+    if _opened_by - {os.getpid()}:
+        raise RenderingUnavailable(
+            "this process was forked from one that had rendered, and OpenGL does not survive a fork; start worker "
+            "processes by spawning: gym.make_vec(..., vectorization_mode='async', vector_kwargs={'context': 'spawn'}), "
+            "AsyncVectorEnv(..., context='spawn'), multiprocessing.get_context('spawn')"
+        )
 
 
 class Renderer:
@@ -88,7 +102,7 @@ class Renderer:
         self._size = width, height
         buffer = model.vis.global_
         buffer.offwidth, buffer.offheight = max(buffer.offwidth, width), max(buffer.offheight, height)
-        self._owner = ContextOwner()
+        self._process, self._thread = os.getpid(), threading.get_ident()
         self._context: GLContext | None = make_context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
@@ -135,7 +149,7 @@ class Renderer:
         depth: NDArray[np.float32] | None,
     ) -> None:
         assert self._context is not None
-        self._owner.check()
+        self._check_owner()
         self._context.make_current()
         view = self._fixed(camera) if isinstance(camera, str) else camera
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -143,6 +157,16 @@ class Renderer:
         viewport = mujoco.MjrRect(0, 0, *self._size)
         mujoco.mjr_render(viewport, self._scene, self._device)
         mujoco.mjr_readPixels(picture, depth, viewport, self._device)
+
+    def _check_owner(self) -> None:
+        """Raise RenderingUnavailable if the context was made in another process or in another thread."""
+        if self._process != os.getpid():
+            _check_no_fork()
+        if self._thread != threading.get_ident():
+            raise RenderingUnavailable(
+                "this environment has rendered in another thread, and an OpenGL context belongs to its thread; render "
+                "and close in one thread, or make one environment for each thread"
+            )
 
     def _fixed(self, camera: str) -> mujoco.MjvCamera:
         """The view of one of the model's cameras."""
@@ -153,8 +177,8 @@ class Renderer:
 
     def close(self) -> None:
         """Free the OpenGL resources; may be called twice. A forked process has none to free."""
-        if self._context is not None and self._owner.is_this_process:
-            self._owner.check()
+        if self._context is not None and self._process == os.getpid():
+            self._check_owner()
             self._context.make_current()
             self._device.free()
             self._context.free()

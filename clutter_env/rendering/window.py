@@ -13,8 +13,6 @@ from clutter_env.rendering.framing import FRAMED_CAMERA, across, whole_scene
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import Layout
 
-__all__ = ["Window"]
-
 _ASPECT = 1.5
 """Width over height of MuJoCo's window before its user changes it, a little less."""
 _MOST_LAG = 0.1

@@ -6,6 +6,8 @@ configuration, and the limits of position, velocity and acceleration bound every
 
 from __future__ import annotations
 
+import math
+
 import mink
 import mujoco
 import numpy as np
@@ -88,13 +90,15 @@ class EndEffectorController:
         present = self._tcp_at(q)
         step = twist * self._max_step
         # Translation and rotation apart, both along the axes of the base: not the screw motion of SE3.exp.
-        lead = self._wanted.translation() + step[:3] - present.translation()
-        turn = (mink.SO3.exp(step[3:]) @ self._wanted.rotation() @ present.rotation().inverse()).log()
-        lead *= POSITION_LEAD / max(float(np.linalg.norm(lead)), POSITION_LEAD)
-        turn *= ROTATION_LEAD / max(float(np.linalg.norm(turn)), ROTATION_LEAD)
-        self._wanted = mink.SE3.from_rotation_and_translation(
-            (mink.SO3.exp(turn) @ present.rotation()).normalize(), present.translation() + lead
-        )
+        position = self._wanted.translation() + step[:3]
+        rotation = mink.SO3.exp(step[3:]) @ self._wanted.rotation()
+        lead = position - present.translation()
+        if (distance := math.hypot(*lead)) > POSITION_LEAD:
+            position = present.translation() + lead * (POSITION_LEAD / distance)
+        turn = (rotation @ present.rotation().inverse()).log()
+        if (angle := math.hypot(*turn)) > ROTATION_LEAD:
+            rotation = mink.SO3.exp(turn * (ROTATION_LEAD / angle)) @ present.rotation()
+        self._wanted = mink.SE3.from_rotation_and_translation(rotation.normalize(), position)
         self._frame_task.set_target(self._wanted)
         self._limit.qd = qd
         try:

@@ -1,1 +1,1 @@
-"""Pictures of a plan, with matplotlib. No other room imports this one."""
+"""Pictures and pages of plans and episodes, with matplotlib; imported only by the methods that draw."""

@@ -1,4 +1,4 @@
-"""A whole plan in one picture from above: the scene, the clearances in order, and the way of the base."""
+"""A whole plan in one picture from above: the scene, the clearances in order, and the path of the base."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["draw_overview"]
 
 _MARGIN = 0.15
 """[m] around the support and the base's footprints."""
-_WAY = "#4c78a8"
+_BASE_COLOUR = "#4c78a8"
 
 
 def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
@@ -81,16 +81,16 @@ def _write(axes: Axes, body: Body, text: str, colour: str) -> None:
 
 
 def _draw_base(axes: Axes, solution: Solution) -> None:
-    """The way of the base's centre, and its footprint and heading wherever it stops."""
+    """The path of the base's centre, and its footprint and heading wherever it stops."""
     for action in solution.actions:
         base = action.trajectory.base
-        axes.plot(base[:, 1], base[:, 0], color=_WAY, linewidth=1.0, zorder=2)
+        axes.plot(base[:, 1], base[:, 0], color=_BASE_COLOUR, linewidth=1.0, zorder=2)
     radius = solution.actions[0].scene.robot.base_radius
     stops = [solution.actions[0].trajectory.base[0], *(action.trajectory.base[-1] for action in solution.actions)]
     for x, y, yaw in np.unique(np.round(stops, 3), axis=0):
-        axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=_WAY, linewidth=0.8, zorder=2))
+        axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=_BASE_COLOUR, linewidth=0.8, zorder=2))
         ahead = (y + radius * np.sin(yaw), x + radius * np.cos(yaw))
-        axes.plot((y, ahead[0]), (x, ahead[1]), color=_WAY, linewidth=1.6, zorder=2)
+        axes.plot((y, ahead[0]), (x, ahead[1]), color=_BASE_COLOUR, linewidth=1.6, zorder=2)
 
 
 def _frame(axes: Axes, solution: Solution) -> None:
@@ -109,6 +109,6 @@ def _explain(axes: Axes) -> None:
         "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
         "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
         "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
-        "base": Line2D([], [], linewidth=1.6, color=_WAY),
+        "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
     }
     axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)

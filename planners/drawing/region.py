@@ -153,7 +153,7 @@ def draw_legend(figure: Figure, columns: int = 6) -> None:
         "place chosen for it": dot(COLOURS["cleared"], markeredgecolor=COLOURS["location"], markeredgewidth=1.4),
         "robot in front, takes | puts": Line2D([], [], **_stand(COLOURS["moved"], COLOURS["location"])),
         "robot in front, takes the target": Line2D([], [], **_stand(COLOURS["target"], COLOURS["target"])),
-        "no room for its centre": Line2D([], [], color=COLOURS["ink"], linewidth=0.8, linestyle=":"),
+        "too close for its centre": Line2D([], [], color=COLOURS["ink"], linewidth=0.8, linestyle=":"),
         "candidate, in order": dot(COLOURS["location"], markersize=6),
         "refused candidate": dot(COLOURS["refused"], marker="x", markersize=5),
     }

@@ -396,7 +396,7 @@ class _Retrieval:
         widths = [command.opening if arm == command.arm else robot.opening(0.0) for arm in arms]
         return np.asarray(env.joint_action(q_target, np.array(widths)))
 
-    # What is told about the episode.
+    # Results, until now or of the end.
 
     @property
     def phase(self) -> str:

@@ -1,7 +1,7 @@
-"""All choices that are as good as a plan's: several valid labels for whoever learns to choose contacts.
+"""All choices that are as good as a plan's: several valid labels for learning high-level policies.
 
-A contact is free if nothing is hit there nor on a straight line to it and from it. To take an object is as good as what
-the plan does if afterwards as few clearances are left.
+A grasp or release is free if nothing is hit there nor on a straight line to it and from it. To take an object is as
+good as what the plan does if afterwards as few clearances are left.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Alternatives:
         return np.array(found, dtype=np.int64)
 
     def _clearances_without(self, scene: Scene, target: int, removed: int = 0) -> float:
-        """The minimum number of clearances if some objects, as a mask, were not there; infinite if there is no way."""
+        """The minimum number of clearances if some objects, as a mask, were not there; infinite if nothing frees it."""
 
         def masks(index: int) -> list[int]:
             """What is in the way of each grasp of an object then."""

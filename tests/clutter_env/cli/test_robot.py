@@ -10,11 +10,17 @@ import pytest
 
 from assets.robots import RobotSpec, robot
 from clutter_env.cli.main import main
-from clutter_env.cli.robot_report import home_candidates, report_of
+from clutter_env.cli.robot_report import LevelReach, home_candidates, level_reach, report_of
 from irm.chain import ArmChain
 from irm.kinematics import forward
 
 PANDA = robot("panda_mobile")
+
+
+@pytest.fixture(scope="module")
+def reach() -> LevelReach:
+    """The robot's reach, which takes a second to compute and which no fault below changes."""
+    return level_reach(PANDA)
 
 
 def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,7 +42,10 @@ def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest
         ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', "geoms without contype"),
     ],
 )
-def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: str) -> None:
+def test_faults_of_the_file_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reach: LevelReach, old: str, new: str, hint: str
+) -> None:
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda _: reach)
     text = PANDA.mjcf_path.read_text()
     assert old in text
     (tmp_path / "robot.xml").write_text(text.replace(old, new))
@@ -45,7 +54,8 @@ def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: 
     assert bool(problems) == bool(hint)
 
 
-def test_a_bad_home_is_named() -> None:
+def test_a_bad_home_is_named(monkeypatch: pytest.MonkeyPatch, reach: LevelReach) -> None:
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda _: reach)
     low = replace(PANDA, home=(0.0, *PANDA.home[1:]))
     assert any("the TCP is" in problem for problem in report_of(low).problems)
     tilted = replace(PANDA, home=(*PANDA.home[:-1], 1.0))

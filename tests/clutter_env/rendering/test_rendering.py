@@ -15,6 +15,7 @@ import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.scene.layout import LAYOUTS
 
 ID = "clutter_env/Retrieve-o5-v0"
+EACH_LAYOUT = [pytest.param(one, marks=() if one == "shelf" else pytest.mark.slow) for one in LAYOUTS]
 
 
 def run_without(code: str, **environment: str) -> subprocess.CompletedProcess:
@@ -24,7 +25,7 @@ def run_without(code: str, **environment: str) -> subprocess.CompletedProcess:
 
 
 @pytest.mark.usefixtures("needs_gl")
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", EACH_LAYOUT)
 @pytest.mark.parametrize("camera", ["scene", "top"])
 def test_the_red_target_is_in_the_picture(layout: str, camera: str) -> None:
     env = gym.make(ID, layout=layout, camera=camera, render_mode="rgb_array")

@@ -156,7 +156,7 @@ def test_the_test_agrees_with_the_planner() -> None:
     """The figures over all scenes stand in docs/suites.md."""
     found = agreement(610_000, 1, (SceneSet("paper", 25, 24), SceneSet("shelf", 10, 30)))
     assert all(share(entry) >= 0.95 for entry in found.values()), found
-    assert all(entry.both for entry in found.values())
+    assert all(entry[True, True] for entry in found.values())
 
 
 @pytest.mark.parametrize("least", [True, 2, 3])

@@ -15,13 +15,19 @@ from matplotlib.figure import Figure
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.drawing.clearances import choices_of, draw_plan, last_picture
-from planners.drawing.region import COLOURS, draw_clearance
+from planners.drawing.region import COLOURS, ClearancePicture, draw_clearance
 from planners.placing.negative_goal_region import SweptVolume
 from planners.placing.swept_volume import path_volume
 from tests.planners.plans import solved
 from tests.planners.scenes import cylinder, table_scene
 
 mpl.use("agg")
+
+
+@pytest.fixture(scope="module")
+def choices() -> list[ClearancePicture]:
+    """The choices of a plan, whose regions take seconds to compute."""
+    return choices_of(solved())
 
 
 def free() -> Solution:
@@ -66,9 +72,8 @@ def test_a_plan_without_actions_is_refused_with_the_reason() -> None:
         last_picture(empty)
 
 
-def test_choices_are_the_clearances_in_order_where_the_plan_puts_them() -> None:
+def test_choices_are_the_clearances_in_order_where_the_plan_puts_them(choices: list[ClearancePicture]) -> None:
     plan = solved()
-    choices = choices_of(plan)
     puts = [action for action in plan.actions if action.is_clearance]
     assert [choice.moved for choice in choices] == list(plan.clearances)
     for choice, action in zip(choices, puts, strict=True):
@@ -79,9 +84,9 @@ def test_choices_are_the_clearances_in_order_where_the_plan_puts_them() -> None:
     assert choices[-1].obstacles == []
 
 
-def test_rank_and_outline_of_the_chosen_place_do_not_hide_each_other() -> None:
+def test_rank_and_outline_of_the_chosen_place_do_not_hide_each_other(choices: list[ClearancePicture]) -> None:
     """The ring of the chosen place was drawn over its rank."""
-    picture = choices_of(solved())[0]
+    picture = choices[0]
     axes = Figure().subplots()
     draw_clearance(axes, picture)
     (ring,) = drawn(axes, "put")
@@ -90,9 +95,9 @@ def test_rank_and_outline_of_the_chosen_place_do_not_hide_each_other() -> None:
     assert np.hypot(*np.subtract(at, ring.center)) == pytest.approx(ring.radius)
 
 
-def test_a_base_that_takes_and_puts_shows_both_colours() -> None:
+def test_a_base_that_takes_and_puts_shows_both_colours(choices: list[ClearancePicture]) -> None:
     """One triangle hid the other."""
-    picture = choices_of(solved())[0]
+    picture = choices[0]
     for stands, colours in (
         ([[-0.9, 0.1], [-0.9, 0.1]], [(COLOURS["moved"], COLOURS["location"])]),
         ([[-0.9, 0.1], [-0.9, 0.2]], [(COLOURS["moved"],) * 2, (COLOURS["location"],) * 2]),
@@ -128,6 +133,7 @@ def test_the_last_picture_shows_the_gripper_as_wide_as_it_is_open(monkeypatch: p
     assert min(openings) == pytest.approx(FETCH.opening(0.0))
 
 
+@pytest.mark.slow
 def test_an_object_in_the_gripper_at_the_start_is_drawn_too(tmp_path: Path) -> None:
     plan = solved()
     index = next(i for i, action in enumerate(plan.actions) if action.name == "PickUp")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +15,7 @@ import clutter_env
 from assets.robots import FETCH
 from planners import STRATEGIES, Infeasible, Planner, Scene, Solution, Strategy, TampExpert
 from planners.cause import Cause
-from planners.expert.config import ExpertConfig, ExpertError
+from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.interfaces import controlled_env
 from planners.motion.tcp_following import TcpFollower
 from planners.scene import UnknownObject
@@ -41,6 +42,33 @@ def play(env: gymnasium.Env, expert: TampExpert, most: int = 4000) -> bool:
     return False
 
 
+@pytest.mark.parametrize("value", [-1, math.nan, "soon", None, True])
+def test_limits_and_tolerances_are_checked(value: Any) -> None:
+    for name in ("replans", "planning_s", "settle_s", "hold_s"):
+        with pytest.raises(ExpertError, match=f"{name}="):
+            ExpertConfig(**{name: value})
+    for name in ("displacement", "tilt", "slip", "base", "arm"):
+        with pytest.raises(ExpertError, match=f"{name}="):
+            MonitorConfig(**{name: value})
+
+
+def test_limits_may_be_infinite_and_waits_may_not(env: gymnasium.Env) -> None:
+    assert ExpertConfig(planning_s=math.inf, monitor=MonitorConfig(displacement=math.inf)).planning_s == math.inf
+    wrong: list[dict[str, Any]] = [
+        {"settle_s": math.inf},
+        {"hold_s": math.inf},
+        {"replans": 1.5},
+        {"monitor": 0.1},
+        {"with_floor": "yes"},
+        {"hold_aside": 1},
+    ]
+    for keywords in wrong:
+        with pytest.raises(ExpertError, match=next(iter(keywords))):
+            ExpertConfig(**keywords)
+    with pytest.raises(ExpertError, match="ExpertConfig"):
+        TampExpert(env, config={"replans": 1})  # type: ignore[arg-type] # the wrong type is what is tested
+
+
 def test_before_reset_every_call_says_what_to_do(env: gymnasium.Env) -> None:
     env.reset(seed=SEED)
     expert = TampExpert(env)
@@ -52,13 +80,11 @@ def test_before_reset_every_call_says_what_to_do(env: gymnasium.Env) -> None:
             getattr(expert, name)
 
 
-@pytest.mark.parametrize("target", [None, "object_00"])
-def test_the_environment_must_be_reset_first(env: gymnasium.Env, target: str | None) -> None:
+def test_the_environment_must_be_reset_first(env: gymnasium.Env) -> None:
     expert = TampExpert(env)
-    with pytest.raises(ExpertError, match="reset the environment before the expert"):
-        expert.reset(target)
-    with pytest.raises(ExpertError, match=r"call TampExpert.reset\(\)"):
-        expert.act()
+    for target in (None, "object_00"):
+        with pytest.raises(ExpertError, match="reset the environment before the expert"):
+            expert.reset(target)
 
 
 def test_an_environment_reset_during_the_episode_is_noticed(env: gymnasium.Env) -> None:
@@ -84,31 +110,19 @@ def test_an_unknown_target_is_refused_and_the_episode_goes_on(env: gymnasium.Env
     env.step(expert.act())
 
 
-def test_a_vector_environment_is_refused() -> None:
+def test_other_environments_are_refused_with_the_reason() -> None:
     vector = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make(ENV)] * 2)
     with pytest.raises(ExpertError, match="vector environment; make one TampExpert for each"):
         TampExpert(vector)
     vector.close()
-
-
-@pytest.mark.parametrize("name", ["clutter_env/Skill-o5-v0", "clutter_env/Reach-v0", "clutter_env/Pick-v0"])
-@pytest.mark.parametrize("is_reset", [False, True])
-def test_other_tasks_are_refused(name: str, is_reset: bool) -> None:
-    other = gymnasium.make(name)
-    if is_reset:
-        other.reset(seed=0)
-    with pytest.raises(
-        ExpertError, match=r"cannot be controlled, it lacks .*; TampExpert controls clutter_env/Retrieve"
-    ):
-        TampExpert(other)
-    other.close()
-
-
-@pytest.mark.parametrize("foreign", [None, "CartPole-v1", object()])
-def test_a_foreign_environment_is_refused(foreign: Any) -> None:
-    made = gymnasium.make(foreign) if isinstance(foreign, str) else foreign
-    with pytest.raises(ExpertError, match="lacks model, data, robot"):
-        TampExpert(made)
+    for name in ("clutter_env/Skill-o5-v0", "clutter_env/Reach-v0", "clutter_env/Pick-v0"):
+        other = gymnasium.make(name)
+        with pytest.raises(ExpertError, match=r"it lacks .*; TampExpert controls clutter_env/Retrieve"):
+            TampExpert(other)
+        other.close()
+    for foreign in (None, gymnasium.make("CartPole-v1"), object()):
+        with pytest.raises(ExpertError, match="lacks model, data, robot"):
+            TampExpert(foreign)
 
 
 @pytest.mark.parametrize("wrap", [lambda e: RescaleAction(e, np.float32(-2.0), np.float32(2.0)), ClipAction])
@@ -155,7 +169,7 @@ def test_the_protocol_is_all_that_the_expert_uses(env: gymnasium.Env) -> None:
     assert expert.report.scored
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.02, 0.025])
+@pytest.mark.parametrize("seconds", [0.0, 0.025])
 def test_short_waits_end(env: gymnasium.Env, seconds: float) -> None:
     """The expert waited for ever where a wait was shorter than half a control step."""
     env.reset(seed=SEED)
@@ -267,10 +281,11 @@ def test_a_refusal_of_the_planner_ends_the_episode_with_its_cause(env: gymnasium
     assert expert.report.failure == "unreachable: nothing is within reach"
 
 
-@pytest.mark.parametrize("planner", ["lookahead", object(), Planner])
-def test_what_is_no_planner_is_refused(env: gymnasium.Env, planner: Any) -> None:
-    with pytest.raises(ExpertError, match="method solve"):
-        TampExpert(env, planner=planner)
+def test_what_is_no_planner_is_refused(env: gymnasium.Env) -> None:
+    wrong: tuple[Any, ...] = ("lookahead", object(), Planner)
+    for planner in wrong:
+        with pytest.raises(ExpertError, match="method solve"):
+            TampExpert(env, planner=planner)
 
 
 def test_a_planner_that_returns_no_result_is_named(env: gymnasium.Env) -> None:

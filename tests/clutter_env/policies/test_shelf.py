@@ -1,0 +1,162 @@
+"""Picks and places under a shelf: base waypoints, predicted arms, clearance, refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from assets import FETCH  # noqa: E402
+from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
+from clutter_env.policies.motion.arm import is_wrist_flipped, with_wrist_flipped  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.policies.motion.network_input import ELSEWHERE, SHELF_PHASES, contact_in_base  # noqa: E402
+from clutter_env.policies.motion.shelf import (  # noqa: E402
+    ShelfKeyframePlanner,
+    base_waypoint,
+    drive_points,
+    table_of,
+)
+from clutter_env.policies.motion.shelf_arm import (  # noqa: E402
+    ArmBalls,
+    ArmPredictor,
+    GripperPoints,
+    ShelfArmChooser,
+    Surroundings,
+)
+from clutter_env.policies.parsed_observation import (  # noqa: E402
+    Cylinders,
+    ParsedObservation,
+    parse_observation,
+    planar_pose,
+)
+from clutter_env.policies.weights import shipped_path  # noqa: E402
+from clutter_env.scene.layout import find_layout  # noqa: E402
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.motion_demonstrations import Motion, planned_motions  # noqa: E402
+from clutter_env.training.motion_examples import cut_at_corners, free_joints_of  # noqa: E402
+
+SHELF = Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True})
+LAYOUT = find_layout("shelf")
+TABLE = table_of(LAYOUT)
+_ROW = OBSERVATION_LAYOUT["objects"]
+
+
+@pytest.fixture(scope="module")
+def motions() -> list[Motion]:
+    return list(planned_motions(SHELF.make(), "side", range(2)))
+
+
+@pytest.fixture(scope="module")
+def network() -> KeyframeNetwork:
+    return KeyframeNetwork.load(shipped_path("motions", "shelf"))[0].eval()
+
+
+@pytest.fixture(scope="module")
+def seen() -> ParsedObservation:
+    return parse_observation(SHELF.make().reset(seed=0)[0])
+
+
+def with_object(seen: ParsedObservation, at: Any, half: Any) -> ParsedObservation:
+    """The first object alone, and another one at a point in the world."""
+    T = np.linalg.inv(planar_pose(seen.base))
+    row = seen.objects[0].copy()
+    row[_ROW["position"]], row[_ROW["half_extents"]] = T[:3, :3] @ at + T[:3, 3], half
+    return dataclasses.replace(seen, objects=np.stack((seen.objects[0], row)))
+
+
+def test_base_waypoints_are_those_of_demonstrations_and_drives_join_them(motions: list[Motion]) -> None:
+    for motion in motions:
+        cut = cut_at_corners(motion)
+        for phase, steps in cut.runs():
+            if phase in ELSEWHERE:
+                keyframe = cut.keyframes[steps.stop - 1]
+                np.testing.assert_allclose(base_waypoint(TABLE, motion.contact, phase), keyframe[:3], atol=1e-6)
+        drive = drive_points(TABLE, motion.contact)
+        np.testing.assert_allclose(drive[0], 0.0)
+        outside = base_waypoint(TABLE, motion.contact, "leave")
+        np.testing.assert_allclose(drive[-1, :2], outside[:2] - motion.contact.base[:2])
+        assert np.linalg.norm(np.diff(drive, axis=0), axis=1).max() < 0.021
+
+
+def test_correction_leads_the_predicted_gripper_to_where_it_is_wanted(
+    motions: list[Motion], network: KeyframeNetwork
+) -> None:
+    predictor, errors = ArmPredictor(network, FETCH), []
+    for motion in motions:
+        base_tcp, sizes = contact_in_base(motion.contact.tcp, motion.contact.base), motion.seen.sizes(motion.index)[0]
+        free = free_joints_of(FETCH, cut_at_corners(motion))
+        assert free is not None
+        arguments = (motion.contact.skill, base_tcp, sizes, np.array([0.0, 0.03]), np.tile(free, (2, 1)))
+        errors.append([predictor.on_line(*arguments, rounds=rounds)[1].max() for rounds in (0, 6)])
+    before, after = np.array(errors).T
+    assert after.max() < 0.001 < before.max()
+
+
+def test_balls_move_with_the_arm_and_points_with_the_fingers() -> None:
+    balls, home = ArmBalls(FETCH), np.array(FETCH.home)
+    raised = home.copy()
+    raised[0] += 0.05
+    centres = balls.centres(np.stack((home, raised)))
+    np.testing.assert_allclose(centres[1] - centres[0], np.broadcast_to((0.0, 0.0, 0.05), centres[0].shape), atol=1e-6)
+    assert (balls.radius > 0.03).all()
+    gripper = GripperPoints(FETCH)
+    closed, opened = gripper.at(0.0), gripper.at(0.03)
+    moved = opened - closed
+    is_finger = np.abs(moved).max(axis=1) > 0
+    np.testing.assert_allclose(np.abs(moved[is_finger]), np.broadcast_to((0.0, 0.03, 0.0), moved[is_finger].shape))
+    assert (moved[is_finger][:, 1] * np.sign(closed[is_finger][:, 1].round(3)) >= 0).all()
+    assert closed[~is_finger][:, 0].max() < 0.0 < opened[is_finger][:, 0].max() < 0.05
+
+
+def test_distances_are_those_to_boxes_and_upright_cylinders() -> None:
+    """A box about the origin, and an object of radius 0.1 m, 0.05 m for certain, two metres ahead of it."""
+    found = Cylinders(np.array([[2.0, 0.0, 0.0]]), np.array([0.1]), height=np.array([0.2]), core=np.array([0.05]))
+    around = Surroundings(np.zeros((1, 3)), np.array([[0.5, 0.5, 0.1]]), found)
+    points = np.array([[0.0, 0.0, 0.05], [0.0, 0.8, 0.5], [2.0, 0.3, 0.0], [2.0, 0.0, 0.3]])
+    np.testing.assert_allclose(around.distance(points), [0.0, 0.5, 0.2, 0.1])
+    outside = np.array([[0.0, 0.0, 0.15], [2.07, 0.0, 0.0], [2.0, 0.0, 0.3]])
+    assert not around.contain(outside)
+    for inside in ([0.4, 0.0, 0.05], [2.04, 0.0, 0.1]):
+        assert around.contain(np.array([*outside, inside]))
+
+
+def test_the_chosen_arm_keeps_clear_of_what_stands_in_its_path(
+    motions: list[Motion], network: KeyframeNetwork, seen: ParsedObservation
+) -> None:
+    contact = max(motions, key=lambda motion: float(motion.contact.tcp[0, 3])).contact
+    chooser, drive = ShelfArmChooser(network, FETCH, LAYOUT), drive_points(TABLE, contact)
+    free = chooser.choose(contact, 0, dataclasses.replace(seen, objects=seen.objects[:1]), drive)
+    base_tcp = contact_in_base(contact.tcp, contact.base)
+    predictor = ArmPredictor(network, FETCH)
+    q, _ = predictor.on_line(contact.skill, base_tcp, seen.sizes(0), np.zeros(1), free.low[None], rounds=6)
+    T = planar_pose(np.array(contact.base))
+    elbow = T[:3, :3] @ ArmBalls(FETCH).centres(q)[0, 4] + T[:3, 3]
+    other = chooser.choose(contact, 0, with_object(seen, elbow, 0.01), drive)
+    assert not other.is_blocked
+    assert np.abs(other.low - free.low).max() > 0.04 or other.is_flipped != free.is_flipped
+
+
+def test_a_wrist_keeps_its_side_while_an_object_is_held(network: KeyframeNetwork, motions: list[Motion]) -> None:
+    place = next(motion for motion in motions if motion.contact.skill == "place")
+    names = [entry.name for entry in dataclasses.fields(ParsedObservation)]
+    held = ParsedObservation(**{name: getattr(place.seen, name)[0] for name in names})
+    chooser, drive = ShelfArmChooser(network, FETCH, LAYOUT), drive_points(TABLE, place.contact)
+    for q in (np.array(FETCH.home), with_wrist_flipped(FETCH, np.array(FETCH.home))):
+        arm = chooser.choose(place.contact, 0, dataclasses.replace(held, q=q), drive)
+        assert arm.is_flipped == is_wrist_flipped(FETCH, q)
+
+
+def test_a_pick_that_something_is_in_the_way_of_is_refused_at_first(
+    motions: list[Motion], network: KeyframeNetwork, seen: ParsedObservation
+) -> None:
+    contact = motions[0].contact
+    blocked = with_object(seen, contact.tcp[:3, 3] - (0.15, 0.0, 0.0), (0.03, 0.03, 0.1))
+    free = dataclasses.replace(seen, objects=seen.objects[:1])
+    planner = ShelfKeyframePlanner(network, FETCH, LAYOUT)
+    assert planner.begin(contact, 0, free) == list(SHELF_PHASES["pick"])
+    assert [bool(planner.begin(contact, 0, blocked)) for _ in range(3)] == [False, False, True]

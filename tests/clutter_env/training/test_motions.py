@@ -1,0 +1,138 @@
+"""Motions of plans that are not simulated, their examples, and the network that is fitted to them."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from assets import FETCH  # noqa: E402
+from clutter_env.data.dataset import Dataset, Job  # noqa: E402
+from clutter_env.errors import DatasetError  # noqa: E402
+from clutter_env.policies.motion.arm import ArmKinematics  # noqa: E402
+from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
+from clutter_env.policies.motion.network_input import DRIVEN, PHASES, SHELF_PHASES  # noqa: E402
+from clutter_env.policies.runs import MOTIONS_FILE  # noqa: E402
+from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.motion_demonstrations import Motion, planned_motions  # noqa: E402
+from clutter_env.training.motion_examples import cut_at_corners, is_driven, keyframe_examples  # noqa: E402
+from clutter_env.training.motion_fit import KeyframeFitConfig, fit_keyframes, fit_motions  # noqa: E402
+from clutter_env.training.motions import high_level_of  # noqa: E402
+from clutter_env.training.run import Run  # noqa: E402
+from clutter_env.training.settings import Keyframes  # noqa: E402
+from clutter_env.training.train import train  # noqa: E402
+from planners import tcp_pose  # noqa: E402
+from planners.scene import RobotState  # noqa: E402
+
+OPEN = Task("clutter_env/Retrieve-o5-v0", {"obstructed": True})
+SHELF = Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True})
+
+
+@pytest.fixture(scope="module")
+def in_the_open() -> list[Motion]:
+    return list(planned_motions(OPEN.make(), "all", range(6)))
+
+
+@pytest.fixture(scope="module")
+def under_a_shelf() -> list[Motion]:
+    return list(planned_motions(SHELF.make(), "side", range(2)))
+
+
+def gripper_at(keyframe: np.ndarray) -> np.ndarray:
+    return tcp_pose(FETCH, RobotState(keyframe[:3], keyframe[3:11], 0.0))
+
+
+def ends(motion: Motion) -> dict[str, np.ndarray]:
+    """The keyframe of each phase."""
+    return {phase: motion.keyframes[steps.stop - 1] for phase, steps in motion.runs()}
+
+
+def test_a_planned_motion_shows_what_a_demonstration_shows(in_the_open: list[Motion]) -> None:
+    for motion in in_the_open:
+        assert not is_driven(motion)
+        assert set(ends(motion)) - {"home"} <= set(PHASES[motion.contact.skill])
+        last = ends(motion)["approach" if motion.contact.skill == "pick" else "lower"]
+        np.testing.assert_allclose(gripper_at(last), motion.contact.tcp, atol=1e-6)
+        np.testing.assert_allclose(motion.seen.tcp[-1], gripper_at(motion.keyframes[-1]), atol=1e-5)
+        assert len(motion.seen.base) == len(motion.phases) + 1
+    pitches = {round(float(np.degrees(np.arcsin(-motion.contact.tcp[2, 0])))) for motion in in_the_open}
+    assert {0, 60} <= pitches, "all grasps are shown level and tilted"
+
+
+def test_under_a_shelf_the_arm_is_rigid_on_the_drives_between_corners(under_a_shelf: list[Motion]) -> None:
+    assert {motion.contact.skill for motion in under_a_shelf} == {"pick", "place"}
+    for motion in under_a_shelf:
+        assert is_driven(motion)
+        cut, names = cut_at_corners(motion), SHELF_PHASES[motion.contact.skill]
+        found = ends(cut)
+        assert [name for name in found if name in names] == [name for name in names if name in found]
+        assert set(DRIVEN) <= set(found)
+        for one, other in (("transit", "enter"), ("enter", "reach"), ("back", "leave")):
+            np.testing.assert_allclose(found[one][3:11], found[other][3:11], atol=1e-9)
+        np.testing.assert_allclose(found["reach"][:2], motion.contact.base[:2], atol=1e-6)
+        np.testing.assert_allclose(gripper_at(found["reach"])[:2, 3], motion.contact.tcp[:2, 3], atol=1e-6)
+        along = found["reach"][:2] - found["enter"][:2]
+        np.testing.assert_allclose(along, 0.1 * motion.contact.tcp[:2, 0], atol=1e-6)
+        for phase, steps in cut.runs():
+            if phase in DRIVEN:
+                q = motion.seen.q[steps]
+                np.testing.assert_allclose(q, np.broadcast_to(q[0], q.shape), atol=1e-6)
+
+
+def test_a_line_that_begins_while_the_base_still_drives_is_no_drive_under_a_shelf(in_the_open: list[Motion]) -> None:
+    motion = next(motion for motion in in_the_open if motion.contact.skill == "pick")
+    (steps,) = (steps for phase, steps in motion.runs() if phase == "approach")
+    base, rigid = motion.seen.base.copy(), motion.seen.q.copy()
+    base[steps, 0] -= np.linspace(0.22, 0.0, steps.stop - steps.start)
+    rigid[steps] = rigid[steps.start]
+    driving = dataclasses.replace(motion.seen, base=base)
+    assert not is_driven(dataclasses.replace(motion, seen=driving))
+    assert is_driven(dataclasses.replace(motion, seen=dataclasses.replace(driving, q=rigid)))
+
+
+@pytest.mark.slow
+def test_a_fitted_network_brings_the_gripper_where_demonstrations_do(in_the_open: list[Motion]) -> None:
+    examples = keyframe_examples(FETCH, in_the_open)
+    network = fit_keyframes(FETCH, examples, KeyframeFitConfig(steps=700, batch=128))
+    predicted = network.predict(examples.features)
+    position, _ = ArmKinematics(FETCH).tcp(predicted.q)
+    wanted, _ = ArmKinematics(FETCH).tcp(torch.tensor(examples.q, dtype=torch.float32))
+    error = torch.linalg.norm(position - wanted, dim=1).numpy()[examples.at_contact]
+    assert np.median(error) < 0.02
+    limits = np.array([(link.lower, link.upper) for link in FETCH.chain])
+    assert (predicted.q.numpy() >= limits[:, 0] - 1e-5).all()
+    assert (predicted.q.numpy() <= limits[:, 1] + 1e-5).all()
+
+
+def test_a_network_knows_what_it_was_fitted_to(in_the_open: list[Motion], under_a_shelf: list[Motion]) -> None:
+    for motions, is_under_shelf in ((in_the_open, False), (under_a_shelf, True)):
+        network = fit_motions(FETCH, motions, steps=2)
+        assert network.is_under_shelf == is_under_shelf
+        assert network.has_seen("pick", "lift")
+        assert network.has_seen("pick", "approach") != is_under_shelf
+        assert (network.keep_out.low < network.keep_out.high).all()
+        if is_under_shelf:
+            assert len(network.shown) == len(motions)
+    with pytest.raises(DatasetError, match="canonical"):
+        fit_motions(FETCH, [], steps=2)
+
+
+def test_motions_are_trained_from_plans_alone(tmp_path: Path) -> None:
+    run = Run(SHELF, Keyframes(steps=2, plans=1, evaluation_episodes=1), tmp_path / "run")
+    (entry,) = train(run).history
+    assert entry["motions"] >= 3
+    network, info = KeyframeNetwork.load(tmp_path / "run" / MOTIONS_FILE)
+    assert network.is_under_shelf
+    assert (info.robot, info.layout, info.grasps) == ("fetch", "shelf", "side")
+    assert info.provenance["version"]
+
+
+def test_demonstrations_of_a_script_are_refused(tmp_path: Path) -> None:
+    task = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"})
+    scripted = Dataset.open_for(Job(task, "scripted", episodes=1), tmp_path / "scripted")
+    with pytest.raises(DatasetError, match="canonical"):
+        high_level_of(scripted)
