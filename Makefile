@@ -13,7 +13,7 @@ SOURCES := assets irm planners clutter_env scripts tests
 help:
 	@echo "make setup      virtual environment with the package, its visuals and the development tools"
 	@echo "make demo       one 15-object episode solved in physics by the expert, plan printed, pictures in outputs/"
-	@echo "make test       the fast tests;  make test-slow: all of them"
+	@echo "make test       the fast tests, four minutes of CPU time;  make test-slow: all of them"
 	@echo "make check      format, lint, types, import contracts, fast tests"
 	@echo "make compat     a part of the tests in a new environment: PYTHON=python3.13, or other versions: WITH='mujoco==3.17.0'"
 	@echo "make docs       the documentation as pages to read offline, in outputs/site"
@@ -61,7 +61,7 @@ check: $(VENV)/.dev
 
 # WITH names versions in place of those of constraints.txt.
 COMPAT := outputs/compat
-COMPAT_TESTS := tests/test_readme.py tests/assets tests/irm/maps tests/irm/queries tests/clutter_env/scene tests/clutter_env/simulation \
+COMPAT_TESTS := tests/assets tests/irm tests/clutter_env/scene tests/clutter_env/simulation \
   tests/clutter_env/envs tests/planners/test_planner.py tests/planners/expert
 compat:
 	$(PYTHON) -m venv --clear $(COMPAT)

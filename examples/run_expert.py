@@ -3,7 +3,7 @@
 import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
-from planners.expert.expert import TampExpert
+from planners import TampExpert
 
 env = gym.make("clutter_env/Retrieve-o15-v0")
 _, info = env.reset(seed=9)

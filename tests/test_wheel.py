@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SCRIPT = ROOT / "examples" / "own_scene.py"
+EXAMPLES = ROOT / "examples"
 pytestmark = pytest.mark.slow
 
 
@@ -46,12 +46,8 @@ def run(command: list[str | Path], folder: Path) -> str:
     return result.stdout
 
 
-def test_the_script_is_short() -> None:
-    assert len(SCRIPT.read_text().splitlines()) < 40
-
-
 def test_own_scene_strategy_and_task_planner(python: Path, tmp_path: Path) -> None:
-    script = Path(shutil.copy(SCRIPT, tmp_path))
+    script = Path(shutil.copy(EXAMPLES / "own_scene.py", tmp_path))
     where = run([python, "-c", "import planners; print(planners.__file__)"], tmp_path)
     assert not where.startswith(str(ROOT))
     printed = run([python, script], tmp_path)
@@ -62,7 +58,28 @@ def test_own_scene_strategy_and_task_planner(python: Path, tmp_path: Path) -> No
     assert (tmp_path / "plan.png").stat().st_size > 0
 
 
-def test_the_console_command_works(python: Path, tmp_path: Path) -> None:
-    printed = run([python, "-c", "from clutter_env.cli.main import main; main(['--help'])"], tmp_path)
-    assert "episode" in printed
-    assert (python.parent.parent / "lib").exists()
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        ("run_expert.py", "success: True"),
+        ("collect.py", "seed 4"),
+        ("evaluate.py", "greedy"),
+        ("clone.py", "success of the clone: "),
+    ],
+)
+def test_the_examples_run_outside_the_repository(python: Path, tmp_path: Path, script: str, says: str) -> None:
+    assert says in run([python, shutil.copy(EXAMPLES / script, tmp_path)], tmp_path)
+
+
+def test_a_robot_of_the_users_own_solves_an_episode(python: Path, tmp_path: Path) -> None:
+    shutil.copytree(EXAMPLES / "own_robot", tmp_path, dirs_exist_ok=True)
+    printed = run([python, "ur5e_mobile.py"], tmp_path)
+    assert "solved" in printed
+
+
+def test_scripts_and_tests_are_not_installed(python: Path, tmp_path: Path) -> None:
+    listed = run([python, "-c", "import clutter_env, os; print(os.listdir(clutter_env.__path__[0] + '/..'))"], tmp_path)
+    assert "'clutter_env'" in listed
+    assert "'scripts'" not in listed
+    assert "'tests'" not in listed
+    assert "episode" in run([python, "-m", "clutter_env", "--help"], tmp_path)

@@ -72,9 +72,6 @@ def _run(command: str, argv: Sequence[str]) -> None:
     advice = ""
     try:
         module = importlib.import_module(f"clutter_env.cli.{command}")
-        if hasattr(module, "main"):
-            module.main(argv)
-            return
         arguments = read(module, f"clutter-env {command}", argv)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
         module.run(arguments)

@@ -75,20 +75,25 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     if here not in sys.path:
         sys.path.insert(0, here)
     try:
-        make_own = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as problem:
-        raise PolicyError(f"policy {name!r} cannot be imported: {problem}") from problem
+        loaded = importlib.import_module(module)
+    except ModuleNotFoundError as problem:
+        # What a user's own module fails to import is the user's error, with its traceback.
+        if problem.name is None or not f"{module}.".startswith(f"{problem.name}."):
+            raise
+        raise PolicyError(f"policy {name!r} cannot be imported: there is no module {problem.name!r}") from problem
+    if not hasattr(loaded, attribute):
+        raise PolicyError(f"policy {name!r} cannot be imported: {module} has no {attribute!r}")
+    make_own = getattr(loaded, attribute)
     policy: AnyPolicy = make_own()
     for method in ("reset", "act"):
         if not callable(getattr(policy, method, None)):
             raise PolicyError(
                 f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)"
             )
-    required = [p for p in inspect.signature(policy.reset).parameters.values() if p.default is p.empty and p.kind < 2]
-    if len(required) > 1 and not getattr(policy, "is_privileged", False):
+    if "env" in inspect.signature(policy.reset).parameters and not getattr(policy, "is_privileged", False):
         raise PolicyError(
-            f"policy {name!r} has reset({', '.join(p.name for p in required)}), the protocol of version 0.1; now it is "
-            "reset(info), or reset(info, env) with is_privileged = True"
+            f"policy {name!r} has reset(env, info), as in version 0.1; a policy has reset(info), a privileged one "
+            "is_privileged = True and reset(info, env)"
         )
     return policy
 

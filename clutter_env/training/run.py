@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from clutter_env.data.dataset import Dataset
 from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, differences, load_run
 from clutter_env.provenance import differences as made_differently
@@ -36,6 +37,7 @@ class Run:
 
         Raises:
             UnknownTask: no such environment, or not with these keyword arguments.
+            DatasetError: the demonstrations are not there, or not complete.
             LearningError: the algorithm does not learn on this task; the directory holds a run, and it is not to be
                 resumed, is another one, or was made with another environment (the message names what differs).
         """
@@ -47,6 +49,8 @@ class Run:
             raise LearningError(
                 f"{self.settings.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}"
             )
+        if demos := getattr(self.settings, "demos", None):
+            len(Dataset(demos))  # raises before the run's directory is made, where a corrected command would meet it
         if not (self.directory / RUN_FILE).exists():
             return
         if not resume:

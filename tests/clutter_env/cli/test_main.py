@@ -104,10 +104,11 @@ def test_shells_complete_commands_and_their_arguments(capsys: pytest.CaptureFixt
     assert "--retry-crashes" in script
 
 
-@pytest.mark.parametrize("error", ['ValueError("as told")', 'OSError("as told")', '__import__("assets").robot("r2")'])
-@pytest.mark.parametrize("where", ["constructor", "act"])
+@pytest.mark.parametrize(
+    ("where", "error"), [("constructor", 'OSError("as told")'), ("act", '__import__("assets").robot("r2")')]
+)
 def test_an_error_in_a_users_policy_keeps_its_traceback(tmp_path: Path, where: str, error: str) -> None:
-    """An exception in `act` was a failed episode, with exit code 0 and nothing on the terminal."""
+    """Also one of our own, if it is raised in the user's code."""
     (tmp_path / "mine.py").write_text(POLICY.format(where=where, error=error))
     result = run("evaluate", "--policy", "mine:Fails", "--scenes", "1", "--workers", "1", folder=tmp_path)
     assert result.returncode == 1

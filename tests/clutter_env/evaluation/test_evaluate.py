@@ -278,5 +278,5 @@ def test_the_minimum_of_an_obstructed_scene_is_at_least_one() -> None:
 def test_a_policy_is_refused_before_anything_is_played() -> None:
     with pytest.raises(PolicyError, match="lookahead"):
         evaluate("nobody", REACH)
-    with pytest.raises(PolicyError, match=r"reset\(env, info\), the protocol of version 0\.1; now it is reset\(info\)"):
+    with pytest.raises(PolicyError, match=r"reset\(env, info\), as in version 0\.1"):
         evaluate("my_policies:Old", REACH)

@@ -1,1 +1,0 @@
-"""The measurements behind the tables and figures of the documentation."""
