@@ -15,7 +15,7 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.config import CONTROL_HZ
 from clutter_env.envs.base import BaseEnv
-from clutter_env.rendering import window
+from clutter_env.rendering import cameras as window
 from clutter_env.rendering.film import Film
 from clutter_env.rendering.framing import ABOVE, across, whole_scene
 from clutter_env.scene.layout import LAYOUTS
