@@ -188,13 +188,15 @@ class SuccessMonitor:
         self._derive()
 
     def _follow_target(self, measurements: Measurements) -> None:
-        target, scene = self._target, self._world.scene
-        assert scene is not None
-        self.is_target_held = target >= 0 and target in measurements.all_held
-        self.is_target_lost = target >= 0 and bool(measurements.is_off[target])
+        target = self._target
+        self.is_target_held = self.is_target_lost = False
         self.lift = 0.0
-        if target >= 0:  # above the surface on which it stood at reset
-            self.lift = self._world.lowest_point(measurements, target) - float(TABLE_HEIGHT + scene.levels[target])
+        if target >= 0:
+            assert self._world.scene is not None
+            self.is_target_held = target in measurements.all_held
+            self.is_target_lost = bool(measurements.is_off[target])
+            support = float(TABLE_HEIGHT + self._world.scene.levels[target])  # on which it stood at reset
+            self.lift = self._world.lowest_point(measurements, target) - support
 
     def _derive(self) -> None:
         """Derive from paths and falls the counts, and the square (n,) [m²] of the motion that ends a chord.
