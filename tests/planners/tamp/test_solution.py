@@ -141,9 +141,9 @@ def commands(plan: Solution) -> list[bytes]:
     found = []
     for action in plan.actions[:2]:
         for time in action.trajectory.times[:-1]:
-            step = executor.advance(snapshot(action, float(time)))
-            assert step.status is not ExecutionStatus.ABORTED, step.deviation
-            found.append(np.append(step.command.drive, step.command.opening).tobytes())
+            command, status = executor.advance(snapshot(action, float(time)))
+            assert status is not ExecutionStatus.ABORTED, executor.deviation
+            found.append(np.append(command.drive, command.opening).tobytes())
     return found
 
 
