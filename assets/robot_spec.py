@@ -78,7 +78,7 @@ class RobotSpec:
     tcp_quaternion: tuple[float, float, float, float] = NO_TURN
     """wxyz, of the TCP in the last arm frame, as `ChainLink.quaternion`; beside `tcp_offset`."""
     closed_form_ik: str = ""
-    """Name of a closed-form solver of `irm.arm.kinematics`, "" for the generic route."""
+    """Name of a closed-form solver of `irm.ik.closed_form`, "" for the generic route."""
     arm_name: str = ""
     """Name of the active arm, of a robot with several."""
     idle_arms: tuple[ArmSpec, ...] = ()

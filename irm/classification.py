@@ -217,7 +217,7 @@ def _classify(
 def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame.
 
-    The map answers first, see `irm.checks.classification.classify`. The arm's exact solver decides the poses for which
+    The map answers first, see `classify`. The arm's exact solver decides the poses for which
     the map says UNKNOWN: by arithmetic (the wrist centre farther from the shoulder than upper arm and forearm are
     long), then by inverse kinematics. It also decides those for which a map that was built by sampling says NO: such a
     map may miss narrow parts of the workspace. UNKNOWN is left where even the solver has no answer, or where the map

@@ -22,7 +22,7 @@ def reachability_index(reached: NDArray[np.int64], orientations: int) -> Floats:
     return reached / orientations * 100.0
 
 
-# Equation 2, μ = sqrt(λ_min / λ_max) of J Jᵀ, is `irm.arm.manipulability.manipulability`.
+# Equation 2, μ = sqrt(λ_min / λ_max) of J Jᵀ, is `irm.kinematics.manipulability`.
 
 
 def reachability_map(best: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:

@@ -327,7 +327,7 @@ class InverseReachabilityMap:
 
         Returns:
             As `query`; `torso` is (k, m). YES says that every waypoint is reachable. It does not say that one
-            continuous motion of the arm connects them: see `irm.checks.verification`.
+            continuous motion of the arm connects them: see `irm.verify`.
 
         Raises:
             QueryError: as in `query`, or a vertical approach comes with offsets that are not vertical.

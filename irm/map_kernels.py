@@ -160,7 +160,7 @@ class _Cells(NamedTuple):
 
 
 def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Floats], Iterator[Singles]]:
-    """The generator of layers for any arm; see `irm.maps.closed_form_field.closed_form_layers`."""
+    """The generator of layers for any arm; see `closed_form_layers`."""
 
     def layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Iterator[Singles]:
         """Best μ in each layer, one layer after the other."""

@@ -224,7 +224,7 @@ Integers = NDArray[np.int64]
 SAME_PLACE = 1e-6
 """[m] Two bases closer than this are the same base."""
 _SAME_ANGLE = 1e-9
-"""[rad] As in `irm.queries.arguments`: rounding of a range of yaws."""
+"""[rad] As in `irm.query_options`: rounding of a range of yaws."""
 
 
 class PlaceQueries(NamedTuple):
@@ -259,7 +259,7 @@ def _outward(k: int, count: int) -> int:
 
 @njit(cache=True)
 def lay_out_turns(window: YawWindow) -> Turns:
-    """The turns of a window, as `irm.queries.keys.base_turns` lays them out.
+    """The turns of a window, as `irm.inverse_table.base_turns` lays them out.
 
     Those nearest to the middle of the window come first. Turns that cover all yaws are equally good.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -74,15 +75,26 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     if here not in sys.path:
         sys.path.insert(0, here)
     try:
-        make_own = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as problem:
-        raise PolicyError(f"policy {name!r} cannot be imported: {problem}") from problem
+        loaded = importlib.import_module(module)
+    except ModuleNotFoundError as problem:
+        # What a user's own module fails to import is the user's error, with its traceback.
+        if problem.name is None or not f"{module}.".startswith(f"{problem.name}."):
+            raise
+        raise PolicyError(f"policy {name!r} cannot be imported: there is no module {problem.name!r}") from problem
+    if not hasattr(loaded, attribute):
+        raise PolicyError(f"policy {name!r} cannot be imported: {module} has no {attribute!r}")
+    make_own = getattr(loaded, attribute)
     policy: AnyPolicy = make_own()
     for method in ("reset", "act"):
         if not callable(getattr(policy, method, None)):
             raise PolicyError(
                 f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)"
             )
+    if "env" in inspect.signature(policy.reset).parameters and not getattr(policy, "is_privileged", False):
+        raise PolicyError(
+            f"policy {name!r} has reset(env, info), as in version 0.1; a policy has reset(info), a privileged one "
+            "is_privileged = True and reset(info, env)"
+        )
     return policy
 
 

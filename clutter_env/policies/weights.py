@@ -6,6 +6,7 @@ A file is an .npz with an array for each parameter, and the entry "about": `Weig
 from __future__ import annotations
 
 import json
+import logging
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -22,7 +23,7 @@ from torch import nn
 
 import assets
 from clutter_env.policies.protocol import PolicyError
-from clutter_env.provenance import provenance
+from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text, write_atomically
 
 SHIPPED: Mapping[str, Mapping[str, str]] = MappingProxyType(
@@ -33,6 +34,7 @@ SHIPPED: Mapping[str, Mapping[str, str]] = MappingProxyType(
 )
 """Files in `assets/policies/`, by what was learned and by problem: level grasps, all grasps, under a shelf."""
 _ABOUT = "about"
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,16 @@ class WeightsInfo:
         return cls(kind, robot, layout, grasps, provenance(env))
 
     def check(self, env: gym.Env[Any, Any]) -> None:
-        """Refuse an environment with another robot or layout (`PolicyError`)."""
+        """Refuse an environment with another robot or layout (`PolicyError`); log what else has changed since."""
         robot, layout = env.get_wrapper_attr("robot").name, env.get_wrapper_attr("layout").name
         if (robot, layout) != (self.robot, self.layout):
             raise PolicyError(
                 f"these weights ({self.kind}) are for robot {self.robot!r} and layout {self.layout!r}; the environment "
                 f"has robot {robot!r} and layout {layout!r}"
             )
+        if _LOG.isEnabledFor(logging.INFO):
+            for difference in differences(self.provenance, provenance(env)):
+                _LOG.info("weights (%s): %s", self.kind, difference)
 
 
 def shipped_path(kind: str, problem: str) -> Path:

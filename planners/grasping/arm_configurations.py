@@ -26,7 +26,7 @@ _ABOUT_HOME = 24
 """Angles of the free joint about home in a full turn: 15° apart."""
 _HEIGHT_AND_PITCH = (5, 1)
 """Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.arm.kinematics.ArmChain`."""
-_SAME_WAY = 9
+_SAME_DRIVE = 9
 """Decimals of yaws [rad] and directions that count as the same."""
 
 
@@ -229,10 +229,10 @@ def driven_configurations(
         before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
         if first_free and before:
             continue
-        way = drive.direction.tobytes()
-        if way not in extents:
-            extents[way] = Extents.of(world, drive.direction)
-        driven = extents[way].driven_world(drive, body if held is None else None)
+        key = drive.direction.tobytes()
+        if key not in extents:
+            extents[key] = Extents.of(world, drive.direction)
+        driven = extents[key].driven_world(drive, body if held is None else None)
         found = scan_configurations(
             world, chosen, grid, opening, held=held, ignore=ignore, first_free=first_free, driven=driven
         )
@@ -252,9 +252,9 @@ def driven_configurations(
 def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
     """The straight drives out after backing off, and the rows of the pairs of base and gripper pose for each."""
     yaws, directions = poses.gripper_poses[:, 3], direction_out(scene.support, poses.bases)
-    ways = np.column_stack((yaws, directions)).round(_SAME_WAY)
-    for way in np.unique(ways, axis=0):
-        rows = np.flatnonzero((ways == way).all(axis=1))
+    drives = np.column_stack((yaws, directions)).round(_SAME_DRIVE)
+    for same in np.unique(drives, axis=0):
+        rows = np.flatnonzero((drives == same).all(axis=1))
         yaw, direction = yaws[rows[0]], directions[rows[0]]
         offset = -BACK * np.array([np.cos(yaw), np.sin(yaw)])
         starts = poses.gripper_poses[rows, :2] + offset

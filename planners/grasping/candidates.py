@@ -57,7 +57,7 @@ class SamplingConfig:
 
 @dataclass(frozen=True, eq=False)
 class GraspCandidate:
-    """One way to grasp one object.
+    """A grasp of one object: gripper pose, base pose and arm configuration.
 
     Attributes:
         object: its name.
@@ -107,7 +107,7 @@ def as_candidates(name: str, poses: GripperPoses, opening: float, found: ArmConf
 
 
 class Stage(NamedTuple):
-    """A family of grasps, and how its base poses are chosen: 0 for the placer's own way."""
+    """A family of grasps, and how its base poses are chosen: 0 for those of the map."""
 
     family: GraspFamily
     bases: int = 0

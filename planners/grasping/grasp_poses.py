@@ -136,7 +136,7 @@ def gripper_clearances(robot: RobotSpec) -> GripperClearances:
 
 @dataclass(frozen=True, eq=False)
 class GraspPose:
-    """One way to grasp one object where it is now.
+    """A gripper pose around one object where it is now.
 
     Attributes:
         object: its name.

@@ -67,7 +67,7 @@ def plan_base(
             return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
     found = _detour(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
     if found is None:
-        return NoPath("drive: no way around the static obstacles found")
+        return NoPath("drive: no path around the static obstacles found")
     return WholeBodyPath(_with_arm(found, configuration), opening, held)
 
 

@@ -1,8 +1,8 @@
-"""Motions between two contacts made one: without stops, base and arm together, on a shorter way where one is free.
+"""Motions between two contacts made one: without stops, base and arm together, on a shorter path where one is free.
 
-A pick, a drive and a put-down are planned one by one, each from rest to rest, by way of the home configuration. Between
+A pick, a drive and a put-down are planned one by one, each from rest to rest, through the home configuration. Between
 the release of one object and the grasp of the next nothing is touched, so only the straight lines near the contacts
-have to stay. Between them the straight way in the space of whole-body configurations is taken if it is free, with
+have to stay. Between them the straight line in the space of whole-body configurations is taken if it is free, with
 blended corners, timed as one motion.
 """
 
@@ -30,7 +30,7 @@ _KEPT = (0.4, 0.7, 1.0)
 _STRAIGHT = 0.5
 """Share of what is kept that stays straight; the rest may be rounded off."""
 _MOST_CORNERS = 10
-"""Between two contacts; a way with more of them is left as it is."""
+"""Between two contacts; a path with more of them is left as it is."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
 _OFF_LINE = 0.001
@@ -66,7 +66,7 @@ def phases_of(trajectory: Trajectory) -> list[Trajectory]:
 
 
 def merge_phases(world: CollisionWorld, motion: ContactFree) -> list[Trajectory] | None:
-    """The same phases on a shorter way, timed as one motion; None if none is found that takes less time.
+    """The same phases on a shorter path, timed as one motion; None if none is found that takes less time.
 
     The phases keep their shares of the time. The fingers move while the robot does.
 
@@ -113,9 +113,9 @@ def _bounds(steps: Sequence[int], last: int) -> list[int]:
 
 
 def _shorter_path(world: CollisionWorld, motion: ContactFree) -> Array | None:
-    """Whole-body configurations (n, 11) from the start of the motion to its end; None if no shorter way is found.
+    """Whole-body configurations (n, 11) from the start of the motion to its end; None if no shorter path is found.
 
-    The straight way between what is kept of the lines at both ends, or else a polygon of corners on the way as planned.
+    The straight line between what is kept of the lines at both ends, or else a polygon of corners on the planned path.
     """
     robot, checks = world.scene.robot, _Checks.of(world, motion)
     starts = list(_lines(robot, motion.phases[0], motion.begins_in_contact))
@@ -194,7 +194,7 @@ def _between_lines(motion: ContactFree) -> Array:
 
 
 def _corners(checks: _Checks, path: Array) -> Array | None:
-    """Configurations (n, 11) of a path, from its first to its last, the straight ways between them free; or None."""
+    """Configurations (n, 11) of a path, from its first to its last, the straight lines between them free; or None."""
     corners, at = [path[0]], 0
     while at < len(path) - 1:
         steps = (len(path) - 1 - at) >> np.arange(len(path).bit_length())

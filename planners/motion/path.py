@@ -1,4 +1,4 @@
-"""Motions of the whole robot, not timed yet, and the two ways in which planning them fails."""
+"""Motions of the whole robot, not timed yet, and the two kinds of failure to plan them."""
 
 from __future__ import annotations
 

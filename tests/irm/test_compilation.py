@@ -60,7 +60,7 @@ numba.njit(cache=True)(f)
 """
 USE = """
 import irm, planners, clutter_env.envs.skill
-from irm.floor.distance_transform import distance_to_seeds
+from irm.free_space import distance_to_seeds
 import numpy as np
 print(distance_to_seeds(np.eye(4) > 0, 1.0).max())
 """

@@ -39,8 +39,25 @@ def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
 def test_an_unknown_policy_is_refused_with_the_known_ones() -> None:
     with pytest.raises(PolicyError, match="direct-approach"):
         load_policy("nosuch", 0)
-    with pytest.raises(PolicyError, match="cannot be imported"):
-        load_policy("json:nosuch", 0)
+    for name in ("json:nosuch", "nosuch:Policy"):
+        with pytest.raises(PolicyError, match="cannot be imported"):
+            load_policy(name, 0)
+
+
+def test_the_errors_of_a_users_module_are_not_wrapped_and_the_old_protocol_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "needs_more.py").write_text("import surely_not_there\n")
+    old = "class Old:\n    def reset(self, env, info): ...\n    def act(self, observation): ...\n"
+    (tmp_path / "of_old.py").write_text(old + "def broken(): raise ZeroDivisionError\n")
+    with pytest.raises(ModuleNotFoundError, match="surely_not_there"):
+        load_policy("needs_more:Policy", 0)
+    with pytest.raises(ZeroDivisionError):
+        load_policy("of_old:broken", 0)
+    with pytest.raises(PolicyError, match=r"reset\(info, env\)"):
+        load_policy("of_old:Old", 0)
 
 
 def test_baselines_refuse_environments_in_which_they_cannot_act(env: gym.Env[Any, Any]) -> None:

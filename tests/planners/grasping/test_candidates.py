@@ -7,8 +7,6 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from planners.cause import Cause
-from planners.clearing.commitments import NoCommitment, smallest_commitments
 from planners.clearing.lower_bound import smallest_set
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
@@ -27,7 +25,7 @@ def candidates(scene: Scene) -> GraspCandidates:
     return PlanningContext.of(scene, grasps="side").grasps()
 
 
-@pytest.fixture(scope="module", params=[0, 1, 2])
+@pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)])
 def scene(request: pytest.FixtureRequest) -> Scene:
     return random_scene(25, request.param)
 
@@ -133,9 +131,6 @@ def test_an_object_off_the_table_has_no_grasps() -> None:
     fallen = scene.body("object_01").at((-2.0, 0.0, 0.08))
     scene = scene.with_body(fallen)
     assert candidates(scene).for_object(scene, "object_01") == ()
-    found = next(smallest_commitments(candidates(scene), scene, "object_01"))
-    assert isinstance(found, NoCommitment)
-    assert found.cause is Cause.UNREACHABLE
 
 
 def test_unknown_strategy_lists_the_known_ones() -> None:

@@ -1,4 +1,4 @@
-"""Laws of picks and placements under a board: the base drives in and out, the arm rigid, and nothing is touched."""
+"""Laws of picks and placements under a shelf: the base drives in and out, the arm rigid, and nothing is touched."""
 
 from __future__ import annotations
 
@@ -113,6 +113,7 @@ def test_grasps_know_what_is_in_the_way_out() -> None:
     assert fewest_blockers(world, free.base, free.q, "object_00") == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_cluttered_shelves_are_solved_and_nothing_is_cleared_twice(seed: int) -> None:
     scene = random_shelf(12, seed)
