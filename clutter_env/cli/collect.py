@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from clutter_env.data.collect import JobRunner, SeedResult
     from clutter_env.data.dataset import Dataset, Job
 
+WHEN_INTERRUPTED = "run the same command again to go on"
+
 
 @dataclass(frozen=True)
 class Arguments:

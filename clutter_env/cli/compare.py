@@ -19,6 +19,8 @@ from clutter_env.cli.main import command_line
 if TYPE_CHECKING:
     from clutter_env.evaluation.scenes import SceneSet
 
+WHEN_INTERRUPTED = "run the same command again to go on"
+
 
 @dataclass(frozen=True)
 class Arguments:

@@ -6,12 +6,8 @@ docstring is the help text. Modules import what they run inside their functions,
 
 from __future__ import annotations
 
-import difflib
 import importlib
-import logging
-import shlex
 import sys
-import traceback
 from collections.abc import Collection, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -61,6 +57,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     elif command in COMMANDS:
         _run(command, rest)
     else:
+        import difflib
+
         close = difflib.get_close_matches(command, COMMANDS, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else ""
         print(f"clutter-env: no command {command!r}{hint}\n\n{_overview()}", file=sys.stderr)
@@ -68,6 +66,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _run(command: str, argv: Sequence[str]) -> None:
+    import logging
+
     logging.basicConfig(format="%(message)s")
     advice = ""
     try:
@@ -99,6 +99,8 @@ def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[
         arguments: its arguments.
         leave_out: names of arguments that the results do not depend on.
     """
+    import shlex
+
     argv = name.split()
     for entry in fields(arguments):
         value: Any = getattr(arguments, entry.name)
@@ -117,6 +119,8 @@ def is_own(problem: BaseException) -> bool:
 
     One that is raised in a user's code, by whatever it calls, keeps its traceback.
     """
+    import traceback
+
     is_known = type(problem).__module__.partition(".")[0] in PACKAGES or isinstance(problem, OSError)
     return is_known and not any(_is_users(frame.f_globals) for frame, _ in traceback.walk_tb(problem.__traceback__))
 

@@ -120,7 +120,6 @@ def test_errors_of_this_package_are_one_line(tmp_path: Path) -> None:
     for argv, message in (
         (["table", "--out", str(tmp_path), "--objects", "61"], "objects=61"),
         (["evaluate", "--suite", "side-16-v1"], "side-15-v1"),
-        (["benchmark", "--json", "/proc/none/file.json", "--objects", "1", "--steps", "1"], "/proc"),
     ):
         result = run(*argv, folder=tmp_path)
         assert result.returncode == 1, result.stderr
