@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.contact import StepLabel
+from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
 from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState, Scene
-from planners.tamp.solution import BoundAction, contact_of, label_of
+from planners.tamp.solution import BoundAction
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.scene_arrays import robot_arrays
-from planners.contact import StepLabel
+from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, ExecutionStatus, Executor
 from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
@@ -29,7 +29,7 @@ from planners.placing.surfaces import Supports
 from planners.planner import Planner
 from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
 from planners.strategies import Strategy, find_strategy
-from planners.tamp.solution import Infeasible, Solution, contacts
+from planners.tamp.solution import Infeasible, Solution
 
 if TYPE_CHECKING:
     from planners.drawing.page.live import LivePage

@@ -130,7 +130,7 @@ class SkillGeometry:
 
 def skill_geometry(scene: Scene) -> SkillGeometry:
     """Skills of the scene's robot among the scene's static obstacles, for every arrangement of its objects."""
-    return SkillGeometry(PlanningContext.of(scene, grasps="side"))
+    return SkillGeometry(PlanningContext.of(scene.robot, scene, grasps="side"))
 
 
 def _is_from(yaw: float, direction: int | None) -> bool:
