@@ -23,7 +23,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.cli.named_robot import robot_by_name
+from clutter_env.cli.robot import robot_by_name
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
