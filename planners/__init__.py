@@ -11,7 +11,7 @@ from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.contact import Contact, StepLabel
+from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
 from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.execute import ExecutionResult, execute
@@ -56,7 +56,7 @@ from planners.symbolic.problem import (
 from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
-from planners.tamp.solution import BoundAction, Infeasible, Solution, contact_of, contacts, label_of
+from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 __all__ = [
     "BACK",

@@ -9,8 +9,7 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec
 from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
-from planners.clearing.lower_bound import clearance_floor as lower_bound_of_masks
+from planners.clearing.lower_bound import ClearanceFloor, FloorLimits, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
@@ -166,11 +165,11 @@ class Planner:
         self.warmup()
         grasps = PlanningContext.of(scene, grasps=self.grasps).grasps()
 
-        def blockers(name: str) -> list[int]:
-            """Masks of the objects in the way of each grasp of an object."""
-            return [grasp.blockers for grasp in grasps.for_object(scene, name)]
-
-        return lower_bound_of_masks(scene, target, blockers, limits)
+        if target in scene.held_names:
+            return ClearanceFloor(0, (), True, 0)
+        return smallest_set(
+            lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, limits
+        )
 
     def warmup(self) -> None:
         """Load or compile everything that a solve uses; see the function `warmup`."""

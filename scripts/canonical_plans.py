@@ -21,10 +21,10 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from planners.clock import cpu_seconds
-from planners.contact import Contact
+from planners.contact import Contact, contact_of
 from planners.planner import Planner
 from planners.scene import Scene
-from planners.tamp.solution import Solution, contact_of
+from planners.tamp.solution import Solution
 
 Array = NDArray[np.float64]
 

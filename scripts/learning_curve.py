@@ -31,9 +31,8 @@ from clutter_env.reporting.files import write_json
 from clutter_env.reporting.intervals import success_interval
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
-from clutter_env.training.motion_demonstrations import motions_of
-from clutter_env.training.motion_fit import fit_motions
-from clutter_env.training.motions import high_level_of
+from clutter_env.training.motion_examples import motions_of
+from clutter_env.training.motions import fit_motions, high_level_of
 
 
 @dataclass(frozen=True)

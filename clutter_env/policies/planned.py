@@ -151,11 +151,10 @@ class PlannedMotionPolicy:
     def act(self, observation: Observation) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         if self._executor is not None:
-            step = self._executor.advance(self._sensor.read())
-            self._last = step.command
-            if step.status is not ExecutionStatus.RUNNING:
-                self._executor = None
-                self._end("" if step.deviation is None else str(step.deviation))
+            self._last, status = self._executor.advance(self._sensor.read())
+            if status is not ExecutionStatus.RUNNING:
+                deviation, self._executor = self._executor.deviation, None
+                self._end("" if deviation is None else str(deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))
 
     def _refuse(self, reason: str) -> None:

@@ -16,8 +16,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.policies.high_level.candidates import CandidateRule, Candidates
-from clutter_env.policies.high_level.observed_scene import object_rows
+from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, object_rows
 from irm import ArmChain
 from planners import (
     Body,

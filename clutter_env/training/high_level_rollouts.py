@@ -15,8 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import gymnasium as gym
 import numpy as np
 
-from clutter_env.policies.high_level.candidates import CandidateRule, Candidates
-from clutter_env.policies.high_level.observed_scene import ObservedScene
+from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, ObservedScene
 from clutter_env.training.high_level_examples import (
     CandidateExamples,
     label_picks,
@@ -34,11 +33,9 @@ class Chooser(Protocol):
 
     def reset(self) -> None:
         """Start an episode."""
-        ...
 
     def choose(self, scene: ObservedScene) -> Contact | None:
         """The next pick or place; None to give up."""
-        ...
 
 
 class Rollout(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.contact import Contact
+from planners.contact import Contact, contact_of, contacts, label_of
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import SIDE
@@ -15,7 +15,7 @@ from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated
 from planners.planner import Planner
 from planners.scene import RobotState, Scene
-from planners.tamp.solution import Solution, contact_of, contacts, label_of
+from planners.tamp.solution import Solution
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 PLANNER = Planner(FETCH, grasps="side", canonical=True)

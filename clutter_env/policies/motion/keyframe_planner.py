@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from assets import RobotSpec
 from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns
 from clutter_env.policies.motion.control import GripperError, IntegralOffset
-from clutter_env.policies.motion.network import KeyframeNetwork
-from clutter_env.policies.motion.network_input import (
+from clutter_env.policies.motion.network import (
     AWAY,
     LINES,
     PHASES,
     TOWARDS,
+    KeyframeNetwork,
     contact_in_base,
     line_distance,
     network_input,
@@ -60,11 +60,9 @@ class KeyframePlanner(Protocol):
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
         """Choose the arm configuration at a contact of object `index`; the phases to go through, none if refused."""
-        ...
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
         """The goal of a phase; the contact may have moved since."""
-        ...
 
 
 class OpenKeyframePlanner:

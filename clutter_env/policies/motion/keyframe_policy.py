@@ -19,8 +19,7 @@ from clutter_env.policies.motion.keyframe_planner import (
     OpenKeyframePlanner,
     gripper_error,
 )
-from clutter_env.policies.motion.network import KeyframeNetwork
-from clutter_env.policies.motion.network_input import AWAY, DRIVEN, FINGERS, TOWARDS, line_distance
+from clutter_env.policies.motion.network import AWAY, DRIVEN, FINGERS, TOWARDS, KeyframeNetwork, line_distance
 from clutter_env.policies.motion.shelf import ShelfKeyframePlanner
 from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation
 from clutter_env.policies.weights import WeightsInfo

@@ -13,8 +13,7 @@ from assets import RobotSpec
 from clutter_env.policies.motion.arm import shorter_turns, with_wrist_flipped
 from clutter_env.policies.motion.control import IntegralOffset
 from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, drive_goal, gripper_error
-from clutter_env.policies.motion.network import KeyframeNetwork
-from clutter_env.policies.motion.network_input import SHELF_PHASES, contact_in_base, line_distance
+from clutter_env.policies.motion.network import SHELF_PHASES, KeyframeNetwork, contact_in_base, line_distance
 from clutter_env.policies.motion.shelf_arm import ArmPredictor, ShelfArmChooser
 from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose
 from clutter_env.scene.layout import TABLE, Layout, furniture

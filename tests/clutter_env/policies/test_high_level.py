@@ -12,10 +12,13 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from assets import FETCH  # noqa: E402
-from clutter_env.policies.high_level.candidates import MIN_STANDOFF, CandidateRule  # noqa: E402
-from clutter_env.policies.high_level.clearing_costs import MAX_COST, RISK, clearing_costs  # noqa: E402
-from clutter_env.policies.high_level.observed_scene import object_rows, observed_scene  # noqa: E402
-from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy  # noqa: E402
+from clutter_env.policies.high_level.candidates import MIN_STANDOFF, CandidateRule, object_rows, observed_scene  # noqa: E402  # noqa: E402
+from clutter_env.policies.high_level.policy import (  # noqa: E402
+    MAX_COST,
+    RISK,
+    LearnedHighLevelPolicy,
+    clearing_costs,
+)
 from clutter_env.policies.weights import shipped_path  # noqa: E402
 from clutter_env.scene.layout import find_layout  # noqa: E402
 from clutter_env.training.high_level_examples import scene_of  # noqa: E402

@@ -24,8 +24,11 @@ from clutter_env.policies.motion.arm import (  # noqa: E402
 from clutter_env.policies.motion.keep_out import KeepOutRegion, keep_out_of_drives  # noqa: E402
 from clutter_env.policies.motion.keyframe_planner import choose_free_joints  # noqa: E402
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy  # noqa: E402
-from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
-from clutter_env.policies.motion.network_input import network_input, phase_index  # noqa: E402
+from clutter_env.policies.motion.network import (  # noqa: E402
+    KeyframeNetwork,
+    network_input,
+    phase_index,
+)
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose  # noqa: E402
 from clutter_env.policies.protocol import begin_episode  # noqa: E402
 from clutter_env.policies.registry import load_policy  # noqa: E402

@@ -13,8 +13,12 @@ torch = pytest.importorskip("torch")
 from assets import FETCH  # noqa: E402
 from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
 from clutter_env.policies.motion.arm import is_wrist_flipped, with_wrist_flipped  # noqa: E402
-from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
-from clutter_env.policies.motion.network_input import ELSEWHERE, SHELF_PHASES, contact_in_base  # noqa: E402
+from clutter_env.policies.motion.network import (  # noqa: E402
+    ELSEWHERE,
+    SHELF_PHASES,
+    KeyframeNetwork,
+    contact_in_base,
+)
 from clutter_env.policies.motion.shelf import (  # noqa: E402
     ShelfKeyframePlanner,
     base_waypoint,
@@ -37,8 +41,7 @@ from clutter_env.policies.parsed_observation import (  # noqa: E402
 from clutter_env.policies.weights import shipped_path  # noqa: E402
 from clutter_env.scene.layout import find_layout  # noqa: E402
 from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.motion_demonstrations import Motion, planned_motions  # noqa: E402
-from clutter_env.training.motion_examples import cut_at_corners, free_joints_of  # noqa: E402
+from clutter_env.training.motion_examples import Motion, cut_at_corners, free_joints_of, planned_motions  # noqa: E402  # noqa: E402
 
 SHELF = Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True})
 LAYOUT = find_layout("shelf")

@@ -18,17 +18,12 @@ from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy  # noq
 from clutter_env.policies.runs import DECISIONS_FILE  # noqa: E402
 from clutter_env.scene.layout import find_layout  # noqa: E402
 from clutter_env.task import Task  # noqa: E402
+from clutter_env.training.high_level import accuracy, batch_of, fit_high_level  # noqa: E402
 from clutter_env.training.high_level_examples import (  # noqa: E402
     CandidateExamples,
     examples_of_scene,
     label_picks,
     scene_of,
-)
-from clutter_env.training.high_level_fit import (  # noqa: E402
-    HighLevelFitConfig,
-    accuracy,
-    batch_of,
-    fit_high_level,
 )
 from clutter_env.training.high_level_rollouts import (  # noqa: E402
     after_contact,
@@ -62,7 +57,7 @@ def examples(env: gym.Env[Any, Any]) -> CandidateExamples:
 
 @pytest.fixture(scope="module")
 def network(examples: CandidateExamples) -> CandidateNetwork:
-    return fit_high_level(examples, HighLevelFitConfig(steps=500, batch=64, width=32))
+    return fit_high_level(examples, 60, network=CandidateNetwork(32), learning_rate=1e-2)
 
 
 def test_a_label_does_not_depend_on_the_other_candidates(env: gym.Env[Any, Any]) -> None:

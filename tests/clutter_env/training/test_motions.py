@@ -14,14 +14,16 @@ from assets import FETCH  # noqa: E402
 from clutter_env.data.dataset import Dataset, Job  # noqa: E402
 from clutter_env.errors import DatasetError  # noqa: E402
 from clutter_env.policies.motion.arm import ArmKinematics  # noqa: E402
-from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
-from clutter_env.policies.motion.network_input import DRIVEN, PHASES, SHELF_PHASES  # noqa: E402
+from clutter_env.policies.motion.network import (  # noqa: E402
+    DRIVEN,
+    PHASES,
+    SHELF_PHASES,
+    KeyframeNetwork,
+)
 from clutter_env.policies.runs import MOTIONS_FILE  # noqa: E402
 from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.motion_demonstrations import Motion, planned_motions  # noqa: E402
-from clutter_env.training.motion_examples import cut_at_corners, is_driven, keyframe_examples  # noqa: E402
-from clutter_env.training.motion_fit import KeyframeFitConfig, fit_keyframes, fit_motions  # noqa: E402
-from clutter_env.training.motions import high_level_of  # noqa: E402
+from clutter_env.training.motion_examples import Motion, cut_at_corners, is_driven, keyframe_examples, planned_motions  # noqa: E402  # noqa: E402
+from clutter_env.training.motions import fit_motions, high_level_of  # noqa: E402
 from clutter_env.training.run import Run  # noqa: E402
 from clutter_env.training.settings import Keyframes  # noqa: E402
 from clutter_env.training.train import train  # noqa: E402
@@ -97,7 +99,7 @@ def test_a_line_that_begins_while_the_base_still_drives_is_no_drive_under_a_shel
 @pytest.mark.slow
 def test_a_fitted_network_brings_the_gripper_where_demonstrations_do(in_the_open: list[Motion]) -> None:
     examples = keyframe_examples(FETCH, in_the_open)
-    network = fit_keyframes(FETCH, examples, KeyframeFitConfig(steps=700, batch=128))
+    network = fit_motions(FETCH, in_the_open, steps=600)
     predicted = network.predict(examples.features)
     position, _ = ArmKinematics(FETCH).tcp(predicted.q)
     wanted, _ = ArmKinematics(FETCH).tcp(torch.tensor(examples.q, dtype=torch.float32))

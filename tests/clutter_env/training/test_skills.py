@@ -20,7 +20,7 @@ from clutter_env.training.skill_examples import (  # noqa: E402
     grasp_obstacles,
     skill_labels,
 )
-from clutter_env.training.skill_fit import SkillFitConfig, choices_are_good, fit_skills  # noqa: E402
+from clutter_env.training.skills import choices_are_good, fit_skills  # noqa: E402
 from planners import DIRECTIONS, skill_geometry  # noqa: E402
 
 OBSTRUCTED = Task("clutter_env/Skill-o10-v0", {"simulation": "kinematic", "obstructed": True})
@@ -121,5 +121,5 @@ def test_the_network_learns_its_examples(examples: SkillExamples) -> None:
     torch.manual_seed(0)
     network = SkillNetwork(10)
     before = choices_are_good(network, examples).mean()
-    fit_skills(network, examples, SkillFitConfig(steps=200, scenes=6, learning_rate=4e-3))
+    fit_skills(network, examples, steps=200)
     assert choices_are_good(network, examples).mean() > max(0.8, before)

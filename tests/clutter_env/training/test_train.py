@@ -28,7 +28,7 @@ from clutter_env.policies.registry import load_policy  # noqa: E402
 from clutter_env.policies.reinforcement import GRIPPER_SCALE, GoalFeatures, ScaledActions  # noqa: E402
 from clutter_env.policies.runs import differences, load_run  # noqa: E402
 from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.cloning import CloneConfig, Examples, clone  # noqa: E402
+from clutter_env.training.cloning import Examples, clone  # noqa: E402
 from clutter_env.training.reinforcement import make_model, save_model  # noqa: E402
 from clutter_env.training.run import Run, runs_of_seeds  # noqa: E402
 from clutter_env.training.settings import BC, PPO, SAC, SETTINGS, TQC, DAgger, MaskablePPO, Settings  # noqa: E402
@@ -72,7 +72,7 @@ def play(directory: Path, task: Task) -> int:
 @pytest.mark.parametrize(
     ("settings", "task"),
     [
-        (TQC(steps=120, checkpoint_every=120, **BRIEF), REACH),
+        (TQC(steps=30, checkpoint_every=30, **BRIEF), REACH),
         pytest.param(PPO(steps=512, checkpoint_every=512, **BRIEF), SKILL, marks=pytest.mark.slow),
         pytest.param(
             MaskablePPO(steps=1024, checkpoint_every=1024, clone_scenes=3, clone_steps=3, **BRIEF),
@@ -249,7 +249,7 @@ def test_cloning_fits_what_a_network_can_say(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     features = rng.normal(size=(500, 4)).astype(np.float32)
     actions = np.tanh(features[:, :2] * (1, -1)).astype(np.float32)
-    policy = clone(Examples(features, actions), CloneConfig(steps=600, width=64))
+    policy = clone(Examples(features, actions), steps=300)
     inputs = torch.from_numpy(features)
     with torch.no_grad():
         assert np.abs(policy(inputs).numpy() - actions).mean() < 0.05
