@@ -136,7 +136,7 @@ class PlannedMotionPolicy:
             self._end(f"{contact.object} is not held")
             return
         try:
-            layer = MotionLayer(PlanningContext.of(scene, grasps="side"), np.random.default_rng(0))
+            layer = MotionLayer(PlanningContext.of(scene.robot, scene, grasps="side"), np.random.default_rng(0))
             found = plan_contact(layer, scene, contact)
         except SceneError as error:
             self._refuse(f"the scene is not valid for planning: {error}")

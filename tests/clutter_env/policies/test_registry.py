@@ -37,7 +37,7 @@ def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
         env_keywords(policy)
     assert isinstance(load_policy("keyframes-shelf", 0), TwoLevelPolicy)
     assert not load_policy("keyframes", 0).is_privileged  # type: ignore[union-attr]  # a TwoLevelPolicy
-    assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]
+    assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]  # a policy, by this name
 
 
 def test_an_unknown_policy_is_refused_with_the_known_ones() -> None:
