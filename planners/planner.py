@@ -163,7 +163,7 @@ class Planner:
         """The minimum number of clearances; see the function `clearance_floor`."""
         scene.index(target)
         self.warmup()
-        grasps = PlanningContext.of(scene, grasps=self.grasps).grasps()
+        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
 
         if target in scene.held_names:
             return ClearanceFloor(0, (), True, 0)
@@ -178,6 +178,7 @@ class Planner:
     def context(self, scene: Scene) -> PlanningContext:
         """The context that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
         return PlanningContext.of(
+            self.robot,
             scene,
             grasps=self.grasps,
             supports=self.support_choice,

@@ -50,7 +50,9 @@ class Alternatives:
     @classmethod
     def of(cls, planner: Planner, scene: Scene) -> Alternatives:
         """Those of a planner's grasps and supports, for every arrangement of the scene's objects."""
-        context = PlanningContext.of(scene, grasps=planner.grasps, supports=planner.support_choice, canonical=True)
+        context = PlanningContext.of(
+            scene.robot, scene, grasps=planner.grasps, supports=planner.support_choice, canonical=True
+        )
         grasps, placements = context.grasps(), context.placements()
         assert isinstance(grasps, CanonicalGrasps)
         assert isinstance(placements, CanonicalPlacements)

@@ -22,7 +22,7 @@ CHAIN = ArmChain.from_robot(FETCH)
 
 
 def candidates(scene: Scene) -> GraspCandidates:
-    return PlanningContext.of(scene, grasps="side").grasps()
+    return PlanningContext.of(scene.robot, scene, grasps="side").grasps()
 
 
 @pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)])
@@ -65,7 +65,7 @@ def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
     every = {name: all_of(scene, name) for name in scene.names[:6]}
     for name, masks in every.items():
-        source = PlanningContext.of(scene).grasps()
+        source = PlanningContext.of(scene.robot, scene).grasps()
         least = min((mask.bit_count() for mask in masks), default=None)
         assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
         ban_all_free(source, scene, name)
@@ -114,12 +114,14 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
 
 def all_of(scene: Scene, name: str) -> list[int]:
     """The blocker masks of an object's grasps of all families, each looked at alone."""
-    sources = (GraspCandidates(PlanningContext.of(scene).arms, families=(family,)) for family in GRASP_SETS["all"])
+    sources = (
+        GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,)) for family in GRASP_SETS["all"]
+    )
     return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
 
 
 def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene) -> None:
-    lazy = PlanningContext.of(scene).grasps()
+    lazy = PlanningContext.of(scene.robot, scene).grasps()
     every = {name: all_of(scene, name) for name in scene.names}
     for name in scene.names[:8]:
         found = smallest_set(lambda one: [g.blockers for g in lazy.for_object(scene, one)], name, scene.names)
