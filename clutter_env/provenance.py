@@ -170,15 +170,12 @@ def _code_digest(*files: str) -> str:
 def _plain(node: Any) -> Any:
     """A syntax tree as nested lists, without docstrings and fields that are empty."""
     if isinstance(node, list):
-        return [_plain(entry) for entry in node if not _is_text(entry)]
+        texts = [entry for entry in node if isinstance(entry, ast.Expr) and isinstance(entry.value, ast.Constant)]
+        return [_plain(entry) for entry in node if entry not in texts]
     if not isinstance(node, ast.AST):
         return node
     fields = [(name, value) for name, value in ast.iter_fields(node) if value not in (None, [])]
     return [type(node).__name__, *((name, _plain(value)) for name, value in fields)]
-
-
-def _is_text(node: Any) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def _hash(*texts: str) -> str:

@@ -120,8 +120,8 @@ def _captioned(picture: Frame, caption: str, said: str) -> Frame:
     page = Image.new("RGB", (width, height + _BAR), _PAPER)
     page.paste(Image.fromarray(picture), (0, 0))
     draw = ImageDraw.Draw(page)
-    draw.text((12, height + 8), caption, fill=_INK, font=_font(16))
-    draw.text((width - 12, height + 8), said, fill=_INK, font=_font(16), anchor="ra")
+    draw.text((12, height + 8), caption, fill=_INK, font=ImageFont.load_default(16))
+    draw.text((width - 12, height + 8), said, fill=_INK, font=ImageFont.load_default(16), anchor="ra")
     return np.asarray(page)
 
 
@@ -130,9 +130,5 @@ def _tile(caption: str, picture: Frame) -> Frame:
     width, height = _STRIP_SIZE
     page = Image.new("RGB", (width + 8, height + 8 + _BAR), _PAPER)
     page.paste(Image.fromarray(picture).resize(_STRIP_SIZE, Image.Resampling.LANCZOS), (4, 4))
-    ImageDraw.Draw(page).text((8, height + 10), caption, fill=_INK, font=_font(14))
+    ImageDraw.Draw(page).text((8, height + 10), caption, fill=_INK, font=ImageFont.load_default(14))
     return np.asarray(page)
-
-
-def _font(size: int) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
-    return ImageFont.load_default(size)

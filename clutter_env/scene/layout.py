@@ -102,10 +102,11 @@ class Layout:
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(f"{place}: two boxes are named {name!r}; the names: {', '.join(names)}")
+        half_x, half_y = self.depth / 2, self.width / 2
         (x, y), (_, side) = self.start_region
         low, high = (x - START_CLEARANCE, y - START_CLEARANCE, 0.0), (-self.depth / 2, side + START_CLEARANCE, math.inf)
         for box in self.boxes:
-            if _overlaps(box, *self._table_volume(HEADROOM_RANGE[0])):
+            if _overlaps(box, (-half_x, -half_y, TABLE_HEIGHT), (half_x, half_y, TABLE_HEIGHT + HEADROOM_RANGE[0])):
                 raise ConfigError(
                     f"{place}: box {box.name!r} is less than {HEADROOM_RANGE[0]} m above the table, where objects stand"
                 )
@@ -135,7 +136,8 @@ class Layout:
     @property
     def headroom(self) -> float:
         """[m] from a surface on which objects stand to the lowest thing above it; infinite without one."""
-        above = [box for box in furniture(self) if _overlaps(box, *self._table_volume(math.inf))]
+        x, y = self.depth / 2, self.width / 2
+        above = [box for box in furniture(self) if _overlaps(box, (-x, -y, TABLE_HEIGHT), (x, y, math.inf))]
         over_table = min((box.position[2] - box.half_extents[2] - TABLE_HEIGHT for box in above), default=math.inf)
         return min(over_table, self.second_board_height or math.inf)
 
@@ -145,11 +147,6 @@ class Layout:
         near, far = START_DISTANCE if self.board_height is None else SHELF_START_DISTANCE
         side = self.width / 2 - START_SIDE_MARGIN
         return (-self.depth / 2 - far, -side), (-self.depth / 2 - near, side)
-
-    def _table_volume(self, height: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Two opposite corners of what is above the table, up to a height [m] over it."""
-        x, y = self.depth / 2, self.width / 2
-        return (-x, -y, TABLE_HEIGHT), (x, y, TABLE_HEIGHT + height)
 
 
 def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:

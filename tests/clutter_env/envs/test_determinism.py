@@ -11,7 +11,7 @@ import pytest
 
 import clutter_env  # noqa: F401 - registers the environments
 
-STEPS = 200
+STEPS = 120
 RETRIEVE = "clutter_env/Retrieve-o20-v0"
 
 

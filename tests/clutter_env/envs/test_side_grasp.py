@@ -25,8 +25,8 @@ def good(results: list) -> int:
 
 
 @pytest.mark.parametrize("shapes", ["cylinder", "mixed"])
-def test_a_few_grasps_hold(shapes: str) -> None:
-    assert good(grasp_free_targets(2, shapes=shapes)) == 2
+def test_a_grasp_holds(shapes: str) -> None:
+    assert good(grasp_free_targets(1, shapes=shapes)) == 1
 
 
 @pytest.mark.slow

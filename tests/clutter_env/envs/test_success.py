@@ -67,7 +67,7 @@ def test_objects_at_rest_are_never_disturbed() -> None:
     env = RetrieveEnv(num_objects=30)
     env.reset(seed=3)
     env.model.opt.enableflags &= 0  # no body sleeps, so that every contact keeps working
-    for _ in range(200):
+    for _ in range(80):
         *_, info = env.step(np.zeros(12))
     assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)
 
@@ -87,7 +87,7 @@ def test_a_saved_state_keeps_what_the_success_monitor_remembers() -> None:
     script.run()
     fresh = RetrieveEnv(num_objects=5, control_mode="ee")
     held = next(index for index, info in enumerate(infos) if info["held"])
-    for index in (5, held, held + 1, held + 15):
+    for index in (5, held + 1):
         fresh.reset(seed=0, options={"state": states[index][0]})
         assert fresh.save_state() == states[index][0]
         for (state, action), info in zip(states[index:], infos[index:], strict=True):

@@ -22,7 +22,7 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from tests.clutter_env.envs.side_grasp import SideGrasp, reset_to_free_target
 from tests.clutter_env.simulation.test_saved_state import pushing_actions, run
 
-GRASPS, EPISODES = 2, 10
+GRASPS, EPISODES = 1, 10
 
 
 class Stance(NamedTuple):

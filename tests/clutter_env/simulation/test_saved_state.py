@@ -12,7 +12,7 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.errors import ActionError, StateError
 
-STEPS = 100
+STEPS = 50
 
 
 def in_clutter(mode: str, seed: int = 4, **keywords):
