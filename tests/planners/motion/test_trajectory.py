@@ -10,7 +10,7 @@ import pytest
 from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.scene import HeldObject, RobotState
@@ -130,9 +130,9 @@ def test_picking_and_placing_in_time() -> None:
     world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
     base, q = grasp_configurations(world, "object_00", rng)[0]
     pick = plan_pick(world, base, HOME, q, "object_00", rng=rng)
-    assert isinstance(pick, PickMotion)
+    assert isinstance(pick, PickPlaceMotion)
     place = plan_place(world, base, pick.retreat.end, q, pick.held, rng=rng)
-    assert isinstance(place, PlaceMotion)
+    assert isinstance(place, PickPlaceMotion)
     taking = pick_trajectory(FETCH, pick, RobotState(base, HOME, FETCH.max_finger_position))
     putting = place_trajectory(FETCH, place, RobotState(base, pick.retreat.end, float(taking.finger_position[-1])))
     for trajectory in (taking, putting):
