@@ -127,9 +127,7 @@ class _Known(NamedTuple):
 
     candidates: tuple[GraspCandidate, ...]
     unseen: tuple[Stage, ...]  # not looked at yet
-    tried: frozenset[tuple[bytes, float, float]] = (
-        frozenset()
-    )  # at which motion planning found a grasp worse than expected
+    tried: frozenset[tuple[bytes, float, float]] = frozenset()  # found worse than expected by motion planning
     refills: int = 0  # how often grasps were looked for again without these
 
 
@@ -175,13 +173,15 @@ class GraspCandidates:
         self.for_object(scene, name)
         found: list[GraspCandidate] = []
         for view in self._views_of(scene).values():
-            body, of_family = view.body(name), list[GraspCandidate]()
-            for grasps in (generate_grasps(body, view.robot, (family,)) for family in self.families):
-                if grasps and not of_family:
-                    wanted, opening = gripper_poses(grasps), max(grasp.opening for grasp in grasps)
-                    poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                    of_family = self._scan(view, body, poses, self._grid(view), opening)
-            found += of_family
+            body = view.body(name)
+            for family in self.families:
+                grasps = generate_grasps(body, view.robot, (family,))
+                wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
+                poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
+                of_family = self._scan(view, body, poses, self._grid(view), opening) if grasps else []
+                found += of_family
+                if of_family:
+                    break
         return best_first(found)
 
     def blank_copy(self) -> GraspCandidates:
