@@ -114,6 +114,4 @@ def _solids(centre: Array, half: Array, R: Array) -> Solids:
         bound=np.linalg.norm(half, axis=1),
         position=centre,
         rotation=np.tile(R, (count, 1, 1)),
-        vertices=np.zeros((0, 3)),
-        first=np.zeros(0, dtype=np.int64),
     )

@@ -116,8 +116,6 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
             bound=np.array([body_bound(body) for body in bodies], dtype=float),
             position=_rows([body.position for body in bodies]),
             rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
-            vertices=np.zeros((0, 3)),
-            first=np.zeros(0, dtype=np.int64),
         ),
         upright=(upright[0], upright[1], upright[2]),
         static=_static_solids(static),

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.gjk import BOX, are_within
-from planners.collision.hit_kernels import CollisionQuery, many_hits, path_hits
-from planners.collision.robot_pose_kernel import Attached, Scratch, make_scratch
+from planners.collision.hit_kernels import Attached, CollisionQuery, Scratch, make_scratch, many_hits, path_hits
 from planners.collision.scene_arrays import (
     Obstacles,
     RobotArrays,

@@ -13,7 +13,7 @@ from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
 from irm.ik.solutions import free_angles, solver_arrays
 from planners.collision.driven_world import Drive, Extents
-from planners.collision.robot_pose_kernel import make_scratch
+from planners.collision.hit_kernels import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan

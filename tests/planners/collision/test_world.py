@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners.collision.hit_kernels import edge_samples
-from planners.collision.robot_pose_kernel import make_scratch, place_robot
+from planners.collision.hit_kernels import edge_samples, make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
