@@ -92,11 +92,7 @@ class ContactQuery:
 
     @classmethod
     def release(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject) -> ContactQuery:
-        """A release of a held object where the gripper has it then.
-
-        Raises:
-            UnknownObject: no such object.
-        """
+        """A release of a held object where the gripper has it then; raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
         return cls._around(world.with_body(placed), world, base, q, held, placed, 0)
 

@@ -158,11 +158,6 @@ class RobotState:
         object.__setattr__(self, "q", frozen(self.q, (len(self.q),), "q"))
         object.__setattr__(self, "finger_position", float(self.finger_position))
 
-    @property
-    def gripping(self) -> RobotState:
-        """The same state with the fingers commanded to close completely: so they press on what is between them."""
-        return replace(self, finger_position=0.0)
-
 
 @dataclass(frozen=True, eq=False)
 class HeldObject:
