@@ -94,12 +94,6 @@ def test_the_held_object_is_no_obstacle_and_may_stand_on_the_table() -> None:
     assert checked > 3
 
 
-def test_one_call_equals_a_row_of_many() -> None:
-    world = CollisionWorld.from_scene(mixed_scene(10, 2))
-    Q = random_configurations(world, 20, 5)
-    assert [world.hits(BASE, q, OPENING) for q in Q] == [int(h) for h in world.hits_many(BASE, Q, OPENING)]
-
-
 def test_fingers_move_with_the_opening() -> None:
     world = CollisionWorld.from_scene(mixed_scene(1, 0))
     attached = world.attached(None)
