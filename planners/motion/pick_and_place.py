@@ -235,7 +235,7 @@ class _FreePaths:
     def _arm_path(
         self, query: ArmQuery, q_hover: Array, q: Array, find_blockers: bool
     ) -> WholeBodyPath | BlockedBy | NoPath:
-        """A free path from the hover configuration to another one (8,); without an object in reverse."""
+        # Planned inwards without the object and outwards with it, for picks and placements alike.
         start, goal = (q, q_hover) if query.held is None else (q_hover, q)
         return plan_arm(query, start, goal, rng=self.rng, find_blockers=find_blockers)
 
@@ -279,19 +279,12 @@ def _carry_configurations(
     """Configurations (k, 8) in which a motion may end, best first.
 
     The robot's home configuration where it fits; elsewhere home with another height of the torso, then the
-    configuration of the arm at hand, with the torso raised. What fits hits neither static obstacles nor the robot, and
-    holds the object high enough, if any of them does.
-
-    Args:
-        query: base pose, gripper opening and held object.
-        q_grasp: (8,) configuration of the grasp or release; continuous joints end near it at home.
-        q_hover: (8,) configuration at the end of the straight lines.
-        least_height: [m] of the held object's lowest point.
-        only_home: whether the others are left out where home fits and holds the object high enough.
+    configuration `q_hover` at the end of the straight lines, with the torso raised. What fits hits neither static
+    obstacles nor the robot, and holds the object's lowest point above `least_height` [m], if any of them does.
+    `only_home` leaves out the others where home does. Continuous joints end near `q_grasp` at home.
     """
 
     def fits(q: Array) -> bool:
-        """Whether neither static obstacles nor the robot are hit."""
         return not query.hits(q[None])[0] & FIXED_BITS
 
     robot = query.world.robot
