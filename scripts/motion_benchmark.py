@@ -68,7 +68,7 @@ def measure(
 ) -> None:
     """Checks in one scene, then a pick for each object with a free grasp."""
     world, checker, home = CollisionWorld.from_scene(scene), MujocoCollisionChecker(scene), np.array(scene.robot.home)
-    candidates = PlanningContext.of(scene, grasps=grasps).grasps()
+    candidates = PlanningContext.of(scene.robot, scene, grasps=grasps).grasps()
     free = [g for name in scene.names for g in candidates.for_object(scene, name)[:1] if not g.blockers]
 
     def timed(name: str, work: Any, *args: Any, **kwargs: Any) -> Any:

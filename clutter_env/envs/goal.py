@@ -176,15 +176,13 @@ class PickEnv(GoalEnv):
         if options.objects is None and scene.num_objects == 1:
             x = self.np_random.uniform(*PICK_X)
             scene = replace(scene, positions=np.array([[x, scene.positions[0, 1]]]))
-        return replace(scene, base=self._base_before(scene.positions[scene.target]))
-
-    def _base_before(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A base pose (3,) from which the object is in reach, in front of the table."""
+        # The base stands in front of the table, where the object is in reach.
+        position = scene.positions[scene.target]
         ahead, side, yaw = self.np_random.uniform(
             (PICK_DISTANCE[0], -PICK_SIDE, -PICK_YAW), (PICK_DISTANCE[1], PICK_SIDE, PICK_YAW)
         )
         x = min(position[0] - ahead, -self.layout.depth / 2 - self.robot.base_radius)
-        return np.array([x, position[1] + side, yaw])
+        return replace(scene, base=np.array([x, position[1] + side, yaw]))
 
     def _achieved(self) -> NDArray[np.float64]:
         return _clipped(self.measurements.poses[self.target_slot, :3])

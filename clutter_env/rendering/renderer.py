@@ -151,7 +151,10 @@ class Renderer:
         assert self._context is not None
         self._check_owner()
         self._context.make_current()
-        view = self._fixed(camera) if isinstance(camera, str) else camera
+        view = camera
+        if isinstance(view, str):
+            view = mujoco.MjvCamera()
+            view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._option, None, view, everything, self._scene)
         viewport = mujoco.MjrRect(0, 0, *self._size)
@@ -167,13 +170,6 @@ class Renderer:
                 "this environment has rendered in another thread, and an OpenGL context belongs to its thread; render "
                 "and close in one thread, or make one environment for each thread"
             )
-
-    def _fixed(self, camera: str) -> mujoco.MjvCamera:
-        """The view of one of the model's cameras."""
-        view = mujoco.MjvCamera()
-        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        view.fixedcamid = self._model.camera(camera).id
-        return view
 
     def close(self) -> None:
         """Free the OpenGL resources; may be called twice. A forked process has none to free."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.cause import Cause
-from planners.clearing.lower_bound import FloorResult, self_clearable_sets
+from planners.clearing.lower_bound import self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -59,11 +59,10 @@ class Commitments:
 
 @dataclass(frozen=True)
 class NoCommitment:
-    """No commitments are possible: the cause, and the objects concerned; `proved` if it follows from all grasps."""
+    """No commitments are possible: the cause, and the objects concerned."""
 
     cause: Cause
     objects: tuple[str, ...]
-    proved: bool = True
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ def greedy_commitments(problem: ClearingProblem) -> Commitments | NoCommitment:
     if commit(target, 0):
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
     if deadline.is_over:
-        return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
+        return NoCommitment(Cause.TIME_LIMIT, (target,))
     reachable = bool(problem.grasps(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 
@@ -164,30 +163,23 @@ def smallest_commitments(problem: ClearingProblem) -> Iterator[Commitments | NoC
 
     A single `NoCommitment` where there is no self-clearable set.
     """
-    scene, names = problem.scene, problem.scene.names
+    scene, target = problem.scene, problem.target
 
-    def masks(index: int) -> list[int]:
+    def masks(name: str) -> list[int]:
         """Masks of the objects in the way of each grasp of that object."""
-        return [option.blockers for option in problem.grasps(scene, names[index])]
+        return [option.blockers for option in problem.grasps(scene, name)]
 
     slack, deadline = problem.strategy.slack, problem.deadline
-    for result in self_clearable_sets(masks, scene.index(problem.target), slack=slack, deadline=deadline):
-        if result.count is None:
-            yield NoCommitment(Cause(result.cause), (problem.target,), result.proved)
+    for found in self_clearable_sets(masks, target, scene.names, slack=slack, deadline=deadline):
+        if found.count is None:
+            yield NoCommitment(Cause(found.cause), (target,))
             return
-        yield _best_grasps(problem, result)
-
-
-def _best_grasps(problem: ClearingProblem, result: FloorResult) -> Commitments:
-    """Each object of the set takes its best grasp among those free by its turn."""
-    grasps: dict[str, GraspCandidate] = {}
-    removed = 0
-    for step in result.order:
-        name = problem.scene.names[step.object]
-        grasps[name] = max(problem.free_grasps(name, removed), key=lambda option: option.quality)
-        removed |= 1 << step.object
-    order = tuple(problem.scene.names[index] for index in result.objects)
-    return Commitments(problem.target, order, MappingProxyType(grasps))
+        # Each object takes its best grasp among those that are free by its turn.
+        grasps: dict[str, GraspCandidate] = {}
+        for name in (*found.objects, target):
+            free = problem.free_grasps(name, scene.mask(grasps))
+            grasps[name] = max(free, key=lambda option: option.quality)
+        yield Commitments(target, found.objects, MappingProxyType(grasps))
 
 
 def varied_commitments(problem: ClearingProblem, commitments: Commitments, volume: Volume) -> Commitments:

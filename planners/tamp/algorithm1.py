@@ -15,13 +15,8 @@ from planners.motion.arm import tcp_pose
 from planners.motion.pick_and_place import LIFTED
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
-from planners.symbolic.transitions import (
-    GraspObstructed,
-    grasp_references,
-    obstruction_problem,
-    update_from_action,
-    update_from_error,
-)
+from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
+from planners.symbolic.transitions import initial_state as symbolic_state
 from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
@@ -75,15 +70,8 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}
-    problem = obstruction_problem(
-        search.target,
-        {},
-        objects=scene.names,
-        held_obstructs=search.target,
-        held=held,
-        grippers=[gripper_symbol(robot, arm) for arm in robot.acting_arms],
-    )
-    return bind_grasps(search, problem.state, scene)
+    grippers = [gripper_symbol(robot, arm) for arm in robot.acting_arms]
+    return bind_grasps(search, symbolic_state(scene.names, held, grippers, held_obstructs=search.target), scene)
 
 
 def is_provisional(state: PlanState, action: GroundAction) -> bool:

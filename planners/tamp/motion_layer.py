@@ -135,8 +135,8 @@ class MotionLayer:
             if isinstance(found, NoCommitment):
                 # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
                 is_refuted = self.has_refuted and found.cause.lies_in_grasps
-                return replace(found, cause=Cause.MOTION, proved=False) if is_refuted else found
-            for grasp in found.grasps:
+                return replace(found, cause=Cause.MOTION) if is_refuted else found
+            for grasp in found:
                 self._reject(problem.scene, grasp)
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:

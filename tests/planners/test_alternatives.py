@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.clearing.lower_bound import minimum_clearances
+from planners.clearing.lower_bound import smallest_set
+from planners.contact import contact_of
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.skills.alternatives import Alternatives, direction_class
-from planners.tamp.solution import Solution, contact_of
+from planners.tamp.solution import Solution
 from tests.planners.scenes import random_scene
 
 PLANNER = Planner(FETCH, grasps="side", canonical=True)
@@ -32,10 +33,10 @@ def plan() -> Solution:
 
 
 def minimum(alternatives: Alternatives, scene: Scene, target: int) -> int | None:
-    def masks(index: int) -> list[int]:
-        return [grasp.blockers for grasp in alternatives.grasps.for_object(scene, scene.names[index])]
+    def masks(name: str) -> list[int]:
+        return [grasp.blockers for grasp in alternatives.grasps.for_object(scene, name)]
 
-    return minimum_clearances(masks, target).count
+    return smallest_set(masks, scene.names[target], scene.names).count
 
 
 def test_the_plans_own_straight_choices_are_free(plan: Solution) -> None:

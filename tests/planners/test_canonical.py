@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.contact import Contact
+from planners.contact import Contact, contact_of, contacts, label_of
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import SIDE
@@ -15,7 +15,7 @@ from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated
 from planners.planner import Planner
 from planners.scene import RobotState, Scene
-from planners.tamp.solution import Solution, contact_of, contacts, label_of
+from planners.tamp.solution import Solution
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 PLANNER = Planner(FETCH, grasps="side", canonical=True)
@@ -64,7 +64,7 @@ def test_a_lone_object_is_taken_straight_ahead_and_the_plan_moves_little_when_it
 @pytest.mark.parametrize("seed", range(6))
 def test_other_grasps_are_chosen_only_where_all_straight_ones_are_blocked(seed: int) -> None:
     scene = random_scene(18, seed)
-    source = PlanningContext.of(scene, grasps="side", canonical=True).grasps()
+    source = PlanningContext.of(scene.robot, scene, grasps="side", canonical=True).grasps()
     for name in scene.names:
         candidates = source.for_object(scene, name)
         is_straight_free = any(True for _ in source.free_straight(scene, name, SIDE))
@@ -80,7 +80,7 @@ def is_straight(scene: Scene, grasp: GraspCandidate) -> bool:
 
 def test_a_banned_grasp_gives_way_to_the_next_straight_one_then_to_others() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
-    source, offered = PlanningContext.of(scene, grasps="side", canonical=True).grasps(), set()
+    source, offered = PlanningContext.of(scene.robot, scene, grasps="side", canonical=True).grasps(), set()
     straight = {grasp.pair for grasp in source.free_straight(scene, "object_00", SIDE)}
     while is_straight(scene, first := source.for_object(scene, "object_00")[0]):
         offered.add(first.pair)

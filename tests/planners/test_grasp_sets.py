@@ -105,7 +105,9 @@ def test_low_objects_are_taken(shape: str, height: float) -> None:
 def test_a_toppled_cylinder_is_lifted_by_every_slanted_family(family: GraspFamily, radius: float) -> None:
     scene = table_scene(lying("object_00", -0.1, 0.0, radius))
     world = CollisionWorld.from_scene(scene)
-    grasps = GraspCandidates(PlanningContext.of(scene).arms, families=(family,)).for_object(scene, "object_00")
+    grasps = GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,)).for_object(
+        scene, "object_00"
+    )
     motions = [
         plan_pick(world, grasp.base, FETCH.home, grasp.q, "object_00", rng=np.random.default_rng(0))
         for grasp in grasps[:3]
@@ -116,7 +118,7 @@ def test_a_toppled_cylinder_is_lifted_by_every_slanted_family(family: GraspFamil
 @pytest.mark.parametrize("family", SLANTED, ids=lambda family: family.name)
 def test_a_toppled_obstacle_in_the_gripper_is_put_down_to_rest(family: GraspFamily) -> None:
     scene = table_scene(lying("object_00", -0.1, 0.0), cylinder("object_01", 0.1, -0.3))
-    source = GraspCandidates(PlanningContext.of(scene).arms, families=(family,))
+    source = GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,))
     in_hand = grasped(scene, source.for_object(scene, "object_00")[0])
     found = PLANNERS["all"].solve(in_hand, "object_01")
     assert isinstance(found, Solution), found

@@ -62,9 +62,9 @@ def test_joint_action_leads_both_arms_to_a_configuration() -> None:
     for _ in range(20):
         env.step(env.joint_action(goal, [0.05, 0.02]))
     assert np.abs(env.world.controller.state.target - goal).max() < 1e-3
-    with pytest.raises(ActionError, match="2 finite numbers"):
+    with pytest.raises(ActionError, match=r"shape \(2,\)"):
         env.joint_action(goal, 0.05)
-    with pytest.raises(ActionError, match="18 finite numbers"):
+    with pytest.raises(ActionError, match=r"shape \(18,\)"):
         env.joint_action(goal[:11], [0.05, 0.02])
 
 

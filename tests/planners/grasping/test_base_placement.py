@@ -16,7 +16,7 @@ from planners.grasping.base_placement import TURNED, facing_bases, farthest_reac
 from tests.planners.scenes import cylinder, table_scene
 
 SCENE = table_scene(cylinder("object_00", 0.0, 0.0))
-PLACER = map_placer(SCENE)
+PLACER = map_placer(SCENE.robot, SCENE)
 REACH = farthest_reach(FETCH)
 YAWS = np.radians(np.arange(-90, 91, 15.0))
 POSES = np.array([(x, y, 0.83, yaw, 0.0) for x in (-0.25, 0.1, 0.25) for y in (-0.3, 0.0) for yaw in YAWS])

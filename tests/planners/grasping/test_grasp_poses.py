@@ -24,7 +24,7 @@ from planners.grasping.grasp_poses import (
     gripper_clearances,
     gripper_opening,
 )
-from planners.placing.locations import PlacementConfig, placement_grid, placement_levels, stand_at
+from planners.placing.locations import placement_grid, placement_levels, stand_at
 from planners.scene import Body, StaticObstacle
 from tests.planners.scenes import HEIGHT, table_scene
 
@@ -166,10 +166,10 @@ def test_unknown_grasp_sets_are_misuse() -> None:
 
 
 def test_placement_grid_has_the_papers_25_points_within_the_margin() -> None:
-    grid = placement_grid(TABLE, PlacementConfig(margin=0.06))
+    grid = placement_grid(TABLE)
     assert grid.shape == (25, 2)
-    np.testing.assert_allclose(grid.max(axis=0), (0.29, 0.44))
-    np.testing.assert_allclose(grid.min(axis=0), (-0.29, -0.44))
+    np.testing.assert_allclose(grid.max(axis=0), (0.305, 0.455))
+    np.testing.assert_allclose(grid.min(axis=0), (-0.305, -0.455))
 
 
 def test_levels_get_finer_stay_within_the_margin_and_depend_on_the_seed_alone() -> None:

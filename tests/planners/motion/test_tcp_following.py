@@ -25,7 +25,7 @@ ALONE = table_scene(cylinder("wanted", 0.0, 0.0), cylinder("other", 0.25, 0.4))
 
 
 def motion_layer(scene: Scene) -> MotionLayer:
-    context = PlanningContext.of(scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
+    context = PlanningContext.of(scene.robot, scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
     return MotionLayer(context, np.random.default_rng(0))
 
 

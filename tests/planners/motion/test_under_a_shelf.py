@@ -28,7 +28,7 @@ def picks() -> list[tuple[Scene, PickPlaceMotion]]:
     for x, y in PLACES:
         scene = shelf_scene(cylinder("object_00", x, y))
         world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
-        for grasp in PlanningContext.of(scene, grasps="side").grasps().for_object(scene, "object_00"):
+        for grasp in PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00"):
             assert grasp.drives
             start = np.concatenate((stand_off(scene, grasp.base, grasp.q), scene.state.q))
             motion = plan_pick(world, grasp.base, start, grasp.q, "object_00", rng=rng)
@@ -102,7 +102,7 @@ def test_grasps_know_what_is_in_the_way_out() -> None:
     front, behind = cylinder("object_00", -0.25, 0.0), cylinder("object_01", -0.1, 0.0)
     walls = [cylinder(f"object_{2 + i:02d}", -0.25, y) for i, y in enumerate((-0.3, -0.2, -0.1, 0.1, 0.2, 0.3))]
     scene = shelf_scene(front, behind, *walls)
-    world, candidates = CollisionWorld.from_scene(scene), PlanningContext.of(scene, grasps="side").grasps()
+    world, candidates = CollisionWorld.from_scene(scene), PlanningContext.of(scene.robot, scene, grasps="side").grasps()
     walled_in = candidates.for_object(scene, "object_01")
     assert walled_in
     for grasp in walled_in:

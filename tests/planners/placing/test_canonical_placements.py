@@ -21,7 +21,10 @@ LOOKAHEAD = STRATEGIES["lookahead"]
 
 def in_hand(scene: Scene) -> Scene:
     return grasped(
-        scene, PlanningContext.of(scene, grasps="side", canonical=True).grasps().for_object(scene, "object_00")[0]
+        scene,
+        PlanningContext.of(scene.robot, scene, grasps="side", canonical=True)
+        .grasps()
+        .for_object(scene, "object_00")[0],
     )
 
 
@@ -40,7 +43,7 @@ def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_
     scene = in_hand(random_scene(8, seed))
     world, search = (
         CollisionWorld.from_scene(scene),
-        PlanningContext.of(scene, grasps="side", canonical=True).placements(),
+        PlanningContext.of(scene.robot, scene, grasps="side", canonical=True).placements(),
     )
     found = [
         list(itertools.islice(search.find(world, KeepClear(), LOOKAHEAD, np.random.default_rng(rng)), 3))
@@ -57,7 +60,7 @@ def test_where_no_cell_is_straight_the_placements_of_the_paper_follow(monkeypatc
     scene = in_hand(random_scene(8, 1))
     world, search = (
         CollisionWorld.from_scene(scene),
-        PlanningContext.of(scene, grasps="side", canonical=True).placements(),
+        PlanningContext.of(scene.robot, scene, grasps="side", canonical=True).placements(),
     )
     monkeypatch.setattr(CanonicalPlacements, "straight", lambda *_: iter(()))
     assert next(search.find(world, KeepClear(), LOOKAHEAD, np.random.default_rng(0)), None) is not None

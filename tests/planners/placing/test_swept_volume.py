@@ -32,7 +32,7 @@ BOARD = StaticObstacle("board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0
 def grasps(scene: Scene, name: str) -> list[GraspCandidate]:
     """Grasps of an object along which it can be taken."""
     world = CollisionWorld.from_scene(scene)
-    found = PlanningContext.of(scene, grasps="side").grasps().for_object(scene, name)
+    found = PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, name)
     return [grasp for grasp in found if planned_approach(world, grasp.base, grasp.q, name) is not None]
 
 

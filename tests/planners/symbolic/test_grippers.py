@@ -9,7 +9,8 @@ import pytest
 
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import GRIPPER, TaskPlan, TaskProblem, domain_text
-from planners.symbolic.transitions import obstruction_problem, reached_by, unmet_preconditions, update_from_action
+from planners.symbolic.transitions import reached_by, unmet_preconditions, update_from_action
+from tests.planners.symbolic.problems import obstruction_problem
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
 ENGINES = ["astar", *(["kairos"] if find_spec("kairos") else [])]

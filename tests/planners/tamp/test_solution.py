@@ -141,9 +141,9 @@ def commands(plan: Solution) -> list[bytes]:
     found = []
     for action in plan.actions[:2]:
         for time in action.trajectory.times[:-1]:
-            step = executor.advance(snapshot(action, float(time)))
-            assert step.status is not ExecutionStatus.ABORTED, step.deviation
-            found.append(np.append(step.command.drive, step.command.opening).tobytes())
+            command, status = executor.advance(snapshot(action, float(time)))
+            assert status is not ExecutionStatus.ABORTED, executor.deviation
+            found.append(np.append(command.drive, command.opening).tobytes())
     return found
 
 
@@ -204,6 +204,19 @@ def change_header(header: dict, kind: str) -> None:
     else:
         assert kind == "wrong reference"
         objects[0]["fields"]["name"] = {"object": 10**6}
+
+
+def test_a_plan_file_of_version_2_is_read(tmp_path: Path) -> None:
+    """The files of the first release; a strategy's `non_monotone` was called `second_moves` there."""
+    path = tmp_path / "plan.npz"
+    solved().save(path)
+    with np.load(path) as file:
+        parts = dict(file)
+    header = json.loads(str(parts["header"])) | {"version": 2}
+    strategy = next(entry for entry in header["objects"] if entry["class"] == "Strategy")["fields"]
+    strategy["second_moves"] = strategy.pop("non_monotone")
+    np.savez(path, **{**parts, "header": np.array(json.dumps(header))})
+    assert Solution.load(path) == solved()
 
 
 BAD_FILES = ("text", "empty", "pickled", "other archive", "version", "format", "unknown class")

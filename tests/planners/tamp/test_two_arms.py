@@ -136,7 +136,7 @@ class _Pose:
 
 
 def test_both_arms_offer_grasps_fewest_blockers_first(scene: Scene) -> None:
-    together = PlanningContext.of(scene, grasps="side").grasps()
+    together = PlanningContext.of(scene.robot, scene, grasps="side").grasps()
     by_arm = {arm: GraspCandidates({arm: together.arms[arm]}) for arm in BOTH.acting_arms}
     for name in scene.names[:5]:
         found = together.for_object(scene, name)
