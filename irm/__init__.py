@@ -16,8 +16,9 @@ from irm.classification import classify, decide, predict
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
+from irm.ik.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.kinematics import forward, link_origins
+from irm.kinematics import fk_frames, forward, link_origins
 from irm.placement import BasePlacement, PlacementBatch
 from irm.reachability_map import ReachabilityMap
 from irm.robot_outline import robot_radius
@@ -26,7 +27,11 @@ from irm.status import Status
 from irm.verification import NotVerified, SelfCollision, Verified, compare_with_model, tcp_poses, verify
 
 __all__ = [
+    "CLOSED_FORM",
+    "ITERATIVE",
+    "PARALLEL",
     "PRISMATIC",
+    "SPHERICAL",
     "ArmChain",
     "BasePlacement",
     "ClassicalInverseReachabilityMap",
@@ -41,18 +46,22 @@ __all__ = [
     "SolidBoxes",
     "Status",
     "Verified",
+    "arm_solutions",
     "cache_folder",
     "cached_map",
     "classify",
     "compare_with_model",
     "decide",
+    "fk_frames",
     "forward",
     "frames_of",
+    "free_angles",
     "is_map_at_hand",
     "link_origins",
     "pose_of",
     "predict",
     "robot_radius",
+    "solver_arrays",
     "tcp_poses",
     "verify",
 ]

@@ -124,7 +124,7 @@ class PlannedMotionPolicy:
         self._env = controlled_env(env)
         self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, self._env.object_names)
         self._executor, self.refused = None, 0
-        finger_position = _scene_of(self._env).state.finger_position
+        finger_position = scene_of(self._env).state.finger_position
         self._last = Command(self._sensor.read().drive, self._env.robot.opening(finger_position))
         self._end("")
 
@@ -165,10 +165,12 @@ class PlannedMotionPolicy:
         self.is_done, self.has_failed, self.reason = True, bool(reason), reason
 
 
+def scene_of(env: Any, held: str = "") -> Scene:
+    """The planner's view of an environment as it is now, with exact poses."""
+    own = env.unwrapped
+    return Scene.from_mujoco(own.model, own.data, own.robot, held, movable=own.object_names, support=own.support_name)
+
+
 def _present_scene(env: Any) -> Scene:
-    """The scene as it is now, with what is in the gripper."""
-    return _scene_of(env, held_object(_scene_of(env)))
-
-
-def _scene_of(env: Any, held: str = "") -> Scene:
-    return Scene.from_mujoco(env.model, env.data, env.robot, held, movable=env.object_names, support=env.support_name)
+    """The scene with what the gripper holds."""
+    return scene_of(env, held_object(scene_of(env)))
