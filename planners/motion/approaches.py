@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.straight_lines import trace_by_torso, trace_straight
 from planners.collision.world import CollisionWorld, with_clearance_below
-from planners.grasping.grasp_poses import FINGER_GAP
-from planners.motion.arm import ArmQuery, tcp_pose
+from planners.motion.arm import SIDE_CLEARANCE, ArmQuery, tcp_pose
 from planners.motion.path import on_base
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
@@ -111,7 +110,7 @@ class ContactQuery:
         """The query in the worlds without and with the object in hand, which stands as `body`."""
         there, scene = np.asarray(base, float), empty.scene
         grip = body.width_in_gripper(np.linalg.inv(_tcp_pose(scene, base, q)) @ body.pose)
-        opening = min(grip + 2 * FINGER_GAP, scene.robot.max_opening)
+        opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
         holding = ArmQuery(loaded, there, grip, held, ignore)
         return cls(ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body)
 
