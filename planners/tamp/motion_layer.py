@@ -66,14 +66,8 @@ class BoundMotion:
 class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
-    Attributes:
-        context: what does not depend on where the objects stand.
-        rng: for sampling.
-        compiled: collision worlds of the states so far.
-        deadline: when to give up.
-        candidates: the grasps known so far in the present state.
-        placement_search: finds where to put objects.
-        has_refuted: whether a grasp was refuted by motion planning.
+    `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
+    `has_refuted` says whether motion planning refuted a grasp.
     """
 
     context: PlanningContext
