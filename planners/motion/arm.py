@@ -23,7 +23,7 @@ from planners.scene.masks import FIXED_BITS
 Array = NDArray[np.float64]
 
 SIDE_CLEARANCE = 0.012
-"""[m] between each finger of the open gripper and the object."""
+"""[m] between each finger of the open gripper and the object: the `FINGER_GAP` of grasps, which motions do not know."""
 _ITERATIONS, _NEAR = 600, 0.8
 """Random targets of a search at most, and the share of them drawn about the straight line from start to goal."""
 SHORTCUTS = 20

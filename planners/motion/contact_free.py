@@ -112,13 +112,13 @@ def _shorter_path(world: CollisionWorld, motion: ContactFree) -> Array | None:
     ends = [line[::-1] for line in _lines(robot, motion.phases[-1].states[::-1], motion.ends_in_contact)]
     for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
         if checks.is_free(np.stack([starts[i][-1], ends[j][0]])):
-            path = checks.rounded(robot, starts[i], np.empty((0, starts[i].shape[1])), ends[j])
+            path = checks.rounded(starts[i], np.empty((0, starts[i].shape[1])), ends[j])
             if path is not None:
                 return path
     inner = motion.phases[int(motion.begins_in_contact) : len(motion.phases) - int(motion.ends_in_contact)]
     planned = [phase.states[:, :-1] for phase in inner]
     corners = _corners(checks, np.vstack([starts[-1][-1:], *planned, ends[-1][:1]]))
-    return None if corners is None else checks.rounded(robot, starts[-1], corners[1:-1], ends[-1])
+    return None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1])
 
 
 class _Checks(NamedTuple):
@@ -140,7 +140,7 @@ class _Checks(NamedTuple):
         wide = self.world.with_padding(CLEARANCE)
         return not wide.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
 
-    def rounded(self, robot: RobotSpec, start: Array, corners: Array, end: Array) -> Array | None:
+    def rounded(self, start: Array, corners: Array, end: Array) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
 
         Corners within the straight parts of the lines are rounded too if that is free.
@@ -150,7 +150,7 @@ class _Checks(NamedTuple):
         only_between = max(first - 1, 0), min(last + 1, len(polygon) - 1)
         for begin, stop in ((0, len(polygon) - 1), only_between):
             for half_width in _HALF_WIDTHS:
-                smooth, at = round_corners(robot, polygon[begin : stop + 1], half_width)
+                smooth, at = round_corners(self.world.scene.robot, polygon[begin : stop + 1], half_width)
                 path = np.vstack([polygon[:begin], smooth, polygon[stop + 1 :]])
                 at = np.concatenate([np.arange(begin), at + begin, np.arange(stop + 1, len(polygon))])
                 on_polygon = np.column_stack([np.interp(at, np.arange(len(polygon)), column) for column in polygon.T])
