@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from clutter_env.errors import ClutterEnvError
 
@@ -93,7 +93,7 @@ def run_jobs(
 def _results(
     function: Callable[[J], R], waiting: Iterator[J | None], workers: int, limit_s: float, ray: str
 ) -> Iterator[tuple[J, R | Crash | Killed]]:
-    backend: _Backend = _RayTasks(workers, ray) if ray else _LocalProcesses()
+    backend: _RayTasks | _LocalProcesses = _RayTasks(workers, ray) if ray else _LocalProcesses()
     running: dict[Future[Any], tuple[J, float]] = {}
     try:
         while True:
@@ -125,24 +125,6 @@ def _call(function: Callable[[Any], Any], job: Any) -> Any:
         return Crash(traceback.format_exc(), is_final=True)
 
 
-class _Backend(Protocol):
-    """Where jobs run."""
-
-    def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]: ...
-
-    def result(self, future: Future[Any]) -> Any:
-        """The result of a future that is done, or a `Crash` if its process died."""
-        ...
-
-    def end(self, future: Future[Any]) -> None:
-        """End a running job, and its process."""
-        ...
-
-    def close(self) -> None:
-        """End all workers, also those that are still running a job."""
-        ...
-
-
 class _LocalProcesses:
     """Executors of one process each, started when they are first needed and kept for later jobs."""
 
@@ -151,6 +133,7 @@ class _LocalProcesses:
         self._busy: dict[Future[Any], Any] = {}
 
     def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
+        """Start a job; a future whose result is got by `result`, unless `end` ended it."""
         with _ctrl_c_left_to_this_process():
             executor = self._idle.pop() if self._idle else self._start()
             future: Future[Any] = executor.submit(_call, function, job)
@@ -166,6 +149,7 @@ class _LocalProcesses:
         return ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(os.getpid(),))
 
     def result(self, future: Future[Any]) -> Any:
+        """The result of a future that is done, or a `Crash` if its process died."""
         executor = self._busy.pop(future)
         try:
             result = future.result()
@@ -209,7 +193,7 @@ def _end_with_parent(parent: int) -> None:
 
 
 class _RayTasks:
-    """One Ray task, which takes one CPU, for each job; "local" starts Ray with as many CPUs as there are workers."""
+    """The same with one Ray task of one CPU for each job; "local" starts Ray with as many CPUs as workers."""
 
     def __init__(self, workers: int, address: str) -> None:
         try:
