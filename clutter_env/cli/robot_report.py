@@ -18,7 +18,7 @@ from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
 from irm import ArmChain, pose_of
-from irm.ik.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
+from irm.ik.solvers import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
 from irm.kinematics import fk_frames, forward
 from planners import CollisionWorld, RobotArrays, Scene, robot_arrays
 from planners.collision.gjk import CYLINDER

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
-from irm.ik.solutions import free_angles, solver_arrays
+from irm.ik.solvers import free_angles, solver_arrays
 from planners.collision.driven_world import Drive, Extents
 from planners.collision.robot_pose_kernel import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _ABOUT_HOME = 24
 """Angles of the free joint about home in a full turn: 15° apart."""
 _HEIGHT_AND_PITCH = (5, 1)
-"""Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.arm.kinematics.ArmChain`."""
+"""Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.ArmChain`."""
 _SAME_DRIVE = 9
 """Decimals of yaws [rad] and directions that count as the same."""
 
@@ -49,7 +49,7 @@ class ConfigurationGrid(NamedTuple):
     Attributes:
         torsos: (t,) heights of the torso [m].
         rolls: (r,) angles of the arm's free joint [rad], Fetch's upper-arm roll; see
-            `irm.arm.general.solutions.free_angles`.
+            `irm.ik.solvers.free_angles`.
         nearest_home: of the configurations for one gripper pose only the one nearest to the home configuration counts.
             A robot that follows TCP poses ends up there, as its controller keeps the joints near home.
     """

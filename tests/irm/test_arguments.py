@@ -7,7 +7,7 @@ import pytest
 
 from irm.errors import QueryError
 from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.query_options import approach_yaws
+from irm.query_keys import approach_yaws
 
 POSITION = (0.0, 0.0, 0.9)
 

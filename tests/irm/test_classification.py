@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.answers import Status
 from irm.chain import ArmChain
 from irm.classification import classify, predict
 from irm.errors import QueryError
 from irm.ik.closed_form import ik_pan
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation
-from irm.status import Status
 
 CHAIN = ArmChain.from_robot(FETCH)
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.cache import cache_file, cached_map
 from irm.errors import MapFileError, ReachabilityError
-from irm.reachability_map import ReachabilityMap
+from irm.reachability_map import ReachabilityMap, cache_file, cached_map
 
 SMALL = {"voxel": 0.25, "orientations": 6}
 

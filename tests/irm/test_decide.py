@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.answers import Status
 from irm.chain import ArmChain
 from irm.classification import classify, decide
 from irm.errors import QueryError
 from irm.ik.closed_form import ik_pan
-from irm.ik.exact import exact_solver
 from irm.ik.numerical import random_seeds, solve
+from irm.ik.solvers import exact_solver
 from irm.rotations import rotation
-from irm.status import Status
 
 CHAIN = ArmChain.from_robot(FETCH)
 SHOULDER = np.array([CHAIN.links[0], 0.0, CHAIN.links[1] + CHAIN.links[3] + 0.21])

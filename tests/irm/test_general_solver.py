@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from irm.chain import ArmChain
-from irm.ik.exact import GeneralSolver
 from irm.ik.numerical import random_seeds, solve
+from irm.ik.solvers import GeneralSolver
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.kinematics import forward
 from irm.rotations import rotation

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.answers import Status
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.closed_form import ik_pan
 from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.status import Status
 from scripts.map_speed import full_scan
 
 CHAIN = ArmChain.from_robot(FETCH)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from irm.answers import Status
 from irm.errors import QueryError
 from irm.grid import nearest_orientation
 from irm.rotations import rotation
-from irm.status import Status
 
 PATH = [(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)]
 

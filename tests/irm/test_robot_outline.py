@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.robot_outline import robot_radius
+from irm.robot_shape import robot_radius
 
 BANDS = [(0.0, 0.7), (0.0, 0.3), (0.36, 0.82), (0.9, 1.2)]
 

@@ -6,7 +6,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.errors import QueryError
-from irm.solid_boxes import SolidBoxes
+from irm.robot_shape import SolidBoxes
 
 TABLE = (0.75, 0.0, 0.73, 0.7, 1.0, 0.04)
 

@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.ik.solutions import arm_solutions, free_angles, solver_arrays
+from irm.ik.solvers import arm_solutions, free_angles, solver_arrays
 from irm.kinematics import forward
 from tests.irm.arms import APPROACH, arm_chain
 

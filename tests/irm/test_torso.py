@@ -6,7 +6,7 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.grid import MapGrid, MapParameters
-from irm.ik.exact import exact_solver
+from irm.ik.solvers import exact_solver
 from irm.rotations import rotations
 
 CHAIN = ArmChain.from_robot(FETCH)

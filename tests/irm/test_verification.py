@@ -7,7 +7,7 @@ from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.kinematics import forward
-from irm.verification import ConfigurationSearch, NotVerified, Verified, tcp_poses, verify
+from irm.verification import LARGEST_STEP, NotVerified, Verified, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)
 PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])
@@ -36,7 +36,7 @@ def test_verified_configurations_reach_the_tcp_poses_in_small_steps(level_invers
             np.testing.assert_allclose(T_world_base @ forward(CHAIN, q), T, atol=1e-6)
         steps = np.abs(np.diff(result.configurations, axis=0))
         steps[:, [3, 5, 7]] = np.minimum(steps[:, [3, 5, 7]], 2 * np.pi - steps[:, [3, 5, 7]])
-        assert steps.max() <= ConfigurationSearch().largest_step
+        assert steps.max() <= LARGEST_STEP
 
 
 def test_the_callers_check_decides(level_inverse, table_floor, cups):

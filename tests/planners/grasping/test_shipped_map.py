@@ -10,7 +10,7 @@ import pytest
 import assets
 from assets.robots import FETCH
 from irm import ReachabilityMap, cached_map
-from irm.cache import cache_file, is_map_at_hand, shipped_file
+from irm.reachability_map import cache_file, is_map_at_hand, shipped_file
 from planners.grasping.base_placement import map_parameters
 
 
