@@ -16,7 +16,7 @@ from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import GRASP_SETS, GraspFamily
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.scene import Body, RobotState
 from planners.tamp.solution import BoundAction
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
@@ -107,7 +107,7 @@ def test_a_toppled_cylinder_is_lifted_by_every_slanted_family(family: GraspFamil
         plan_pick(world, grasp.base, FETCH.home, grasp.q, "object_00", rng=np.random.default_rng(0))
         for grasp in grasps[:3]
     ]
-    assert any(isinstance(motion, PickMotion) for motion in motions), motions
+    assert any(isinstance(motion, PickPlaceMotion) for motion in motions), motions
 
 
 @pytest.mark.parametrize("family", SLANTED, ids=lambda family: family.name)

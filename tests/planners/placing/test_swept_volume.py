@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import BASE
-from planners.collision.robot_pose_kernel import make_scratch, place_robot
+from planners.collision.hit_kernels import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.drawing.clearances import choices_of

@@ -12,7 +12,7 @@ import pytest
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH, PR2, InvalidRobot
 from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
-from planners.collision.robot_pose_kernel import place_along
+from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.drawing.page.page import plan_recording
