@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Integral
-from typing import Any, TypeGuard
+from typing import Any
 
 from assets import InvalidRobot, RobotSpec, UnknownRobot
 from assets import robot as find_robot
@@ -92,18 +93,14 @@ class EnvConfig:
         for name in ("width", "height", "image_size"):
             check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE)
         check_integer("num_objects", self.num_objects, 0)
-        self._check_objects(layout)
-        if self.obstructed and (problem := self.obstruction_problem(int(self.obstructed))):
-            raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
-
-    def _check_objects(self, layout: Layout) -> None:
-        """Raise ConfigError unless the objects fit on the table."""
         fit = capacity(layout, self.shapes, self.find_object_set())
         if self.num_objects > fit:
             raise ConfigError(
                 f"num_objects={self.num_objects} does not fit layout {layout.name!r} with shapes={self.shapes!r} and "
                 f"object_set={self.object_set!r}: at most {fit} fit"
             )
+        if self.obstructed and (problem := self.obstruction_problem(int(self.obstructed))):
+            raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
 
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
@@ -168,9 +165,6 @@ def check_choice(name: str, value: object, valid: Iterable[object]) -> None:
 def check_integer(name: str, value: object, lowest: int, highest: int | None = None) -> None:
     """Raise ConfigError unless `value` is an integer between `lowest` and `highest`, both included."""
     wanted = f"an integer of at least {lowest}" if highest is None else f"an integer from {lowest} to {highest}"
-    if not _is_integer(value) or int(value) < lowest or (highest is not None and int(value) > highest):
+    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
+    if not is_integer or not lowest <= value <= (math.inf if highest is None else highest):  # type: ignore[operator]
         raise ConfigError(f"{name}={value!r} is not valid; it must be {wanted}")
-
-
-def _is_integer(value: object) -> TypeGuard[Integral]:
-    return isinstance(value, Integral) and not isinstance(value, bool)

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from clutter_env.errors import ClutterEnvError
 
@@ -93,7 +93,7 @@ def run_jobs(
 def _results(
     function: Callable[[J], R], waiting: Iterator[J | None], workers: int, limit_s: float, ray: str
 ) -> Iterator[tuple[J, R | Crash | Killed]]:
-    backend: _Backend = _RayTasks(workers, ray) if ray else _LocalProcesses()
+    backend = _RayTasks(workers, ray) if ray else _LocalProcesses()
     running: dict[Future[Any], tuple[J, float]] = {}
     try:
         while True:
@@ -125,45 +125,31 @@ def _call(function: Callable[[Any], Any], job: Any) -> Any:
         return Crash(traceback.format_exc(), is_final=True)
 
 
-class _Backend(Protocol):
-    """Where jobs run."""
-
-    def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]: ...
-
-    def result(self, future: Future[Any]) -> Any:
-        """The result of a future that is done, or a `Crash` if its process died."""
-        ...
-
-    def end(self, future: Future[Any]) -> None:
-        """End a running job, and its process."""
-        ...
-
-    def close(self) -> None:
-        """End all workers, also those that are still running a job."""
-        ...
-
-
 class _LocalProcesses:
-    """Executors of one process each, started when they are first needed and kept for later jobs."""
+    """Executors of one process each, started when they are first needed and kept for later jobs.
+
+    As of `_RayTasks`: `result` of a future that is done may be a `Crash`; `end` ends a running job and its process,
+    `close` all of them.
+    """
 
     def __init__(self) -> None:
         self._idle: list[Any] = []
         self._busy: dict[Future[Any], Any] = {}
 
     def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
-        with _ctrl_c_left_to_this_process():
-            executor = self._idle.pop() if self._idle else self._start()
-            future: Future[Any] = executor.submit(_call, function, job)
-        self._busy[future] = executor
-        return future
-
-    def _start(self) -> Any:
         from loky import ProcessPoolExecutor
         from loky.backend import get_context
 
-        # As with the standard library's "spawn", the worker imports the main module, whose functions may be jobs.
-        context = get_context("loky_init_main")
-        return ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(os.getpid(),))
+        with _ctrl_c_left_to_this_process():
+            if self._idle:
+                executor = self._idle.pop()
+            else:
+                # As with "spawn" of the standard library, the worker imports the main module, where jobs may stand.
+                context, own = get_context("loky_init_main"), os.getpid()
+                executor = ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(own,))
+            future: Future[Any] = executor.submit(_call, function, job)
+        self._busy[future] = executor
+        return future
 
     def result(self, future: Future[Any]) -> Any:
         executor = self._busy.pop(future)

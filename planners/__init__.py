@@ -9,9 +9,10 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
-from planners.collision.scene_arrays import RobotArrays, robot_arrays
+from planners.collision.gjk import CYLINDER
+from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.contact import Contact, StepLabel
+from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
 from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.execute import ExecutionResult, execute
@@ -29,13 +30,13 @@ from planners.grasping.arm_configurations import (
 )
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_opening
+from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_clearances, gripper_opening
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
 from planners.planner import Planner, clearance_floor, solve, warmup
-from planners.scene import Body, HeldObject, Scene, SceneError
+from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.static_obstacle import StaticObstacle
@@ -56,11 +57,12 @@ from planners.symbolic.problem import (
 from planners.symbolic.transitions import applicable_actions, apply_action
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
-from planners.tamp.solution import BoundAction, Infeasible, Solution, contact_of, contacts, label_of
+from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 __all__ = [
     "BACK",
     "CONTROL_STEP",
+    "CYLINDER",
     "DIRECTIONS",
     "DIRECTION_CLASSES",
     "SIDE",
@@ -85,6 +87,7 @@ __all__ = [
     "ExpertConfig",
     "ExpertError",
     "FloorLimits",
+    "GeometryError",
     "GripperPoses",
     "GroundAction",
     "HeldObject",
@@ -97,6 +100,7 @@ __all__ = [
     "Planner",
     "PlanningContext",
     "RobotArrays",
+    "RobotState",
     "Scene",
     "SceneError",
     "Sensor",
@@ -128,6 +132,7 @@ __all__ = [
     "follow",
     "format_plan",
     "generate_grasps",
+    "gripper_clearances",
     "gripper_opening",
     "gripper_poses",
     "heading",

@@ -1,4 +1,4 @@
-"""Contacts: where the gripper closes around an object or opens to put it down; the words that learners share."""
+"""Contacts of a plan: where the gripper closes around an object or opens to put it down; what learners read from it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.motion.arm import tcp_pose
+from planners.motion.trajectory import Trajectory
+from planners.scene import RobotState
+from planners.tamp.solution import BoundAction, Infeasible, Solution
+
 Array = NDArray[np.float64]
 
+_SKILLS = {"close": "pick", "open": "place"}
+"""Skill whose contact a phase begins with."""
 _STRAIGHT = 1e-6
 """[m, rad] off the line ahead of the base within which the gripper counts as straight ahead: rounding."""
 
@@ -65,3 +72,27 @@ class StepLabel(NamedTuple):
     phase: str
     contact: Contact | None
     keyframe: Array
+
+
+def contacts(solution: Solution | Infeasible | None) -> tuple[Contact, ...]:
+    """The contacts of a plan, in order of time; none of a failure."""
+    actions = solution.actions if isinstance(solution, Solution) else ()
+    return tuple(contact for contact in map(contact_of, actions) if contact is not None)
+
+
+def contact_of(action: BoundAction) -> Contact | None:
+    """The contact of an action, None of a base motion."""
+    for phase in action.trajectory.phases:
+        if phase.name in _SKILLS:
+            sample = action.trajectory.sample(phase.start)
+            state = RobotState(sample.base, sample.q, sample.finger_position)
+            return Contact(_SKILLS[phase.name], action.target, sample.base, tcp_pose(action.scene.robot, state))
+    return None
+
+
+def label_of(trajectory: Trajectory, time: float, contact: Contact | None) -> StepLabel:
+    """The label of a step at a time [s] in a trajectory that leads to a contact, or comes from it."""
+    phase = trajectory.phase(time)
+    later = (other.start for other in trajectory.phases if other.start > phase.start)
+    end = trajectory.sample(next(later, trajectory.duration))
+    return StepLabel(phase.name, contact, np.concatenate((end.base, end.q, [end.finger_position])))

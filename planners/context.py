@@ -36,7 +36,6 @@ class PlanningContext:
     """A robot among static obstacles, with the choices that hold for a whole solve.
 
     Attributes:
-        robot: which one.
         arms: the arms that act, by name: free ground, inverse reachability map and joints of each.
         families: the grasp set.
         supports: names of the supports where objects may be put.
@@ -46,7 +45,6 @@ class PlanningContext:
         saves_time: whether strategies that plan ahead choose grasps that take less time.
     """
 
-    robot: RobotSpec
     arms: Mapping[str, Arm]
     families: tuple[GraspFamily, ...]
     supports: tuple[str, ...]
@@ -58,6 +56,7 @@ class PlanningContext:
     @classmethod
     def of(
         cls,
+        robot: RobotSpec,
         scene: Scene,
         *,
         grasps: str = "all",
@@ -66,10 +65,11 @@ class PlanningContext:
         follower: TcpFollower | None = None,
         saves_time: bool | None = None,
     ) -> PlanningContext:
-        """The context of a scene's robot, static obstacles and supports, for every arrangement of its objects.
+        """The context of a robot among the static obstacles and supports of a scene, however its objects stand.
 
         Args:
-            scene: where the objects stand does not matter.
+            robot: the scene's, whichever of its arms is active.
+            scene: its robot and objects may be anywhere.
             grasps, supports: as for `planners.solve`.
             canonical, follower, saves_time: as for `planners.Planner`.
 
@@ -77,13 +77,11 @@ class PlanningContext:
             UnknownGraspSet: no grasp set of that name.
             UnknownSupport: the scene declares no support of a name.
         """
-        robot = scene.robot
         arms = {
-            name: Arm(map_placer(scene.using(name)), ArmChain.from_robot(robot.using(name)))
+            name: Arm(map_placer(robot.using(name), scene.using(name)), ArmChain.from_robot(robot.using(name)))
             for name in robot.acting_arms
         }
         return cls(
-            robot,
             MappingProxyType(arms),
             find_grasp_set(grasps),
             find_supports(scene, supports),
@@ -130,6 +128,6 @@ def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, cano
         raise ArmsError(f"{what} are for one arm; robot.using(arm) of {robot.name!r} has one of: {arms}")
 
 
-def map_placer(scene: Scene) -> MapPlacer:
+def map_placer(robot: RobotSpec, scene: Scene) -> MapPlacer:
     """Base poses for gripper poses of the active arm, among the static obstacles of a scene."""
-    return MapPlacer.of_scene(inverse_map(scene.robot), scene, _BASES)
+    return MapPlacer.of_scene(inverse_map(robot), scene, _BASES)

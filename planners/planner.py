@@ -9,8 +9,7 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec
 from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
-from planners.clearing.lower_bound import clearance_floor as lower_bound_of_masks
+from planners.clearing.lower_bound import ClearanceFloor, FloorLimits, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
@@ -164,13 +163,13 @@ class Planner:
         """The minimum number of clearances; see the function `clearance_floor`."""
         scene.index(target)
         self.warmup()
-        grasps = PlanningContext.of(scene, grasps=self.grasps).grasps()
+        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
 
-        def blockers(name: str) -> list[int]:
-            """Masks of the objects in the way of each grasp of an object."""
-            return [grasp.blockers for grasp in grasps.for_object(scene, name)]
-
-        return lower_bound_of_masks(scene, target, blockers, limits)
+        if target in scene.held_names:
+            return ClearanceFloor(0, (), True, 0)
+        return smallest_set(
+            lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, limits
+        )
 
     def warmup(self) -> None:
         """Load or compile everything that a solve uses; see the function `warmup`."""
@@ -179,6 +178,7 @@ class Planner:
     def context(self, scene: Scene) -> PlanningContext:
         """The context that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
         return PlanningContext.of(
+            self.robot,
             scene,
             grasps=self.grasps,
             supports=self.support_choice,

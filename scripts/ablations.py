@@ -18,7 +18,7 @@ import tyro
 
 from assets import robot as find_robot
 from clutter_env.cli import table
-from clutter_env.evaluation.clearance_table import Attempt, Table, Trial, Variant
+from clutter_env.evaluation.clearance_table import Attempt, Variant
 from clutter_env.reporting.intervals import bootstrap
 from clutter_env.reporting.tables import markdown_section, number_text
 from clutter_env.scene.layout import TABLE
@@ -67,12 +67,8 @@ def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:
 def effort(arguments: Arguments, variants: Mapping[str, Variant]) -> str:
     """Base motions and simulated time of a plan, paired with the first strategy."""
     reference = arguments.strategies[0]
-    common = Trial(0, arguments.seed, "", robot=arguments.robot, grasps=arguments.grasps, layout=arguments.layout)
-    common = replace(common, supports=arguments.supports, time_limit=arguments.time_limit)
     rows = {reference: Variant(STRATEGIES[reference]), **variants}
-    trials = Table(
-        common, arguments.objects, rows, arguments.scenes, arguments.obstructed, arguments.out / "trials.jsonl"
-    )
+    trials = arguments.table(rows)
     head = ["N", "planner", "base motions", reference, "fewer", "simulated time [s]", reference, "less [s]"]
     lines = []
     for objects in arguments.objects:

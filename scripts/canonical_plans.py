@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import tyro
@@ -21,10 +21,10 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from planners.clock import cpu_seconds
-from planners.contact import Contact
+from planners.contact import Contact, contact_of
 from planners.planner import Planner
 from planners.scene import Scene
-from planners.tamp.solution import Solution, contact_of
+from planners.tamp.solution import Solution
 
 Array = NDArray[np.float64]
 
@@ -34,30 +34,19 @@ _SAME_CONFIGURATION = 0.5
 """[rad] by which joints of configurations of one cluster differ at most."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedContact:
-    """A contact of a plan, and the arm configuration (8,) there."""
+class PlannedContact(NamedTuple):
+    """A pick-place action of a plan, and the arm configuration (8,) there."""
 
     contact: Contact
     q: Array
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedScene:
-    """The plan of one scene.
-
-    Attributes:
-        seed: of the scene.
-        floor: minimum number of clearances, None if it is not proved.
-        clearances: of the plan, None if there is none.
-        duration: [s] of simulated time.
-        planning_s: [s] of CPU time.
-        contacts: in order.
-    """
+class PlannedScene(NamedTuple):
+    """The plan of one scene; durations [s] are simulated time and CPU time."""
 
     seed: int
-    floor: int | None
-    clearances: int | None
+    floor: int | None  # minimum number of clearances, if it is proved
+    clearances: int | None  # of the plan; None if there is none
     duration: float
     planning_s: float
     contacts: tuple[PlannedContact, ...]
@@ -130,8 +119,7 @@ def clusters(contacts: Sequence[PlannedContact]) -> list[int]:
     """Sizes of clusters of arm configurations, the largest first.
 
     One after the other, a configuration that differs from the first one of every cluster by more than
-    `_SAME_CONFIGURATION`
-    in some joint of the arm begins a new cluster. Whole turns do not count.
+    `_SAME_CONFIGURATION` in some joint of the arm begins a new cluster. Whole turns do not count.
     """
     first: list[Array] = []
     sizes: list[int] = []
@@ -151,27 +139,25 @@ def spread_table(plans: Mapping[str, Sequence[PlannedScene]]) -> str:
     """The figures of every kind of plan side by side, as Markdown; averages are over scenes that all kinds solve."""
     solved = [{plan.seed for plan in some if plan.clearances is not None} for some in plans.values()]
     common = set.intersection(*solved)
-    rows = [_row(name, some, common) for name, some in plans.items()]
+    rows = []
+    for name, some in plans.items():
+        chosen = [plan for plan in some if plan.seed in common]
+        contacts = [contact for plan in some for contact in plan.contacts]
+        beyond = [p.clearances - p.floor for p in chosen if p.clearances is not None and p.floor is not None]
+        sizes = clusters(contacts)
+        row = {
+            "plans": name,
+            "solved": f"{sum(plan.clearances is not None for plan in some)} of {len(some)}",
+            "clearances": f"{np.mean([plan.clearances or 0 for plan in chosen]):.2f}",
+            "clearances - minimum": f"{np.mean(beyond):+.2f}",
+            "simulated time [s]": f"{np.mean([plan.duration for plan in chosen]):.1f}",
+            "planning [CPU s]": f"{np.mean([plan.planning_s for plan in some]):.2f}",
+            "straight contacts": f"{sum(entry.contact.is_straight for entry in contacts)} of {len(contacts)}",
+            "entropy of base yaw - gripper yaw [bit]": f"{entropy(relative_yaws(contacts)):.2f}",
+            "clusters of arm configurations": f"{len(sizes)} (largest {sizes[0] / max(len(contacts), 1):.0%})",
+        }
+        rows.append(row)
     return markdown_table(list(rows[0]), [list(row.values()) for row in rows])
-
-
-def _row(name: str, plans: Sequence[PlannedScene], common: set[int]) -> dict[str, str]:
-    chosen = [plan for plan in plans if plan.seed in common]
-    contacts = [contact for plan in plans for contact in plan.contacts]
-    beyond = [plan.clearances - plan.floor for plan in chosen if plan.clearances is not None and plan.floor is not None]
-    sizes = clusters(contacts)
-    straight = sum(entry.contact.is_straight for entry in contacts)
-    return {
-        "plans": name,
-        "solved": f"{sum(plan.clearances is not None for plan in plans)} of {len(plans)}",
-        "clearances": f"{np.mean([plan.clearances or 0 for plan in chosen]):.2f}",
-        "clearances - minimum": f"{np.mean(beyond):+.2f}",
-        "simulated time [s]": f"{np.mean([plan.duration for plan in chosen]):.1f}",
-        "planning [CPU s]": f"{np.mean([plan.planning_s for plan in plans]):.2f}",
-        "straight contacts": f"{straight} of {len(contacts)}",
-        "entropy of base yaw - gripper yaw [bit]": f"{entropy(relative_yaws(contacts)):.2f}",
-        "clusters of arm configurations": f"{len(sizes)} (largest {sizes[0] / max(len(contacts), 1):.0%})",
-    }
 
 
 def plot_spread(plans: Mapping[str, Sequence[PlannedScene]], file: Path) -> None:

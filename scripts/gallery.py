@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -17,10 +17,11 @@ import tyro
 from numpy.typing import NDArray
 from PIL import Image
 
-import clutter_env
+import clutter_env  # noqa: F401  registers the environments
+from clutter_env.policies.experts import make_expert
+from clutter_env.policies.protocol import begin_episode
+from clutter_env.policies.registry import env_keywords, load_policy
 from clutter_env.reporting.progress import progress_bar
-
-assert clutter_env  # registers the environments
 
 Frame = NDArray[np.uint8]
 
@@ -31,25 +32,16 @@ _COLOURS = 96
 """Colours of a film's palette."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A film.
-
-    Attributes:
-        name: of the file.
-        env_id: of the environment.
-        keywords: of the environment.
-        expert: who acts: a name of `clutter_env.policies.experts`, or "greedy" for skills.
-        seed: of the scene.
-        steps_per_frame: control steps of 0.05 s from frame to frame.
-    """
+class Entry(NamedTuple):
+    """A film: name of the file, environment, its keyword arguments, expert or "greedy" for skills, seed."""
 
     name: str
     env_id: str
-    keywords: Mapping[str, Any] = field(default_factory=dict)
+    keywords: Mapping[str, Any] = MappingProxyType({})
     expert: str = "lookahead"
     seed: int = 1
     steps_per_frame: int = 5
+    """Control steps of 0.05 s from frame to frame."""
 
 
 ENTRIES = (
@@ -88,51 +80,24 @@ def main(
 
 def frames(entry: Entry, size: int) -> Iterator[Frame]:
     """The frames of one episode; with images in the observation those of the robot's cameras, side by side."""
-    keywords = dict(entry.keywords)
+    acts_by_skills = entry.expert == "greedy"
+    policy: Any = load_policy("greedy", 0) if acts_by_skills else make_expert(entry.expert)
+    keywords = {**env_keywords(policy), **entry.keywords}
     if "obs_mode" not in keywords:
         keywords |= {"render_mode": "rgb_array", "width": size, "height": size}
-    if entry.expert == "greedy":
-        env = gym.make(entry.env_id, max_episode_steps=100, **keywords)
-        yield from _skill_frames(env, entry)
-    else:
-        from clutter_env.policies.experts import make_expert
-
-        wanted = dict(getattr(make_expert(entry.expert), "env_keywords", {}))
-        env = gym.make(entry.env_id, **wanted, **keywords)
-        yield from _expert_frames(env, entry)
-    env.close()
-
-
-def _expert_frames(env: gym.Env, entry: Entry) -> Iterator[Frame]:
-    from clutter_env.policies.experts import make_expert
-    from clutter_env.policies.protocol import begin_episode
-
+    env = gym.make(entry.env_id, **keywords)
     observation, info = env.reset(seed=entry.seed)
-    expert = make_expert(entry.expert)
-    begin_episode(expert, info, env)
+    begin_episode(policy, info, env)
+    # A skill is one step, whose frame is shown for a second.
+    repeats, every = (FRAMES_PER_SECOND, 1) if acts_by_skills else (1, entry.steps_per_frame)
     step, is_over = 0, False
-    while not (is_over or expert.done):
-        if step % entry.steps_per_frame == 0:
-            yield _image(env, observation)
-        observation, _, terminated, truncated, _ = env.step(expert.act(observation))
+    while not (is_over or getattr(policy, "done", False)):
+        if step % every == 0:
+            yield from [_image(env, observation)] * repeats
+        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
         step, is_over = step + 1, terminated or truncated
     yield _image(env, observation)
-
-
-def _skill_frames(env: gym.Env, entry: Entry) -> Iterator[Frame]:
-    """One frame, shown for a second, after every skill."""
-    from clutter_env.policies.baselines import GreedyPolicy
-
-    observation, info = env.reset(seed=entry.seed)
-    policy = GreedyPolicy()
-    policy.reset(info, env)
-    is_over = False
-    while not is_over:
-        for _ in range(FRAMES_PER_SECOND):
-            yield np.asarray(env.render())
-        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
-        is_over = terminated or truncated
-    yield np.asarray(env.render())
+    env.close()
 
 
 def _image(env: gym.Env, observation: Any) -> Frame:

@@ -61,13 +61,8 @@ def layout_image(layout: str, objects: int, shapes: str, seed: int, size: int) -
         pictures.append(renderer.colour(env.data, view(env.model, env.layout, direction, width / height)))
         renderer.close()
     env.close()
-    return _labelled(np.vstack(pictures), layout)
-
-
-def _labelled(picture: Picture, text: str) -> Picture:
-    page = Image.fromarray(picture)
-    draw = ImageDraw.Draw(page)
-    draw.text((10, 8), text, fill=LABEL_COLOUR, font_size=max(len(picture) // 24, 8))
+    page = Image.fromarray(np.vstack(pictures))
+    ImageDraw.Draw(page).text((10, 8), layout, fill=LABEL_COLOUR, font_size=max(page.height // 24, 8))
     return np.asarray(page)
 
 

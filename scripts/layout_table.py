@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
 from clutter_env.cli import table
-from clutter_env.evaluation.clearance_table import CRASH, Attempt, Table, Trial, Variant
+from clutter_env.evaluation.clearance_table import CRASH, Attempt, Variant
 from clutter_env.reporting.intervals import times
 from clutter_env.reporting.tables import NOTHING, markdown_table
 from planners import find_strategy
@@ -41,18 +41,7 @@ def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:
     (name, *_), rows = arguments.strategies, []
     variants = {name: Variant(find_strategy(name))}
     for layout in arguments.layouts:
-        common = Trial(
-            0,
-            arguments.seed,
-            "",
-            layout=layout,
-            time_limit=arguments.time_limit,
-            grasps=arguments.grasps,
-            supports=arguments.supports,
-            robot=arguments.robot,
-        )
-        file = arguments.out / layout / "trials.jsonl"
-        made = Table(common, arguments.objects, variants, arguments.scenes, arguments.obstructed, file)
+        made = replace(arguments, layout=layout, out=arguments.out / layout).table(variants)
         if not arguments.report_only:
             made.run(arguments.workers, arguments.retry_crashes)
         for objects in arguments.objects:

@@ -31,9 +31,8 @@ from clutter_env.reporting.files import write_json
 from clutter_env.reporting.intervals import success_interval
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
-from clutter_env.training.motion_demonstrations import motions_of
-from clutter_env.training.motion_fit import fit_motions
-from clutter_env.training.motions import high_level_of
+from clutter_env.training.motion_examples import motions_of
+from clutter_env.training.motions import fit_motions, high_level_of
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,9 @@ class Point:
     steps: int
     scenes: int
 
+    def __str__(self) -> str:
+        return " ".join(f"{name}={value}" for name, value in asdict(self).items())
+
 
 def run(arguments: Arguments) -> None:
     """Measure, print, write."""
@@ -78,17 +80,17 @@ def run(arguments: Arguments) -> None:
     ]
     file = arguments.out / "results.json"
     known: dict[str, list[bool]] = json.loads(file.read_text()) if file.exists() else {}
-    missing = [point for point in points if _key(point) not in known]
+    missing = [point for point in points if str(point) not in known]
     with progress_bar(total=len(points), initial=len(points) - len(missing), unit="training") as bar:
         for point, result in run_jobs(train_and_play, missing, arguments.workers):
             if isinstance(result, Crash | Killed):
-                raise LearningError(f"{_key(point)}: {result}")
-            known[_key(point)] = result
+                raise LearningError(f"{point}: {result}")
+            known[str(point)] = result
             write_json(file, known)
             bar.update()
     groups: dict[tuple[str, int], list[list[bool]]] = {}
     for point in points:
-        groups.setdefault((Path(point.demonstrations).name, point.count), []).append(known[_key(point)])
+        groups.setdefault((Path(point.demonstrations).name, point.count), []).append(known[str(point)])
     rates = {key: success_interval(runs, np.random.default_rng(0)) for key, runs in groups.items()}
     rows = [
         (source, str(count), str(rates[source, count]), f"{len(runs)} × {len(runs[0])}")
@@ -132,10 +134,6 @@ def draw(rates: Mapping[tuple[str, int], Any], file: Path) -> None:
     axis.grid(alpha=0.3)
     axis.legend(fontsize="small")
     figure.savefig(file, dpi=120)
-
-
-def _key(point: Point) -> str:
-    return " ".join(f"{name}={value}" for name, value in asdict(point).items())
 
 
 if __name__ == "__main__":

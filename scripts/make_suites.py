@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
@@ -38,21 +38,14 @@ SEEDS_PER_SPLIT = 5_000
 
 @dataclass(frozen=True)
 class SuitePlan:
-    """What a suite is to hold.
-
-    Attributes:
-        name: with its version.
-        about: what the scenes have in common.
-        objects: how many.
-        keywords: of the environment.
-        needs_clearing: only scenes with a proved floor of at least 1 for side grasps.
-    """
+    """The scenes that a suite is to hold: number of objects, and keyword arguments of the environment."""
 
     name: str
     about: str
     objects: int
     keywords: dict[str, Any] = field(default_factory=dict)
     needs_clearing: bool = True
+    """Only scenes with a proved lower bound of at least 1 for side grasps."""
 
     @property
     def env_id(self) -> str:
@@ -153,13 +146,7 @@ def file_text(content: dict[str, Any]) -> str:
 
 
 def make_suite(plan: SuitePlan, scenes: int, workers: int, tick: Callable[[], object] = lambda: None) -> dict[str, Any]:
-    """The content of the suite's file, JSON values.
-
-    Args:
-        plan: what it holds.
-        scenes: in each split.
-        workers: number of processes; the content does not depend on it.
-        tick: called after every scene that qualifies.
+    """The content of the suite's file, JSON values, whatever the number of workers.
 
     Raises:
         RuntimeError: a worker failed.
@@ -188,11 +175,6 @@ def with_new_floors(
 ) -> dict[str, Any]:
     """The content of a suite's file with the same scenes, and the floors that the planner finds now.
 
-    Args:
-        content: of the file, JSON values.
-        workers: number of processes; the result does not depend on it.
-        tick: called after every scene.
-
     Raises:
         RuntimeError: a worker failed, or a seed does not give the scene any more.
     """
@@ -216,7 +198,8 @@ def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callab
     found: dict[int, dict[str, Any]] = {}
     chosen: list[dict[str, Any]] = []
     expected = first
-    for job, entry in run_jobs(_entry, _jobs(plan, first), workers):
+    jobs = (_Job(plan.env_id, tuple(plan.env_keywords.items()), seed) for seed in count(first))
+    for job, entry in run_jobs(_entry, jobs, workers):
         found[job.seed] = _checked(entry, job, plan.name)
         while expected in found:
             entry = found.pop(expected)
@@ -236,29 +219,19 @@ def _checked(entry: dict[str, Any] | Crash | Killed, job: _Job, name: str) -> di
     return entry
 
 
-def _jobs(plan: SuitePlan, first: int) -> Iterator[_Job]:
-    for seed in count(first):
-        yield _Job(plan.env_id, tuple(plan.env_keywords.items()), seed)
-
-
 def _entry(job: _Job) -> dict[str, Any]:
     """The entry of one scene in the suite's file."""
     env = _env(job.env_id, job.keywords)
     _, info = env.reset(seed=job.seed)
     inner: Any = env.unwrapped
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+    floors = {f"floor_{grasps}": _planner(grasps).clearance_floor(scene, info["target"]) for grasps in GRASPS}
     return {
         "seed": job.seed,
         "target": info["target"],
-        **{f"floor_{grasps}": _floor(scene, info["target"], grasps) for grasps in GRASPS},
+        **{name: {"count": f.count, "is_proved": f.proved, "cause": str(f.cause)} for name, f in floors.items()},
         "digests": scene_digests(env),
     }
-
-
-def _floor(scene: Scene, target: str, grasps: str) -> dict[str, Any]:
-    """The minimum number of clearances for a grasp set, as in the file."""
-    floor = _planner(grasps).clearance_floor(scene, target)
-    return {"count": floor.count, "is_proved": floor.proved, "cause": str(floor.cause)}
 
 
 @cache

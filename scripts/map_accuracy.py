@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from clutter_env.cli.named_robot import robot_by_name
+from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from irm import ArmChain, Status, cached_map, classify, decide, predict

@@ -1,5 +1,5 @@
-"""Figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, slices, and the
-base poses for a cup on a table. Blue is high manipulability and red is low, as in the paper.
+"""Figures of a robot's maps, as Figs. 1 and 2 of the paper: the reachability map, both inverse maps, and the base
+poses for a cup on a table. Blue is high manipulability and red is low, as in the paper.
 
     python scripts/map_figures.py --robot fetch --out outputs/maps
 """
@@ -7,7 +7,7 @@ base poses for a cup on a table. Blue is high manipulability and red is low, as 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,12 +23,11 @@ from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.cli.map_report import best_manipulability, draw_slice
-from clutter_env.cli.named_robot import robot_by_name
+from clutter_env.cli.robot import robot_by_name
+from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
 from clutter_env.simulation.model import add_meshes, has_visuals
-from irm.answers import BasePlacement
 from irm.chain import ArmChain
 from irm.equations import inverse_reachability, inverse_reachability_on_floor
 from irm.free_space import FreeSpace
@@ -37,71 +36,9 @@ from irm.query_keys import YAW_STEP, base_turns, find_key, flat_key
 from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import rotation
 from irm.verification import Verified, tcp_poses, verify
+from planners import CollisionWorld, Scene
 
 Floats = NDArray[np.float64]
-
-TOUCH = 0.001
-"""[m] of penetration that counts as a collision."""
-
-
-class PosedRobot:
-    """A compiled model whose robot is put into whole-body configurations.
-
-    Attributes:
-        model, data: of MuJoCo; the gripper is open, head and idle arms are in `robot.still_configuration`.
-    """
-
-    def __init__(self, spec: mujoco.MjSpec, robot: RobotSpec) -> None:
-        self.model: mujoco.MjModel = spec.compile()
-        self.data = mujoco.MjData(self.model)
-        self._columns = [self.model.joint(name).qposadr[0] for name in robot.drive_joints]
-        for joint in robot.finger_joints:
-            self.data.joint(joint).qpos = robot.max_finger_position
-        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-            self.data.joint(joint).qpos = angle
-
-    def put(self, base: NDArray[np.float64], q: NDArray[np.float64]) -> None:
-        """Write a base pose (3,) x, y [m], yaw [rad], and torso and arm (1 + n,); `data` is not computed anew."""
-        self.data.qpos[self._columns] = np.concatenate([base, q])
-
-
-class CollisionModel:
-    """Robot, floor and furniture in a MuJoCo model of its own; the robot may collide with itself."""
-
-    def __init__(self, robot: RobotSpec, layout: Layout) -> None:
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
-        for geom in spec.geoms:
-            if geom.contype or geom.conaffinity:
-                geom.contype, geom.conaffinity = 1, 3
-        _let_neighbours_touch(spec, robot)
-        world, bits = spec.worldbody, {"contype": 2, "conaffinity": 0}
-        world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **bits)
-        for box in furniture(layout):
-            world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.position, size=box.half_extents, **bits)
-        self._posed = PosedRobot(spec, robot)
-
-    def is_free(self, base: Floats, q: Floats) -> bool:
-        """Whether a base pose (3,) with a configuration (1 + n,) touches nothing, itself included."""
-        model, data = self._posed.model, self._posed.data
-        self._posed.put(base, q)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
-        return not data.ncon or float(data.contact.dist.min()) > -TOUCH
-
-
-def _let_neighbours_touch(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
-    """Exclude contacts between bodies on the same or on neighbouring links of the arm."""
-    model = spec.compile()
-    link = np.zeros(model.nbody, dtype=int)
-    for body in range(1, model.nbody):
-        link[body] = link[model.body_parentid[body]]
-        names = [model.joint(int(j)).name for j in range(model.njnt) if model.jnt_bodyid[j] == body]
-        link[body] += any(name in (robot.torso_joint, *robot.arm_joints) for name in names)
-    for first in range(1, model.nbody):
-        for second in range(first + 1, model.nbody):
-            if abs(link[first] - link[second]) <= 1:
-                spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
-
 
 FAR = 30.0
 """[m] Far clipping plane of the camera."""
@@ -162,8 +99,13 @@ class MapRenderer:
         _furnish(spec, boxes, cup)
         self._size = size[0] * SMOOTHING, size[1] * SMOOTHING
         spec.visual.global_.offwidth, spec.visual.global_.offheight = self._size
-        self._posed = PosedRobot(spec, robot)
-        self._model, self._data = self._posed.model, self._posed.data
+        self._model: mujoco.MjModel = spec.compile()
+        self._data = mujoco.MjData(self._model)
+        self._columns = [self._model.joint(name).qposadr[0] for name in robot.drive_joints]
+        for joint in robot.finger_joints:
+            self._data.joint(joint).qpos = robot.max_finger_position
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+            self._data.joint(joint).qpos = angle
         self._model.stat.extent = 1.0
         self._model.vis.map.znear, self._model.vis.map.zfar = NEAR, FAR
         self._fovy = float(self._model.vis.global_.fovy)
@@ -193,7 +135,7 @@ class MapRenderer:
         Returns:
             (height, width, 4) uint8 RGBA; pixels without a shape are transparent.
         """
-        self._posed.put(base, q)
+        self._data.qpos[self._columns] = np.concatenate([base, q])
         mujoco.mj_forward(self._model, self._data)
         self._model.vis.global_.fovy = view.height or self._fovy
         scene, option, camera = mujoco.MjvScene(self._model, maxgeom=MAX_GEOMS), mujoco.MjvOption(), mujoco.MjvCamera()
@@ -207,9 +149,6 @@ class MapRenderer:
         for some in arrows:
             _add_arrows(scene, some)
         scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        return self._drawn(scene)
-
-    def _drawn(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
         width, height = self._size
         self._context.make_current()
         colour, depth = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
@@ -305,7 +244,18 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
     tcp = np.array([*cup, TABLE_HEIGHT + robot.grasp_height])
     everywhere = _candidates(inverse_map, tcp)
     free = inverse_map.query(tcp, yaw_range=YAWS, free_space=floor, k=5)
-    chosen = _verified(robot, free, tcp)
+    env = RetrieveEnv(num_objects=1, layout=TABLE, robot=robot)
+    env.reset(seed=0)
+    scene = replace(Scene.from_mujoco(env.model, env.data, robot), objects=())
+    world, opening = CollisionWorld.from_scene(scene), robot.max_opening
+    chosen = verify(
+        ArmChain.from_robot(robot),
+        free,
+        lambda rank: tcp_poses(tcp, free.approach_yaw[rank]),
+        lambda base, q: not world.hits(base, q, opening),
+    )
+    if not isinstance(chosen, Verified):
+        raise ValueError(f"no base is valid for a cup at {tcp[:2]}; choose a position nearer to the table's edge")
     place = Cup((*cup, TABLE_HEIGHT + CUP_HALF_HEIGHT), half_height=CUP_HALF_HEIGHT)
     renderer = MapRenderer(robot, (PIXELS, PIXELS), furniture(TABLE), place)
     above = View((0.0, 0.0, 1.0), 6.0, 90.0, -90.0, 2 * REACH)
@@ -351,17 +301,6 @@ def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> _Candidates
     return _Candidates(x[best], y[best], yaw[best], mu[best].astype(float))
 
 
-def _verified(robot: RobotSpec, bases: BasePlacement, tcp: Floats) -> Verified:
-    """The best valid base: the arm reaches the TCP pose without a collision."""
-    model = CollisionModel(robot, TABLE)
-    found = verify(
-        ArmChain.from_robot(robot), bases, lambda rank: tcp_poses(tcp, bases.approach_yaw[rank]), model.is_free
-    )
-    if not isinstance(found, Verified):
-        raise ValueError(f"no base is valid for a cup at {tcp[:2]}; choose a position nearer to the table's edge")
-    return found
-
-
 def _draw_plan(
     axes: Axes,
     bases: _Candidates,
@@ -405,23 +344,12 @@ def _draw_plan(
         )
     axes.imshow(robot_above, extent=(-REACH, REACH, -REACH, REACH), alpha=0.85, zorder=3)
     axes.add_patch(Circle(cup, 0.035, facecolor="#d91a1a", edgecolor="white", zorder=4))
-    _draw_chosen(axes, chosen.base)
-    axes.annotate("cup", cup, (cup[0] + 0.06, cup[1] + 0.06), zorder=5)
-    axes.text(half_depth - 0.03, -half_width + 0.05, "table", ha="right", color="#6b5836")
-    axes.text(0.0, -half_width - GROWN - 0.09, f"outline grown by {GROWN} m", ha="center", color="#a87e00")
-    axes.figure.colorbar(arrows, ax=axes, label="best manipulability μ at this place", shrink=0.85)
-    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    axes.set_title("bases from which the arm reaches the cup (faint: too near to the table)")
-
-
-def _draw_chosen(axes: Axes, base: Floats) -> None:
-    """The verified base as a purple arrow along its heading."""
-    x, y, yaw = base
+    base_x, base_y, base_yaw = chosen.base  # the verified base as an arrow along its heading
     axes.quiver(
-        x,
-        y,
-        np.cos(yaw),
-        np.sin(yaw),
+        base_x,
+        base_y,
+        np.cos(base_yaw),
+        np.sin(base_yaw),
         color=PURPLE,
         angles="xy",
         scale_units="xy",
@@ -429,6 +357,12 @@ def _draw_chosen(axes: Axes, base: Floats) -> None:
         width=0.011,
         zorder=5,
     )
+    axes.annotate("cup", cup, (cup[0] + 0.06, cup[1] + 0.06), zorder=5)
+    axes.text(half_depth - 0.03, -half_width + 0.05, "table", ha="right", color="#6b5836")
+    axes.text(0.0, -half_width - GROWN - 0.09, f"outline grown by {GROWN} m", ha="center", color="#a87e00")
+    axes.figure.colorbar(arrows, ax=axes, label="best manipulability μ at this place", shrink=0.85)
+    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.set_title("bases from which the arm reaches the cup (faint: too near to the table)")
 
 
 COLOURS = "turbo_r"
@@ -439,8 +373,6 @@ SLICE = 0.15
 """[m] Thickness of the slice of Fig. 1b."""
 PANEL = (480, 440)
 """Size of one picture of Fig. 1 in pixels."""
-SIDE, SLICE_PIXELS = 2.4, 640
-"""Edge of a slice [m], and in pixels."""
 
 
 def draw_maps(robot: RobotSpec) -> Figure:
@@ -455,18 +387,10 @@ def draw_maps(robot: RobotSpec) -> Figure:
     tcps = Arrows(p[far_half], R[far_half, :, 0], colours[far_half], 0.10, 0.008)
     view = View((0.25, 0.3, 0.88), 3.5, 110.0, -18.0)
     pictures = [renderer.picture(np.zeros(3), home, view, [tcps])]
-    for bases in (_bases_of_equation_4(rm, colours), _bases_of_equation_5(rm, colours)):
-        pictures.append(renderer.picture(np.zeros(3), home, bases.view, bases.arrows, show_robot=False))
+    for arrows, view in (_bases_of_equation_4(rm, colours), _bases_of_equation_5(rm, colours)):
+        pictures.append(renderer.picture(np.zeros(3), home, view, arrows, show_robot=False))
     renderer.close()
     return _panels(pictures, scale)
-
-
-@dataclass(frozen=True)
-class _Bases:
-    """Arrows of an inverse map, and the view of its picture."""
-
-    arrows: tuple[Arrows, ...]
-    view: View
 
 
 def _rotations(rm: ReachabilityMap) -> Floats:
@@ -474,7 +398,7 @@ def _rotations(rm: ReachabilityMap) -> Floats:
     return np.array([rotation(*angles) for angles in rm.grid.orientations.angles])[rm.indices()[1]]
 
 
-def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
+def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> tuple[tuple[Arrows, ...], View]:
     """T_base = T_eff⁻¹ around one TCP pose: a slice through it from the side, as most bases lean or are in the air."""
     R_base, place = inverse_reachability(_rotations(rm), rm.positions)
     sliced = np.abs(place[:, 1]) < SLICE / 2
@@ -482,10 +406,10 @@ def _bases_of_equation_4(rm: ReachabilityMap, colours: Floats) -> _Bases:
     bases = Arrows(place[sliced], R_base[sliced, :, 0], colours[sliced], 0.13, 0.011)
     low, high = bases.tails.min(axis=0), bases.tails.max(axis=0)
     view = View((*(low + high) / 2,), 5.0, 90.0, 0.0, float(1.1 * (high - low).max()))
-    return _Bases((bases, tcp), view)
+    return (bases, tcp), view
 
 
-def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
+def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> tuple[tuple[Arrows, ...], View]:
     """T_base = Rz(-γ), Rz(π - γ) (x, y, 0) for the TCP R(0, β, α) at (0, 0, z); arrows of high μ are drawn on top."""
     x, y, z = rm.positions.T
     yaw, pitch, _ = rm.yaw_pitch_roll.T
@@ -499,7 +423,7 @@ def _bases_of_equation_5(rm: ReachabilityMap, colours: Floats) -> _Bases:
     points = np.column_stack([np.cos(keys[:, 1]), np.zeros(len(keys)), -np.sin(keys[:, 1])])
     tcps = Arrows(tails, points, np.tile(BLACK, (len(keys), 1)), 0.12, 0.008)
     bases = Arrows(place, ahead, colours, 0.10, 0.008)
-    return _Bases((bases, tcps), View((0.0, 0.0, 0.78), 3.4, 110.0, -28.0))
+    return (bases, tcps), View((0.0, 0.0, 0.78), 3.4, 110.0, -28.0)
 
 
 def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
@@ -519,42 +443,6 @@ def _panels(pictures: list[NDArray[np.uint8]], scale: Normalize) -> Figure:
     return figure
 
 
-def draw_slices(robot: RobotSpec) -> Figure:
-    """Slices through the reachability map: D in a vertical plane, and D and best μ at the height of a table."""
-    rm = cached_map(robot)
-    renderer = MapRenderer(robot, (SLICE_PIXELS, SLICE_PIXELS))
-    base, home, grid = np.zeros(3), np.array(robot.home), rm.grid
-    x_middle, half = grid.centre[0], SIDE / 2
-    robot_beside = renderer.picture(base, home, View((x_middle, 0, 0.95), 5, 90, 0, SIDE), show_floor=False)
-    robot_below = renderer.picture(base, home, View((x_middle, 0, 0.95), 5, 90, -90, SIDE), show_floor=False)
-    renderer.close()
-    layer = grid.layer(_table_height(rm, robot))
-    z, height = grid.layer_height(layer), (-0.25, 2.15)
-    side, top = rm.reachability_index[:, :, grid.half], rm.reachability_index[layer]
-    best = best_manipulability(rm, layer)
-    figure = Figure(figsize=(13.6, 4.2), layout="constrained")
-    axes = figure.subplots(1, 3)
-    edges = grid.edges(0), grid.edges(1)
-    share, title = "reachability index D [%]", f"D in the plane y = {grid.axis(1)[grid.half]:.3f} m"
-    draw_slice(axes[0], (edges[0], grid.z_edges()), side, ("viridis", share, title))
-    axes[0].set(ylabel="z [m]")
-    axes[0].imshow(robot_beside, extent=(x_middle - half, x_middle + half, *height), zorder=3)
-    axes[0].set(ylim=height)
-    draw_slice(axes[1], edges, top.T, ("viridis", share, f"D at z = {z:.3f} m"))
-    draw_slice(axes[2], edges, best.T, (COLOURS, "best manipulability μ", f"best μ at z = {z:.3f} m"))
-    for axis in axes[1:]:
-        axis.imshow(robot_below, extent=(x_middle - half, x_middle + half, -half, half), zorder=3, alpha=0.9)
-        axis.set(ylim=(-half, half), ylabel="y [m]")
-    for axis in axes:
-        axis.set(xlim=(x_middle - half, x_middle + half), aspect="equal", xlabel="x [m]")
-    return figure
-
-
-def _table_height(rm: ReachabilityMap, robot: RobotSpec) -> float:
-    """A TCP height above a table."""
-    return min(rm.grid.top, 0.75 + robot.grasp_height)
-
-
 def main(
     robot: str = "fetch", out: Path = Path("outputs/maps"), cup: tuple[float, float] = (0.1, 0.3), dpi: int = 90
 ) -> None:
@@ -568,7 +456,7 @@ def main(
     """
     spec = robot_by_name(robot)
     out.mkdir(parents=True, exist_ok=True)
-    figures = {"maps": draw_maps(spec), "slices": draw_slices(spec), "placement": draw_placement(spec, cup, COLOURS)}
+    figures = {"maps": draw_maps(spec), "placement": draw_placement(spec, cup, COLOURS)}
     for name, figure in figures.items():
         figure.savefig(out / f"irm_{name}.png", dpi=dpi, pil_kwargs={"optimize": True})
         print(f"picture: {out / f'irm_{name}.png'}")

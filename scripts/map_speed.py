@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from clutter_env.cli.named_robot import robot_by_name
+from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm.answers import BasePlacement, Status
@@ -126,11 +126,20 @@ def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list
         scan: Query = lambda cup, **how: full_scan(proposed, cup, **how)  # noqa: E731
         answers, fast = _timed(proposed.query, cups, keywords, f"compiled {name}, {len(rm)} poses")
         for letter, query in (("R", classical.query), ("P", scan)):
-            others, times = _timed(query, cups, keywords, f"{letter}{name}, {len(rm)} poses")
+            others, spent = _timed(query, cups, keywords, f"{letter}{name}, {len(rm)} poses")
             same = sum(bool(_best(a) == _best(b)) for a, b in zip(answers, others, strict=True))
-            results.append(Timing(len(rm), f"{letter}{name}", times, same))
+            results.append(Timing(len(rm), f"{letter}{name}", spent, same))
         results.append(Timing(len(rm), f"compiled {name}", fast, len(cups)))
-        results.append(_batch(proposed, len(rm), name, keywords, answers, cups, seed))
+        how: dict[str, Any] = {"yaw_ranges": yaw_range, "free_space": floor}
+        own = proposed.query_batch(cups, **how).manipulability[:, 0]
+        same = sum(bool(_best(a) == (0.0 if np.isnan(mu) else mu)) for a, mu in zip(answers, own, strict=True))
+        times = []
+        for k in range(10):
+            many = _cups(BATCH, seed + 1 + k)
+            start = time.process_time_ns()
+            proposed.query_batch(many, **how)
+            times.append((time.process_time_ns() - start) * 1e-6 / BATCH)
+        results.append(Timing(len(rm), f"batch {name}", tuple(times), same))
     results.append(_own_ranges(proposed, floor, cups, seed))
     return results
 
@@ -168,28 +177,6 @@ def _timed(
     return answers, tuple(times)
 
 
-def _batch(
-    proposed: InverseReachabilityMap,
-    poses: int,
-    name: str,
-    keywords: dict[str, Any],
-    answers: Sequence[BasePlacement],
-    cups: NDArray[np.float64],
-    seed: int,
-) -> Timing:
-    """Time per query in ten batches; for the cups themselves, whether the best μ is the same."""
-    how = {"yaw_ranges": keywords["yaw_range"], "free_space": keywords["free_space"]}
-    own = proposed.query_batch(cups, **how).manipulability[:, 0]
-    same = sum(bool(_best(a) == (0.0 if np.isnan(mu) else mu)) for a, mu in zip(answers, own, strict=True))
-    times = []
-    for k in range(10):
-        many = _cups(BATCH, seed + 1 + k)
-        start = time.process_time_ns()
-        proposed.query_batch(many, **how)
-        times.append((time.process_time_ns() - start) * 1e-6 / BATCH)
-    return Timing(poses, f"batch {name}", tuple(times), same)
-
-
 def _best(placement: BasePlacement) -> float:
     return float(placement.manipulability[0]) if len(placement) else 0.0
 
@@ -198,7 +185,7 @@ def speed_table(rows: Sequence[Timing], queries: int) -> str:
     """Mean, deviation, median and ratio to the classical map, as a Markdown table."""
     head = ("poses", "query", "mean ± deviation [ms]", "median [ms]", "faster than R (median)", "same best μ")
     body = [
-        ("7,899 (paper)", name, f"{mean} ± {spread}", NOTHING, _paper_ratio(name), NOTHING)
+        ("7,899 (paper)", name, f"{mean} ± {spread}", NOTHING, f"{PAPER[f'R{name[1:]}'][0] / mean:.2g}", NOTHING)
         for name, (mean, spread) in PAPER.items()
     ]
     for row in rows:
@@ -209,10 +196,6 @@ def speed_table(rows: Sequence[Timing], queries: int) -> str:
         spread, median = f"{times.mean():.3g} ± {times.std():.2g}", f"{np.median(times):.3g}"
         body.append((f"{row.poses:,}", row.method, spread, median, f"{ratio:,.3g}", f"{row.same_best} of {queries}"))
     return markdown_table(head, body)
-
-
-def _paper_ratio(name: str) -> str:
-    return f"{PAPER['R' + name[1:]][0] / PAPER[name][0]:.2g}"
 
 
 def plot_speed(rows: Sequence[Timing], file: Path) -> None:
@@ -252,35 +235,22 @@ BUILDS: dict[str, dict[str, Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class BuildCost:
-    """CPU times of one thread [s], after compilation."""
-
-    name: str
-    poses: int
-    build_s: float
-    invert_s: float
-    save_s: float
-    load_s: float
-    megabytes: float
-
-
-def measure_build(robot: RobotSpec, name: str) -> BuildCost:
-    """Build, invert, save and load one of the `BUILDS`."""
-    ReachabilityMap.build(robot, voxel=0.25, orientations=6)
-    start = time.process_time()
+def measure_build(robot: RobotSpec, name: str) -> list[str]:
+    """A row of the table: CPU times of one thread to build, invert, save and load one of the `BUILDS`."""
+    ReachabilityMap.build(robot, voxel=0.25, orientations=6)  # compiles
+    times = [time.process_time()]
     rm = ReachabilityMap.build(robot, progress=progress_bar, **BUILDS[name])
-    built = time.process_time()
+    times.append(time.process_time())
     InverseReachabilityMap(rm)
-    inverted = time.process_time()
+    times.append(time.process_time())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "map.npz"
         rm.save(file)
-        saved = time.process_time()
+        times.append(time.process_time())
         ReachabilityMap.load(file, robot)
-        loaded = time.process_time()
+        times.append(time.process_time())
         size = file.stat().st_size / 1e6
-    return BuildCost(name, len(rm), built - start, inverted - built, saved - inverted, loaded - saved, size)
+    return [name, f"{len(rm):,}", *(f"{seconds:.2f}" for seconds in np.diff(times)), f"{size:.1f}"]
 
 
 def main(
@@ -304,13 +274,7 @@ def main(
     plot_speed(rows, out)
     print(f"{speed_table(rows, queries)}\nbox plot: {out}\n")
     head = ("map", "poses", "build [s]", "invert [s]", "save [s]", "load [s]", "file [MB]")
-    costs = [measure_build(spec, name) for name in BUILDS]
-    times = [[f"{s:.2f}" for s in (c.build_s, c.invert_s, c.save_s, c.load_s)] for c in costs]
-    print(
-        markdown_table(
-            head, [(c.name, f"{c.poses:,}", *t, f"{c.megabytes:.1f}") for c, t in zip(costs, times, strict=True)]
-        )
-    )
+    print(markdown_table(head, [measure_build(spec, name) for name in BUILDS]))
 
 
 if __name__ == "__main__":

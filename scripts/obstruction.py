@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import tyro
@@ -21,77 +21,51 @@ from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.obstruction import count_blockers, side_approaches
 from planners import Cause, Planner, Scene
 
-
-class SceneSet(NamedTuple):
-    """Scenes of one layout with a number of objects; the targets are drawn at random."""
-
-    layout: str
-    objects: int
-    scenes: int
-
-
-SCENE_SETS = (
-    SceneSet("paper", 15, 700),
-    SceneSet("paper", 25, 400),
-    SceneSet("paper", 40, 300),
-    SceneSet("dense", 25, 200),
-    SceneSet("wide", 25, 200),
-    SceneSet("island", 25, 200),
-    SceneSet("shelf", 10, 200),
-)
-"""2,200 scenes."""
+SCENES = {
+    ("paper", 15): 700,
+    ("paper", 25): 400,
+    ("paper", 40): 300,
+    ("dense", 25): 200,
+    ("wide", 25): 200,
+    ("island", 25): 200,
+    ("shelf", 10): 200,
+}
+"""Numbers of scenes, 2,200 in all, by layout and number of objects; the targets are drawn at random."""
+HEAD = ("scenes", "number", "both: obstructed", "both: not", "test only", "planner only", "agreement")
 
 
-class Job(NamedTuple):
-    """One scene."""
-
-    scene_set: SceneSet
-    seed: int
-
-
-def main(seed: int = 600_000, workers: int = 2) -> None:
+def main(seed: int = 600_000, workers: int = 2, share: float = 1.0) -> None:
     """Compare test and planner on scenes with consecutive seeds, and print the table.
 
     Args:
         seed: First seed of every set of scenes.
         workers: Number of processes.
+        share: Share of the scenes that is compared, the first ones of each set.
     """
-    counts = agreement(seed, workers)
+    jobs = [(layout, n, seed + k) for (layout, n), count in SCENES.items() for k in range(round(share * count))]
+    counts = {f"{layout}, {n} objects": Counter[tuple[bool, bool]]() for layout, n in SCENES}
+    for (layout, n, number), result in progress_bar(run_jobs(compare, jobs, workers), total=len(jobs), unit="scene"):
+        if isinstance(result, Crash | Killed):
+            raise RuntimeError(f"layout {layout}, {n} objects, seed {number}: {result}")
+        counts[f"{layout}, {n} objects"][result] += 1
     counts["all"] = sum(counts.values(), Counter())
-    head = ("scenes", "number", "both: obstructed", "both: not", "test only", "planner only", "agreement")
     rows = []
     for name, found in counts.items():
         cells = [found[True, True], found[False, False], found[True, False], found[False, True]]
-        rows.append((name, *map(str, (found.total(), *cells)), f"{share(found):.1%}"))
-    print(markdown_table(head, rows), end="")
+        agreement = (found[True, True] + found[False, False]) / max(found.total(), 1)
+        rows.append((name, *map(str, (found.total(), *cells)), f"{agreement:.1%}"))
+    print(markdown_table(HEAD, rows), end="")
 
 
-def agreement(
-    first_seed: int, workers: int, scene_sets: tuple[SceneSet, ...] = SCENE_SETS
-) -> dict[str, Counter[tuple[bool, bool]]]:
-    """Numbers of scenes by what the test says and what the planner finds, for each set of scenes.
+def compare(job: tuple[str, int, int]) -> tuple[bool, bool]:
+    """Whether the target is obstructed by the test, and by the planner; one out of reach is not obstructed.
 
-    Raises:
-        RuntimeError: a worker failed.
+    Args:
+        job: layout, number of objects, seed.
     """
-    counts = {f"{one.layout}, {one.objects} objects": Counter[tuple[bool, bool]]() for one in scene_sets}
-    jobs = [Job(one, first_seed + number) for one in scene_sets for number in range(one.scenes)]
-    for job, result in progress_bar(run_jobs(compare, jobs, workers), total=len(jobs), unit="scene"):
-        if isinstance(result, Crash | Killed):
-            raise RuntimeError(f"{job}: {result}")
-        counts[f"{job.scene_set.layout}, {job.scene_set.objects} objects"][result] += 1
-    return counts
-
-
-def share(found: Counter[tuple[bool, bool]]) -> float:
-    """Share of the scenes on which test and planner agree."""
-    return (found[True, True] + found[False, False]) / found.total()
-
-
-def compare(job: Job) -> tuple[bool, bool]:
-    """Whether the target is obstructed by the test, and by the planner; one out of reach is not obstructed."""
-    env = make_env(job.scene_set)
-    _, info = env.reset(seed=job.seed)
+    layout, objects, seed = job
+    env = make_env(layout, objects)
+    _, info = env.reset(seed=seed)
     inner: Any = env.unwrapped
     robot = inner.robot
     blockers = count_blockers(side_approaches(robot.full_name), inner.layout, inner.world.scene, robot.max_opening)
@@ -101,9 +75,9 @@ def compare(job: Job) -> tuple[bool, bool]:
 
 
 @cache
-def make_env(scene_set: SceneSet) -> gym.Env[Any, Any]:
+def make_env(layout: str, objects: int) -> gym.Env[Any, Any]:
     """The environment of a set of scenes, kept in each process."""
-    return gym.make("clutter_env/Retrieve-o15-v0", layout=scene_set.layout, num_objects=scene_set.objects)
+    return gym.make("clutter_env/Retrieve-o15-v0", layout=layout, num_objects=objects)
 
 
 if __name__ == "__main__":

@@ -98,7 +98,11 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     alone = Scene.from_mujoco(env.model, env.data, robot)
     scene, is_driven = replace(alone, objects=()), layout.board_height is not None
     grid = SamplingConfig().grid(ArmChain.from_robot(robot))
-    world, placer, opening = CollisionWorld.from_scene(scene), map_placer(scene), gripper_opening(robot, RADIUS)
+    world, placer, opening = (
+        CollisionWorld.from_scene(scene),
+        map_placer(scene.robot, scene),
+        gripper_opening(robot, RADIUS),
+    )
     yaws = even_yaws(SIDE.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):

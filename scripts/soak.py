@@ -59,14 +59,7 @@ class EnduranceError(ValueError):
 
 @dataclass
 class EnduranceResult:
-    """What the run counted.
-
-    Attributes:
-        steps: control steps.
-        episodes: episodes begun.
-        warnings: of MuJoCo, one line each: which one, environment, seed of the episode, step in it.
-        memory_mb: resident memory [MB] after each environment.
-    """
+    """Counts of a run, MuJoCo's warnings (kind, environment, seed, step), resident memory [MB] by environment."""
 
     steps: int = 0
     episodes: int = 0
@@ -122,7 +115,7 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
         env = gym.make(env_id, reward_mode="dense", max_episode_steps=EPISODE_STEPS, **keywords)
         _run_one(env, share, seed + number, result, report)
         env.close()
-        result.memory_mb.append(_resident_mb())
+        result.memory_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20)
     return result
 
 
@@ -134,11 +127,11 @@ def _kinds() -> list[tuple[str, dict[str, Any]]]:
         if "Retrieve" not in env_id:
             kinds.append((env_id, keywords))
             continue
-        fitting = [variant for variant in waiting if _can_be_drawn(keywords | variant)]
-        if fitting:
-            kinds.append((env_id, keywords | fitting[0]))
-            waiting.remove(fitting[0])
-            waiting.append(fitting[0])
+        variant = next((variant for variant in waiting if _can_be_drawn(keywords | variant)), None)
+        if variant is not None:
+            kinds.append((env_id, keywords | variant))
+            waiting.remove(variant)
+            waiting.append(variant)
     return kinds
 
 
@@ -152,7 +145,6 @@ def _can_be_drawn(keywords: dict[str, Any]) -> bool:
 
 
 def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, report: Callable[[int], None]) -> None:
-    """Random steps in one environment."""
     base = env.unwrapped
     assert isinstance(base, BaseEnv)
     rng = np.random.default_rng(seed)
@@ -167,7 +159,9 @@ def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, repor
             action = rng.uniform(-1, 1, base.action_size)
             action[0] = rng.uniform(*FORWARD_RANGE)
         observation, reward, terminated, truncated, _ = env.step(action)
-        warned = _warnings(base.data)
+        # Every reset clears the counters, so that these are warnings of this episode.
+        kinds = np.flatnonzero(base.data.warning.number).tolist()
+        warned = [mujoco.mjtWarning(kind).name.removeprefix("mjWARN_") for kind in kinds]
         result.warnings += [f"{name}: {env.spec}, seed {episode_seed}, step {step - first_step}" for name in warned]
         has_ended = terminated or truncated or bool(warned)
         if observation not in env.observation_space:
@@ -177,20 +171,6 @@ def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, repor
         if step % REPORT_STEPS == 0:
             report(min(REPORT_STEPS, steps - step))
     result.steps += steps
-
-
-def _warnings(data: mujoco.MjData) -> list[str]:
-    """Names of MuJoCo's warnings since the reset, such as "BADQACC"; every reset clears its counters."""
-    kinds = np.flatnonzero(data.warning.number).tolist()
-    return [mujoco.mjtWarning(kind).name.removeprefix("mjWARN_") for kind in kinds]
-
-
-def _resident_mb() -> float:
-    """Resident memory of this process [MB]; its peak where the system does not tell the present value."""
-    status = Path("/proc/self/statm")
-    if status.is_file():
-        return int(status.read_text().split()[1]) * PAGE / 2**20
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 if __name__ == "__main__":

@@ -30,15 +30,8 @@ DOCS = ROOT / "docs"
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 USER_PAGES = {name: text for name, text in PAGES.items() if not name.startswith("docs/notes/")}
 MOST_WORDS = {"docs/results.md": 800}
-QUICK = (
-    "docs/retrieve.md",
-    "docs/environments/",
-    "docs/extend.md",
-    "docs/add_a_robot.md",
-    "docs/suites.md",
-    "README.md",
-)
-"""Pages whose Python takes a few seconds."""
+SLOW = ("docs/irm.md", "docs/guides/two_arms.md")
+"""Pages whose Python takes more than three seconds."""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -58,7 +51,7 @@ WITH_PYTHON = [page for page in USER_PAGES if blocks(page, "python") and page !=
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=() if page.startswith(QUICK) else pytest.mark.slow) for page in WITH_PYTHON],
+    [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in WITH_PYTHON],
 )
 def test_the_python_of_a_page_runs_from_top_to_bottom(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

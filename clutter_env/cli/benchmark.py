@@ -45,27 +45,9 @@ class Arguments:
             raise ValueError(f"steps={self.steps} must be at least 1")
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """One row of the table.
-
-    Attributes:
-        objects: on the table.
-        steps_per_s: control steps in a second of CPU time, without resets.
-        step_over_physics: CPU time of `env.step` over that of the physics steps in it.
-        physics_step_us: CPU time of one physics step [µs].
-        reset_median_ms: CPU time of a reset [ms].
-        frames_per_s: images of 480 × 480 in a second of wall-clock time, None without OpenGL.
-        memory_mb: peak memory of the process [MB].
-    """
-
-    objects: int
-    steps_per_s: float
-    step_over_physics: float
-    physics_step_us: float
-    reset_median_ms: float
-    frames_per_s: float | None
-    memory_mb: float
+Measurement = dict[str, float | None]
+"""One row of the table. Times are of the CPU but for `frames_per_s`, in wall-clock time; it is None without OpenGL.
+`step_over_physics`: CPU time of `env.step` over that of its physics steps; `memory_mb`: peak of the process [MB]."""
 
 
 def run(arguments: Arguments) -> None:
@@ -108,15 +90,16 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
         start = time.process_time()
         env.reset(seed=seed)
         resets_s.append(time.process_time() - start)
-    return Measurement(
-        objects=objects,
-        steps_per_s=arguments.steps / step_s,
-        step_over_physics=step_s / physics_s,
-        physics_step_us=physics_s / arguments.steps / PHYSICS_STEPS * 1e6,
-        reset_median_ms=median(resets_s) * 1e3,
-        memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        frames_per_s=frames_per_second(objects, arguments),
-    )
+    return {
+        "objects": objects,
+        "steps_per_s": arguments.steps / step_s,  # control steps, without resets
+        "step_over_physics": step_s / physics_s,
+        "physics_step_us": physics_s / arguments.steps / PHYSICS_STEPS * 1e6,
+        "reset_median_ms": median(resets_s) * 1e3,
+        # Taken before anything is rendered, which needs memory of its own.
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "frames_per_s": frames_per_second(objects, arguments),
+    }
 
 
 def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
@@ -169,21 +152,17 @@ def speed_table(rows: Sequence[Measurement]) -> str:
     """The measurements as a Markdown table."""
     from clutter_env.reporting.tables import markdown_table, number_text
 
-    head = ["objects", "steps/s", "step / physics", "µs per physics step", "reset, median ms"]
-    head += ["480 × 480 frames/s", "MB"]
-    cells = [
-        [
-            str(row.objects),
-            f"{row.steps_per_s:.0f}",
-            f"{row.step_over_physics:.2f}",
-            f"{row.physics_step_us:.1f}",
-            f"{row.reset_median_ms:.2f}",
-            number_text(row.frames_per_s, "{:.0f}"),
-            f"{row.memory_mb:.0f}",
-        ]
-        for row in rows
-    ]
-    return markdown_table(head, cells)
+    columns = {
+        "objects": ("objects", "{:.0f}"),
+        "steps/s": ("steps_per_s", "{:.0f}"),
+        "step / physics": ("step_over_physics", "{:.2f}"),
+        "µs per physics step": ("physics_step_us", "{:.1f}"),
+        "reset, median ms": ("reset_median_ms", "{:.2f}"),
+        "480 × 480 frames/s": ("frames_per_s", "{:.0f}"),
+        "MB": ("memory_mb", "{:.0f}"),
+    }
+    cells = [[number_text(row[name], pattern) for name, pattern in columns.values()] for row in rows]
+    return markdown_table(list(columns), cells)
 
 
 def plot_speed(rows: Sequence[Measurement], file: Path) -> None:
@@ -199,8 +178,8 @@ def plot_speed(rows: Sequence[Measurement], file: Path) -> None:
     }
     figure = Figure(figsize=(9, 6), layout="constrained")
     for axis, (name, title) in zip(figure.subplots(2, 2).ravel(), panels.items(), strict=True):
-        values = [getattr(row, name) for row in rows]
-        axis.plot([row.objects for row in rows], [np.nan if value is None else value for value in values], "o-")
+        values = [np.nan if row[name] is None else row[name] for row in rows]
+        axis.plot([row["objects"] for row in rows], values, "o-")
         axis.set(title=title, xlabel="objects")
         axis.set_ylim(0, 1.08 * max(axis.get_ylim()[1], 1e-9))
         axis.grid(alpha=0.3)

@@ -66,7 +66,7 @@ def run(arguments: Arguments) -> None:
             tick=bar.update,
         )
     content = results(evaluation, minimum_clearances(scenes, evaluation.grasps))
-    print(_text(content))
+    print(_text(content), end="")
     means = content["summary"]["mean"]
     print("\nmeans over all episodes: " + ", ".join(f"{name} {value:.3g}" for name, value in means.items()))
     if evaluation.crashes:

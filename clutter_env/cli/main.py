@@ -72,6 +72,9 @@ def _run(command: str, argv: Sequence[str]) -> None:
     advice = ""
     try:
         module = importlib.import_module(f"clutter_env.cli.{command}")
+        if hint := getattr(module, "old_spelling", lambda _: "")(argv):
+            print(f"clutter-env {command}: {hint}", file=sys.stderr)
+            sys.exit(2)
         arguments = read(module, f"clutter-env {command}", argv)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
         module.run(arguments)
@@ -143,7 +146,6 @@ def _overview() -> str:
 
 
 def _print_completion(shell: str = "", *_: str) -> None:
-    """Print the completion script of a shell."""
     if shell not in SHELLS:
         print(f"clutter-env: --completion {shell}: valid shells: {', '.join(SHELLS)}", file=sys.stderr)
         sys.exit(2)

@@ -22,8 +22,10 @@ import tyro
 from clutter_env.errors import UsageError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from assets import RobotSpec
-    from irm import ArmChain
+    from irm import ArmChain, ReachabilityMap
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,14 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""
-    from clutter_env.cli.map_report import build_map
+    import time
+    from dataclasses import asdict
+
+    import numpy as np
+
     from clutter_env.reporting.files import write_json
-    from irm import ArmChain, MapParameters
+    from clutter_env.reporting.progress import progress_bar
+    from irm import ArmChain, MapParameters, ReachabilityMap
 
     robot = _robot(arguments)
     parameters = MapParameters(
@@ -82,8 +89,27 @@ def run(arguments: Arguments) -> None:
         seed=arguments.seed,
     )
     name = robot.robot if isinstance(robot, ArmChain) else robot.name
-    report = build_map(robot, parameters, arguments.out or Path("outputs") / f"{name}.npz")
-    print(report)
+    file = arguments.out or Path("outputs") / f"{name}.npz"
+    start = time.process_time()
+    rm = ReachabilityMap.build(robot, progress=progress_bar, **asdict(parameters))
+    build_s = time.process_time() - start
+    rm.save(file)
+    picture = file.with_suffix(".png")
+    draw_arm_map(rm).savefig(picture, dpi=90)
+    index = rm.reachability_index
+    report = {
+        "robot": rm.robot,
+        "poses": len(rm),
+        "voxels": int(np.count_nonzero(index)),  # positions that are reachable in at least one orientation
+        "mean_reachability_index": float(index[index > 0].mean()) if len(rm) else 0.0,  # D, equation 1 [%]
+        "best_manipulability": float(rm.manipulability.max(initial=0.0)),  # μ, equation 2
+        "build_s": build_s,  # CPU time
+        "megabytes": file.stat().st_size / 1e6,
+        "file": str(file),
+        "picture": str(picture),
+    }
+    for entry, value in report.items():
+        print(f"{entry:>24}: {value:.4g}" if isinstance(value, float) else f"{entry:>24}: {value}")
     if arguments.json is not None:
         write_json(arguments.json, report)
 
@@ -92,7 +118,7 @@ def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
     """The robot that the arguments name, compared with its MJCF file if wanted."""
     import mujoco
 
-    from clutter_env.cli.named_robot import robot_by_name
+    from clutter_env.cli.robot import robot_by_name
     from irm import ArmChain, compare_with_model
 
     if arguments.mjcf is None:
@@ -108,3 +134,38 @@ def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
     if arguments.check:
         compare_with_model(chain, mujoco.MjModel.from_xml_path(str(arguments.mjcf)), *names)
     return chain
+
+
+def draw_arm_map(rm: ReachabilityMap) -> Figure:
+    """D in the plane through the first joint's axis, and D and best μ in the layer with most poses.
+
+    The black line is the arm: the origins of its joints with every joint in the middle of its limits.
+    """
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from irm import link_origins
+
+    grid = rm.grid
+    layers, _, rows, columns = rm.indices()
+    layer = int(np.bincount(layers, minlength=grid.layers).argmax())
+    best = np.zeros(grid.shape[2:])  # best μ over the orientations
+    mine = layers == layer
+    np.maximum.at(best, (rows[mine], columns[mine]), rm.manipulability[mine])
+    x, y, z = grid.edges(0), grid.edges(1), grid.z_edges()
+    share, at = "reachability index D [%]", f"at z = {grid.layer_height(layer):.3f} m"
+    index = rm.reachability_index
+    figure = Figure(figsize=(13.6, 4.2), layout="constrained")
+    side = (x, z, index[:, :, grid.half], "viridis", share, f"{rm.robot}: D in the plane y = {grid.centre[1]:.3f} m")
+    top = (x, y, index[layer].T, "viridis", share, f"D {at}")
+    plan = (x, y, best.T, "turbo_r", "best manipulability μ", f"best μ {at}")
+    for axis, drawn, label in zip(figure.subplots(1, 3), (side, top, plan), ("z [m]", "y [m]", "y [m]"), strict=True):
+        across, up, values, colours, meaning, title = drawn
+        mesh = axis.pcolormesh(across, up, np.where(values > 0, values, np.nan), cmap=colours)
+        figure.colorbar(mesh, ax=axis, label=meaning, shrink=0.9, aspect=22)
+        if rm.chain is not None:
+            origins = link_origins(rm.chain, (rm.chain.lower + rm.chain.upper) / 2)[1:]
+            ahead, height = origins[:, 0], origins[:, 2 if label == "z [m]" else 1]
+            axis.plot(ahead, height, color="black", marker="o", markersize=3, linewidth=1.5)
+        axis.set(title=title, facecolor="#f4f4f6", aspect="equal", xlabel="x [m]", ylabel=label)
+    return figure

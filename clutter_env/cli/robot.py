@@ -11,6 +11,7 @@ a `home` in it, configurations are suggested.
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+import assets
 from clutter_env.errors import UsageError
 
 if TYPE_CHECKING:
@@ -62,12 +64,32 @@ def run(arguments: Arguments) -> None:
         sys.exit(1)
 
 
+def robot_by_name(name: str) -> RobotSpec:
+    """A robot of the project by its name, or the `RobotSpec` that module:NAME refers to.
+
+    Raises:
+        UsageError: there is no such robot, module or name, or it is not a `RobotSpec`.
+    """
+    module, _, attribute = name.partition(":")
+    if not (module and attribute):
+        return assets.robot(name)
+    try:
+        found = getattr(importlib.import_module(module), attribute, None)
+    except ModuleNotFoundError as problem:
+        if not f"{module}.".startswith(f"{problem.name}."):
+            raise  # an import in the user's module
+        raise UsageError(f"there is no robot {name!r}: {problem}") from problem
+    if found is None:
+        raise UsageError(f"there is no robot {name!r}: {module} has no {attribute}")
+    if not isinstance(found, assets.RobotSpec):
+        raise UsageError(f"{name} is a {type(found).__name__}, not a RobotSpec")
+    return found
+
+
 def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     """The robot, and whether a home configuration was given: if not, it has the middle of the joints' ranges."""
     import mujoco
 
-    from assets import RobotSpec
-    from clutter_env.cli.named_robot import robot_by_name
     from irm import ArmChain
 
     if not arguments.robot.endswith(".xml"):
@@ -81,4 +103,4 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
         base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
         arm = ArmChain.from_mjcf(model, base, page["tip"])
         page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
-    return RobotSpec.from_mjcf(path, **page), has_home
+    return assets.RobotSpec.from_mjcf(path, **page), has_home

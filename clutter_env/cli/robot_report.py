@@ -17,28 +17,33 @@ from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
-from irm import ArmChain, pose_of
+from irm import ArmChain, forward, pose_of
 from irm.ik.solvers import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
-from irm.kinematics import fk_frames, forward
-from planners import CollisionWorld, RobotArrays, Scene, robot_arrays
-from planners.collision.gjk import CYLINDER
-from planners.collision.scene_arrays import GeometryError
-from planners.grasping.grasp_poses import gripper_clearances
-from planners.scene import RobotState
+from irm.kinematics import fk_frames
+from planners import (
+    CYLINDER,
+    CollisionWorld,
+    GeometryError,
+    RobotArrays,
+    RobotState,
+    Scene,
+    gripper_clearances,
+    robot_arrays,
+)
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.999
+_LEVEL = 0.999
 """Smallest cosine between the vertical and the level gripper's z axis."""
-ABOVE_OBJECTS = 0.28
+_ABOVE_OBJECTS = 0.28
 """[m] of the TCP at home above the table at least: the highest objects, and the lower end of one that is held."""
-KINDS = {
+_METHODS = {
     CLOSED_FORM: "the closed form of Fetch's arm",
     SPHERICAL: "closed form: three axes meet in a point",
     PARALLEL: "closed form: three axes are parallel",
     ITERATIVE: "iteration: no closed form is known for this arm, so planning is slow",
 }
-STEP = 0.05
+_STEP = 0.05
 """[m] between gripper positions that are tried."""
 _TORSOS, _ANGLES = 6, 18
 """Values of the free parameters that are tried."""
@@ -57,14 +62,7 @@ _ROUND = 16
 
 @dataclass(frozen=True)
 class RobotReport:
-    """Findings about a robot.
-
-    Attributes:
-        name: of the robot.
-        facts: what was read and computed, by its name.
-        problems: what must be mended; empty if nothing.
-        reach: of the level gripper; None if the robot's files could not be read.
-    """
+    """Facts about a robot by name, problems to be mended, and its reach; None if its files could not be read."""
 
     name: str
     facts: dict[str, str]
@@ -91,11 +89,10 @@ def report_of(robot: RobotSpec) -> RobotReport:
 
 
 def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
-    chain, gripper = ArmChain.from_robot(robot), gripper_clearances(robot)
+    chain, gripper, farthest = ArmChain.from_robot(robot), gripper_clearances(robot), _farthest(reach)
     tcp = forward(chain, robot.home)[:3, 3]
-    farthest = _farthest(reach)
     return {
-        "arm": f"{chain.size - 1} joints, {KINDS[solver_arrays(chain).kind]}",
+        "arm": f"{chain.size - 1} joints, {_METHODS[solver_arrays(chain).kind]}",
         "lift": f"{robot.chain[0].joint}, {chain.lower[0]:.3g} to {chain.upper[0]:.3g} m",
         "gripper": f"opens to {robot.max_opening:.3f} m, palm {1000 * gripper.palm_reach:.0f} mm behind the TCP",
         "base": f"radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
@@ -147,14 +144,12 @@ def _contacts(robot: RobotSpec, model: mujoco.MjModel) -> list[str]:
 
 
 def _home(robot: RobotSpec) -> list[str]:
-    T = forward(ArmChain.from_robot(robot), robot.home)
-    found = []
-    if T[2, 2] < LEVEL or T[0, 0] < LEVEL:
-        found.append(
-            f"home: the gripper is not level and straight ahead; its x axis is {np.round(T[:3, 0], 3).tolist()}"
-        )
-    if T[2, 3] < TABLE_HEIGHT + ABOVE_OBJECTS:
-        found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {TABLE_HEIGHT + ABOVE_OBJECTS:.2f} m")
+    T, found = forward(ArmChain.from_robot(robot), robot.home), []
+    if T[2, 2] < _LEVEL or T[0, 0] < _LEVEL:
+        x_axis = np.round(T[:3, 0], 3).tolist()
+        found.append(f"home: the gripper is not level and straight ahead; its x axis is {x_axis}")
+    if T[2, 3] < TABLE_HEIGHT + _ABOVE_OBJECTS:
+        found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {TABLE_HEIGHT + _ABOVE_OBJECTS:.2f} m")
     world = _Arm(robot).world
     if touched := world.names_of(world.hits(np.zeros(3), robot.home, robot.max_opening)):
         found.append(f"home: the robot touches {' and '.join(touched)}")
@@ -173,11 +168,9 @@ def _size(robot: RobotSpec, reach: LevelReach) -> list[str]:
 
 
 class LevelReach(NamedTuple):
-    """TCP positions before the robot that a level gripper, yaw 0, reaches without the robot touching itself.
+    """TCP positions x, y, z [m] in the base frame, and those that a level gripper, yaw 0, reaches: (nx, ny, nz).
 
-    Attributes:
-        x, y, z: (nx,), (ny,), (nz,) [m] in the base frame.
-        reached: (nx, ny, nz).
+    The robot does not touch itself there.
     """
 
     x: Array
@@ -235,7 +228,7 @@ def level_reach(robot: RobotSpec) -> LevelReach:
     """Where the level gripper of a robot reaches straight ahead."""
     arm = _Arm(robot)
     height = TABLE_HEIGHT + robot.grasp_height
-    x, y = np.arange(0.3, 1.301, STEP), np.arange(-0.8, 0.801, 2 * STEP)
+    x, y = np.arange(0.3, 1.301, _STEP), np.arange(-0.8, 0.801, 2 * _STEP)
     z = np.array([height - 0.4, height - 0.2, height, height + 0.2, height + 0.4])
     reached = np.zeros((x.size, y.size, z.size), dtype=np.bool_)
     for i, j, k in np.ndindex(reached.shape):
@@ -259,7 +252,7 @@ def home_candidates(robot: RobotSpec, count: int = 3) -> list[HomeCandidate]:
                 if len(found):
                     goals.append(_wrapped(found, arm.chain))
     candidates = []
-    for x in np.arange(0.45, 0.76, STEP):
+    for x in np.arange(0.45, 0.76, _STEP):
         for z in _HOME_HEIGHTS:
             found = arm.configurations(float(x), 0.0, z)
             found = found[arm.elbow_heights(found) > _ELBOW_ABOVE]
@@ -284,7 +277,10 @@ def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     figure = Figure(figsize=(13, 10))
     parts: Any = figure.subfigures(2, 1, height_ratios=(2.2, 1))
     above, below = parts
-    frames = _frames(robot)
+    chain = ArmChain.from_robot(robot)
+    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
+    fk_frames(chain.offsets, chain.axes, chain.tip, np.array(robot.home), R, p)
+    frames = [pose_of(np.concatenate([p[k], R[k].ravel()])) for k in range(chain.size + 1)]
     above.suptitle(
         f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)"
     )
@@ -311,15 +307,8 @@ def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     figure.savefig(file, dpi=110)
 
 
-def _frames(robot: RobotSpec) -> list[Array]:
-    """Poses (4, 4) of all joints and of the TCP at home, in the base frame."""
-    chain = ArmChain.from_robot(robot)
-    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, np.array(robot.home), R, p)
-    return [pose_of(np.concatenate([p[k], R[k].ravel()])) for k in range(chain.size + 1)]
-
-
 def _draw_shapes(axes: Any, arrays: RobotArrays, frames: list[Array]) -> None:
+    """Draw the collision shapes; `frames` (4, 4) of all joints and of the TCP, in the base frame."""
     for solid in range(arrays.core.size):
         link = int(arrays.link[solid])
         T = (np.eye(4) if link < 0 else frames[link]) @ pose_of(

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
-    from clutter_env.evaluation.clearance_table import Variant
+    from clutter_env.evaluation.clearance_table import Table, Variant
 
 WHEN_INTERRUPTED = "run the same command again to go on"
 
@@ -70,6 +70,16 @@ class Arguments:
     markdown: Path | None = None
     """Write the page to this file too, and its picture to images/ beside it."""
 
+    def table(self, variants: Mapping[str, Variant]) -> Table:
+        """The table of these rows, with the trials that are in its directory."""
+        from clutter_env.evaluation.clearance_table import Table, Trial
+
+        names = ("seed", "layout", "control_mode", "physics", "time_limit", "grasps", "supports", "robot")
+        # Each trial has its own number of objects and strategy.
+        common = Trial(objects=0, strategy="", **{name: getattr(self, name) for name in names})
+        file = self.out / "trials.jsonl"
+        return Table(common, self.objects, variants, self.scenes, self.obstructed, file)
+
 
 def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "clutter-env table") -> None:
     """Find the scenes, try the strategies, report.
@@ -80,25 +90,12 @@ def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: s
         name: what the command is called in the page.
     """
     from clutter_env.evaluation.clearance_page import markdown, summarise, write_page
-    from clutter_env.evaluation.clearance_table import Table, Trial, Variant
+    from clutter_env.evaluation.clearance_table import Variant
     from clutter_env.reporting.files import write_json
     from planners import find_strategy
 
-    common = Trial(
-        objects=0,  # each trial has its own number
-        seed=arguments.seed,
-        strategy="",  # and its own strategy
-        layout=arguments.layout,
-        control_mode=arguments.control_mode,
-        physics=arguments.physics,
-        time_limit=arguments.time_limit,
-        grasps=arguments.grasps,
-        supports=arguments.supports,
-        robot=arguments.robot,
-    )
     variants = {name: Variant(find_strategy(name)) for name in arguments.strategies} | dict(more or {})
-    file = arguments.out / "trials.jsonl"
-    table = Table(common, arguments.objects, variants, arguments.scenes, arguments.obstructed, file)
+    table = arguments.table(variants)
     if not arguments.report_only:
         print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
         table.run(arguments.workers, arguments.retry_crashes)
@@ -114,4 +111,4 @@ def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: s
         write_page(table, command, summary, page, arguments.cap)
     print(f"tables, figures and plots: {arguments.out}")
     if crashed := sum(entry["crashed"] for entry in (*summary["rows"], *summary["scenes"])):
-        print(f"{crashed} trials CRASHED; their tracebacks are in {file}")
+        print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")

@@ -13,6 +13,7 @@ its own under outputs/runs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -86,6 +87,16 @@ class Arguments:
     """Go on from the last checkpoint; all settings but --steps and --checkpoint-every must be the same."""
     json: Path | None = None
     """Write the histories of all runs to this file."""
+
+
+def old_spelling(argv: Sequence[str]) -> str:
+    """A hint for those who type the algorithm as in version 0.1, `--algorithm sac`; "" for others."""
+    flags = [word.partition("=")[0].replace("_", "-") for word in argv]
+    if "--algorithm" not in flags:
+        return ""
+    at = flags.index("--algorithm")
+    name = argv[at].partition("=")[2] or next(iter(argv[at + 1 :]), "ALGORITHM")
+    return f"the algorithm is a sub-command now: clutter-env train {name.replace('_', '-')} ..., before all options"
 
 
 def run(arguments: Arguments) -> None:

@@ -15,8 +15,6 @@ from pathlib import Path
 class Arguments:
     """Compile the planner's kernels."""
 
-    seed: int = 0
-    """Taken because every command takes it; nothing is drawn at random here."""
     json: Path | None = None
     """Write the time that it took to this file."""
 

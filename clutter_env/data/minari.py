@@ -39,7 +39,7 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
         raise LearningError("Minari datasets need Minari; pip install 'clutter-env[rl]'") from problem
     seeds, identity, task = dataset.seeds, dataset.identity, dataset.task
     dataset_id = dataset_id or task.env_id.lower()
-    final = root / dataset_id
+    final = (root / dataset_id).absolute()  # Minari joins relative paths twice
     if final.exists() and not replace:
         raise DatasetError(f"{final} exists; choose another dataset id or remove it")
     part = final.with_name(f".{final.name}.{os.getpid()}.part")

@@ -20,7 +20,7 @@ from assets import RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
-from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.success import SuccessMonitor, checked_memory
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
@@ -70,10 +70,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         shows_objects = self.config.obs_mode == "state"
         return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=shows_objects)
 
-    def _start_configuration(self) -> tuple[float, ...]:
-        """Torso and arm joints (1 + n,) at the start."""
-        return self.robot.home
-
     # The Gymnasium surface.
 
     def reset(
@@ -93,7 +89,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             if checked.state is not None:
                 self.restore_state(checked.state)
             else:
-                self._simulator.start(self._draw_scene(checked), self._start_configuration())
+                self._simulator.start(self._draw_scene(checked))
                 self._monitor = SuccessMonitor(self.world, self.measurements, self.target_slot)
                 self._begin()
         if self.render_mode == "human":
@@ -259,9 +255,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     # What a task defines.
 
-    @abstractmethod
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         """The scene of a new episode."""
+        return draw_scene(self.np_random, self.layout, self.config, options)
 
     @abstractmethod
     def _begin(self) -> None:
@@ -296,12 +292,20 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def _kind(self) -> dict[str, Any]:
         """Properties that a saved state and the environment that restores it must share; JSON values."""
+        robot = self.robot.name
+        try:
+            is_known = find_robot(robot) == self.robot
+        except UnknownRobot:
+            is_known = False
+        if not is_known:
+            content = json.dumps(asdict(self.robot)).encode() + self.robot.mjcf_path.read_bytes()
+            robot += f" {hashlib.sha256(content).hexdigest()[:16]}"
         return {
             "task": type(self).__name__,
             "mujoco": mujoco.__version__,
             "num_objects": int(self.config.num_objects),
             "layout": layout_identity(self.layout),
-            "robot": robot_identity(self.robot),
+            "robot": robot,
             "control_mode": self.config.control_mode,
         }
 
@@ -322,14 +326,14 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation that the configuration asks for; see `Observer.observe`."""
-        observation: dict[str, Any] = dict(
-            self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
-        )
+        observation: dict[str, Any] = {}
+        observation |= self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
         if self.config.obs_mode == "rgbd":
             observation |= self._rendering.observation(self.world)
         return observation
 
     def _make_observation_space(self) -> spaces.Dict:
+        """The space of `observe_world`'s observations."""
         parts = dict(self._observer.space.spaces)
         if self.config.obs_mode == "rgbd":
             parts |= self._rendering.observation_spaces()
@@ -355,17 +359,6 @@ def layout_identity(layout: Layout) -> Any:
     if LAYOUTS.get(layout.name) == layout:
         return layout.name
     return json.loads(json.dumps(asdict(layout)))
-
-
-def robot_identity(robot: RobotSpec) -> str:
-    """The name of a known robot; of another one the name and a digest of its fields and its MJCF file."""
-    try:
-        if find_robot(robot.name) == robot:
-            return robot.name
-    except UnknownRobot:
-        pass
-    content = json.dumps(asdict(robot)).encode() + robot.mjcf_path.read_bytes()
-    return f"{robot.name} {hashlib.sha256(content).hexdigest()[:16]}"
 
 
 def _unpickled(

@@ -171,23 +171,6 @@ Vector = NDArray[np.float64]
 Observation = dict[str, NDArray[np.float32]]
 
 
-class BaseFrame(NamedTuple):
-    """The robot's base on the ground: x, y [m], cosine and sine of its yaw and of half of it."""
-
-    x: float
-    y: float
-    cosine: float
-    sine: float
-    half_cosine: float
-    half_sine: float
-
-
-def base_frame(world: World) -> BaseFrame:
-    """Present pose of the base."""
-    x, y, yaw = world.data.qpos[world.index.drive_qpos[:3]].tolist()
-    return BaseFrame(x, y, math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2))
-
-
 class Observer:
     """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal"."""
 
@@ -232,11 +215,20 @@ class Observer:
             hold_progress: share of the holding time that success needs, 0 to 1.
             lift_left: height [m] by which the target must still rise.
         """
-        frame = base_frame(world)
-        poses = _poses_in_base(frame, np.concatenate((_tcp_pose(world), measurements.poses)))
-        tcp = poses[0].tolist()
+        base_x, base_y, yaw, *joints = world.data.qpos[world.index.drive_qpos].tolist()
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        tcp, site = np.empty((1, 7)), world.index.tcp_site
+        tcp[0, :3] = world.data.site_xpos[site]
+        mujoco.mju_mat2Quat(tcp[0, 3:], world.data.site_xmat[site])
+        poses = _poses_in_base(base_x, base_y, yaw, np.concatenate((tcp, measurements.poses)))
+        forward, sideways, *rates = world.data.qvel[world.index.drive_dof].tolist()
+        ahead, left = cosine * forward + sine * sideways, cosine * sideways - sine * forward
+        fingers, gap = world.data.qpos[world.index.finger_qpos].tolist(), world.robot.finger_gap_closed
+        widths = [one + other + gap for one, other in zip(fingers[::2], fingers[1::2], strict=True)]
+        commanded = map(world.robot.opening, world.controller.state.fingers)
+        robot = base_x, base_y, sine, cosine, *joints, ahead, left, *rates
         flat = self._constant_part(world, target).copy()
-        flat[self._own] = [*_robot_entry(world, frame), *tcp, *_gripper_entry(world)]
+        flat[self._own] = [*robot, *poses[0].tolist(), *widths, *commanded]
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
             rows[: len(measurements.poses), _POSE] = poses[1:]
@@ -260,56 +252,25 @@ class Observer:
             self._constant_scene = world.scene
             if self._shows_objects:
                 rows = self._constant[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
-                _fill_constant_columns(rows, world.scene, target)
+                present = rows[: world.scene.num_objects]
+                present[:, _ROW["present"]] = 1.0
+                if target >= 0:
+                    present[target, _ROW["is_target"]] = 1.0
+                present[:, _ROW["half_extents"]] = world.scene.half_extents
+                present[:, _ROW["is_box"]] = world.scene.is_box[:, None]
         return self._constant
 
 
-def _robot_entry(world: World, frame: BaseFrame) -> list[float]:
-    """x, y, sin yaw, cos yaw, torso and arm positions, velocities (base part in the base's frame)."""
-    x, y, _, *joints = world.data.qpos[world.index.drive_qpos].tolist()
-    forward, sideways, *rates = world.data.qvel[world.index.drive_dof].tolist()
-    ahead = frame.cosine * forward + frame.sine * sideways
-    left = frame.cosine * sideways - frame.sine * forward
-    return [x, y, frame.sine, frame.cosine, *joints, ahead, left, *rates]
-
-
-def _gripper_entry(world: World) -> list[float]:
-    """[m] between the pads of each gripper: as it is, then as commanded."""
-    fingers = world.data.qpos[world.index.finger_qpos].tolist()
-    widths = [
-        right + left + world.robot.finger_gap_closed for right, left in zip(fingers[::2], fingers[1::2], strict=True)
-    ]
-    return [*widths, *map(world.robot.opening, world.controller.state.fingers)]
-
-
-def _fill_constant_columns(rows: Vector, scene: TableScene, target: int) -> None:
-    """Presence, target, size and shape of the objects; rows (num_slots, 14) of absent ones stay zero."""
-    present = rows[: scene.num_objects]
-    present[:, _ROW["present"]] = 1.0
-    if target >= 0:
-        present[target, _ROW["is_target"]] = 1.0
-    present[:, _ROW["half_extents"]] = scene.half_extents
-    present[:, _ROW.index("is_box")] = scene.is_box
-
-
-def _tcp_pose(world: World) -> Vector:
-    """Position [m] and quaternion of the TCP in the world, (1, 7)."""
-    pose, site = np.empty((1, 7)), world.index.tcp_site
-    pose[0, :3] = world.data.site_xpos[site]
-    mujoco.mju_mat2Quat(pose[0, 3:], world.data.site_xmat[site])
-    return pose
-
-
-def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
-    """World poses (n, 7) relative to the base, (n, 7); quaternions get w >= 0.
+def _poses_in_base(x: float, y: float, yaw: float, poses: Vector) -> Vector:
+    """World poses (n, 7) relative to a base at x, y [m], yaw [rad], (n, 7); quaternions get w >= 0.
 
     A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it. Poses are columns
     here, because NumPy is faster on rows of one quantity.
     """
-    c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
+    c, s, hc, hs = math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2)
     turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
     relative: Vector = turn @ poses.T
-    relative[0] -= c * frame.x + s * frame.y
-    relative[1] -= c * frame.y - s * frame.x
+    relative[0] -= c * x + s * y
+    relative[1] -= c * y - s * x
     relative[3:] *= np.copysign(1.0, relative[3])
     return relative.T

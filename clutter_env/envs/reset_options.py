@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,19 +58,16 @@ def _draw_obstructed(
         if wanted is not None and blockers[wanted] >= least:
             return scene.with_target(wanted)
         if wanted is not None:
-            raise OptionError(f"option 'target': {options.target} {_unobstructed(blockers[wanted], least)}")
+            reason = f"a side grasp has {blockers[wanted]} objects in its way, not {least} or more"
+            if blockers[wanted] == UNREACHABLE:
+                reason = "no side grasp reaches it, whatever is moved"
+            raise OptionError(f"option 'target': {options.target} is not obstructed: {reason}")
         if len(obstructed := np.flatnonzero(blockers >= least)):
             return scene.with_target(int(obstructed[rng.integers(len(obstructed))]))
     what = f"none of {MAX_DRAWS} random scenes has" if is_random else "the scene does not have"
     raise OptionError(
         f"option 'obstructed': {what} a target with {least} or more objects in the way; ask for more objects"
     )
-
-
-def _unobstructed(blockers: int, least: int) -> str:
-    if blockers == UNREACHABLE:
-        return "is not obstructed but out of reach: no side grasp reaches it, whatever is moved"
-    return f"is not obstructed: a side grasp has {blockers} objects in its way, not {least} or more"
 
 
 OPTION_NAMES = ("target", "objects", "state", "obstructed")
@@ -124,9 +121,15 @@ class ResetOptions:
             check_choice("option 'obstructed'", given.get("obstructed", False), OBSTRUCTED)
         except ConfigError as problem:
             raise OptionError(str(problem)) from None
-        return cls(
-            given.get("target"), _descriptions(given.get("objects")), given.get("state"), given.get("obstructed")
-        )
+        if "objects" in given:
+            objects = given["objects"]
+            if isinstance(objects, str | bytes) or not isinstance(objects, Sequence):
+                raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
+            for entry in objects:
+                if not isinstance(entry, Mapping):
+                    raise OptionError(f"option 'objects' must be a list of dictionaries; it holds {entry!r}")
+            given["objects"] = tuple(objects)
+        return cls(**given)
 
     def target_index(self, count: int) -> int | None:
         """The slot of the wanted target, None where it is drawn at random.
@@ -140,17 +143,6 @@ class ResetOptions:
         if self.target not in names:
             raise OptionError(f"option 'target': no object {self.target!r}; objects: {', '.join(names)}")
         return names.index(self.target)
-
-
-def _descriptions(objects: object) -> tuple[Mapping[str, Any], ...] | None:
-    if objects is None:
-        return None
-    if isinstance(objects, str | bytes) or not isinstance(objects, Sequence):
-        raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
-    for entry in objects:
-        if not isinstance(entry, Mapping):
-            raise OptionError(f"option 'objects' must be a list of dictionaries; it holds {entry!r}")
-    return tuple(objects)
 
 
 def explicit_scene(
@@ -176,9 +168,22 @@ def explicit_scene(
         target=int(rng.integers(len(rows))),
     )
     footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
-    _check_on_table(layout, footprints)
-    _check_headroom(layout, scene)
-    _check_apart(footprints, scene.levels)
+    half = np.array([layout.depth, layout.width]) / 2
+    for index, (shape, height) in enumerate(zip(footprints, 2 * scene.standing_extents[:, 2], strict=True)):
+        if (np.abs(shape.corners) + shape.radius > half + TOUCH_TOLERANCE).any():
+            raise OptionError(
+                f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
+                f"x must stay within ±{half[0]:.3g} m and y within ±{half[1]:.3g} m, the object's size included"
+            )
+        if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
+            raise OptionError(
+                f"{object_name(index)} is {height:.3g} m high; layout {layout.name!r} has {layout.headroom:.3g} m "
+                f"above it, of which {HEADROOM_MARGIN} m stay free"
+            )
+        for other in range(index):
+            is_beside = scene.levels[other] == scene.levels[index]
+            if is_beside and _separation(footprints[other], shape) < -TOUCH_TOLERANCE:
+                raise OptionError(f"{object_name(other)} and {object_name(index)} overlap; move one of them")
     return scene
 
 
@@ -239,8 +244,7 @@ def _position(place: str, value: object) -> tuple[float, float]:
 Polygon = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class _Footprint:
+class _Footprint(NamedTuple):
     """A disc or a rectangle on the table: its centre, its corners (4, 2) or its centre alone, and its radius."""
 
     centre: Polygon
@@ -258,32 +262,6 @@ def _footprint(scene: TableScene, index: int) -> _Footprint:
     return _Footprint(centre, centre + signs @ np.array([[cosine, sine], [-sine, cosine]]), 0.0)
 
 
-def _check_on_table(layout: Layout, footprints: Sequence[_Footprint]) -> None:
-    half = np.array([layout.depth, layout.width]) / 2
-    for index, shape in enumerate(footprints):
-        if (np.abs(shape.corners) + shape.radius > half + TOUCH_TOLERANCE).any():
-            raise OptionError(
-                f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
-                f"x must stay within ±{half[0]:.3g} m and y within ±{half[1]:.3g} m, the object's size included"
-            )
-
-
-def _check_headroom(layout: Layout, scene: TableScene) -> None:
-    for index, height in enumerate(2 * scene.standing_extents[:, 2]):
-        if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
-            raise OptionError(
-                f"{object_name(index)} is {height:.3g} m high; layout {layout.name!r} has {layout.headroom:.3g} m "
-                f"above it, of which {HEADROOM_MARGIN} m stay free"
-            )
-
-
-def _check_apart(footprints: Sequence[_Footprint], levels: NDArray[np.float64]) -> None:
-    for second, b in enumerate(footprints):
-        for first, a in enumerate(footprints[:second]):
-            if levels[first] == levels[second] and _separation(a, b) < -TOUCH_TOLERANCE:
-                raise OptionError(f"{object_name(first)} and {object_name(second)} overlap; move one of them")
-
-
 def _separation(a: _Footprint, b: _Footprint) -> float:
     """Largest gap over the separating axes [m]: negative if and only if the two overlap."""
     axes = [*_edge_normals(a), *_edge_normals(b)]
@@ -296,8 +274,11 @@ def _separation(a: _Footprint, b: _Footprint) -> float:
                 axes.append(nearest / distance)
     if not axes:
         return -math.inf
-    gaps = [_gap(a, b, axis) for axis in axes]
-    return max(gaps)
+    gaps = []
+    for axis in axes:
+        on_a, on_b = a.corners @ axis, b.corners @ axis
+        gaps.append(max(on_b.min() - on_a.max(), on_a.min() - on_b.max()))
+    return float(max(gaps)) - a.radius - b.radius
 
 
 def _edge_normals(shape: _Footprint) -> list[Polygon]:
@@ -305,9 +286,3 @@ def _edge_normals(shape: _Footprint) -> list[Polygon]:
         return []
     edges = shape.corners[1:3] - shape.corners[:2]
     return [np.array([-y, x]) / math.hypot(x, y) for x, y in edges]
-
-
-def _gap(a: _Footprint, b: _Footprint, axis: Polygon) -> float:
-    on_a, on_b = a.corners @ axis, b.corners @ axis
-    apart = max(on_b.min() - on_a.max(), on_a.min() - on_b.max())
-    return float(apart) - a.radius - b.radius

@@ -46,9 +46,13 @@ def potential(terms: Mapping[str, float]) -> float:
 
 def potential_terms(world: World, measurements: Measurements, monitor: SuccessMonitor, target: int) -> dict[str, float]:
     """The terms of a state's potential, each between 0 and 1: see the table in `docs/retrieve.md`."""
+    assert world.scene is not None
+    # From the TCP to the point on the target's axis where a side grasp holds it.
+    x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - measurements.poses[target, :3])
+    distance = math.hypot(x, y, z + float(world.scene.standing_extents[target, 2]) - world.robot.grasp_height)
     is_held = float(monitor.is_target_held)
     return {
-        "reach": 1.0 - math.tanh(REACH_SCALE * _grasp_distance(world, measurements, target)),
+        "reach": 1.0 - math.tanh(REACH_SCALE * distance),
         "grasp": is_held,
         "lift": is_held * min(max(monitor.lift / LIFT_HEIGHT, 0.0), 1.0),
     }
@@ -61,10 +65,3 @@ def event_terms(monitor: SuccessMonitor, is_success: bool) -> dict[str, float]:
         "disturbed": float(monitor.newly_disturbed),
         "lost": float(monitor.is_target_lost),
     }
-
-
-def _grasp_distance(world: World, measurements: Measurements, target: int) -> float:
-    """[m] from the TCP to the point on the target's axis where a side grasp holds it."""
-    assert world.scene is not None
-    x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - measurements.poses[target, :3])
-    return math.hypot(x, y, z + float(world.scene.standing_extents[target, 2]) - world.robot.grasp_height)

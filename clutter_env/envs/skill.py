@@ -135,7 +135,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Raises:
             ActionError: not an action of the action space, or `reset` has not been called; nothing has changed.
         """
-        index = _checked(action, self._size)
+        value = np.asarray(action)
+        if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < self._size:
+            raise ActionError(f"the action must be an integer from 0 to {self._size - 1}, not {action!r}")
+        index = int(value)
         skill = self.skill(index)
         self._left -= 1
         failure = self._simulate_kinematically(skill) if self._is_kinematic else self._carry_out(skill)
@@ -243,18 +246,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
         deviation = follow(actions, physics_env.robot, sensor, self._command, config)
         if skill.direction is None and not deviation:
-            self._hold()
+            controller = physics_env.world.controller
+            for _ in range(FINAL_HOLD_STEPS):  # stand still and hold the target
+                if self._is_taken or self._step_physics(physics_env.joint_action(controller.state.target, 0.0)):
+                    break
         self._read_scene()
         if deviation or self._is_taken or skill.direction is not None:
             return deviation
         return "not held"
-
-    def _hold(self) -> None:
-        """Stand still and hold the target."""
-        controller = self._physics_env.world.controller
-        for _ in range(FINAL_HOLD_STEPS):
-            if self._is_taken or self._step_physics(self._physics_env.joint_action(controller.state.target, 0.0)):
-                return
 
     def _command(self, command: Command) -> bool:
         return self._step_physics(self._physics_env.joint_action(command.drive, command.opening))
@@ -286,26 +285,18 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
 
     def _info(self, failure: str) -> dict[str, Any]:
-        info = self._kinematic_info() if self._is_kinematic else self._physics_env.info
+        if self._is_kinematic:
+            held = self._scene.held
+            info: dict[str, Any] = {
+                "is_success": self._is_taken,
+                "lifted": self._is_taken,
+                "target": self._target,
+                "held": held.name if held is not None else "",
+                "num_fallen": 0,
+                "num_disturbed": self._num_hit,
+                "num_cleared": len(set(self._moved)),
+                "ik_failures": 0,
+            }
+        else:
+            info = self._physics_env.info
         return {**info, "failure": failure, "moved": tuple(self._moved), "num_refused": self._num_refused}
-
-    def _kinematic_info(self) -> dict[str, Any]:
-        """The info of the kinematic model, in which objects are disturbed by attempts without a free grasp alone."""
-        held = self._scene.held
-        return {
-            "is_success": self._is_taken,
-            "lifted": self._is_taken,
-            "target": self._target,
-            "held": held.name if held is not None else "",
-            "num_fallen": 0,
-            "num_disturbed": self._num_hit,
-            "num_cleared": len(set(self._moved)),
-            "ik_failures": 0,
-        }
-
-
-def _checked(action: Any, count: int) -> int:
-    value = np.asarray(action)
-    if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < count:
-        raise ActionError(f"the action must be an integer from 0 to {count - 1}, not {action!r}")
-    return int(value)

@@ -49,14 +49,12 @@ Array = NDArray[np.float64]
 
 @dataclass
 class _Hand:
-    """A gripper over time."""
+    """The slot of the object in a gripper, -1 without one, the control steps since both fingers touched it, and where
+    it was (3,) [m] when it was grasped."""
 
     in_hand: int = -1
-    """Slot of the object in hand, -1 without one."""
     steps_without_contact: int = 0
-    """Control steps since both fingers touched it."""
     grasped_at: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) [m] where the object was when it was grasped."""
 
 
 class SuccessMonitor:
@@ -121,7 +119,12 @@ class SuccessMonitor:
             self._chord_starts[is_chord] = positions[is_chord]
             self._derive()
         if np.count_nonzero(measurements.is_fallen):
-            self._note_falls(measurements.is_fallen)
+            fallen = measurements.is_fallen & ~self._is_fallen
+            for slot in self._in_hand:
+                fallen[slot] = False
+            if np.count_nonzero(fallen):
+                self._is_fallen |= fallen
+                self._derive()
         self.newly_disturbed = self._num_spoilt - before
         self._follow_target(measurements)
         self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
@@ -184,26 +187,16 @@ class SuccessMonitor:
         hand.in_hand, hand.steps_without_contact = -1, 0
         self._derive()
 
-    def _note_falls(self, is_fallen: NDArray[np.bool_]) -> None:
-        """Keep in mind which objects lie or have left their support; not the one in hand."""
-        fallen = is_fallen & ~self._is_fallen
-        for slot in self._in_hand:
-            fallen[slot] = False
-        if np.count_nonzero(fallen):
-            self._is_fallen |= fallen
-            self._derive()
-
     def _follow_target(self, measurements: Measurements) -> None:
-        """Measure the target."""
         target = self._target
-        self.is_target_held = target >= 0 and target in measurements.all_held
-        self.is_target_lost = target >= 0 and bool(measurements.is_off[target])
-        self.lift = self._world.lowest_point(measurements, target) - self._support_height() if target >= 0 else 0.0
-
-    def _support_height(self) -> float:
-        """[m] of the surface on which the target stood at reset."""
-        assert self._world.scene is not None
-        return float(TABLE_HEIGHT + self._world.scene.levels[self._target])
+        self.is_target_held = self.is_target_lost = False
+        self.lift = 0.0
+        if target >= 0:
+            assert self._world.scene is not None
+            self.is_target_held = target in measurements.all_held
+            self.is_target_lost = bool(measurements.is_off[target])
+            support = float(TABLE_HEIGHT + self._world.scene.levels[target])  # on which it stood at reset
+            self.lift = self._world.lowest_point(measurements, target) - support
 
     def _derive(self) -> None:
         """Derive from paths and falls the counts, and the square (n,) [m²] of the motion that ends a chord.

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.policies.experts import MAX_SCRIPT_STEPS
 from clutter_env.policies.protocol import PolicyError
-from clutter_env.policies.scripted import direct_approach
 
 _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
 """Indices of the approach directions, those from the robot's side first."""
@@ -73,36 +68,3 @@ class GreedyPolicy:
         per_object = (len(masks) - 1) // len(bodies)
         wanted = (int(i) * per_object + d for i in near for d in _FRONT_FIRST)
         return next(action for action in wanted if masks[action])
-
-
-class DirectApproach:
-    """Goes straight for the target at full speed, through whatever stands in between; see `scripted.direct_approach`.
-
-    Attributes:
-        env_keywords: keyword arguments with which an environment must be made for it.
-        grasps: it holds the gripper level.
-    """
-
-    is_privileged, grasps = True, "side"
-    env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
-
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
-        """Start an episode.
-
-        Raises:
-            PolicyError: not a Retrieve environment with `control_mode="ee"`.
-        """
-        inner = env.unwrapped
-        if not isinstance(inner, RetrieveEnv) or inner.control_mode != "ee":
-            raise PolicyError("the direct approach acts in Retrieve environments with control_mode='ee'")
-        self._env, self._steps = inner, 0
-
-    @property
-    def done(self) -> bool:
-        """Whether it has given up: it needs less than a hundred steps, or does not get there."""
-        return self._steps >= MAX_SCRIPT_STEPS
-
-    def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
-        """The next action."""
-        self._steps += 1
-        return direct_approach(self._env)[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import UnknownExpert
-from clutter_env.policies.scripted import SCRIPTS
+from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.scripted import SCRIPTS, Step
 from clutter_env.reporting.files import json_values
 from clutter_env.task import family
 
@@ -57,43 +58,35 @@ class Expert(Protocol):
     grasps: str
     env_keywords: Mapping[str, Any]
 
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
+        """Start an episode; `env` has been reset and returned `info`."""
+
+    def act(self, observation: Any) -> NDArray[Any]:
+        """The next action."""
+
     @property
     def done(self) -> bool:
         """Whether it has finished or given up."""
-        ...
 
     @property
     def failure(self) -> str:
         """Why it gave up, "" if it did not say."""
-        ...
 
     @property
     def skill(self) -> str:
         """Name of the skill that the last action belongs to."""
-        ...
 
     @property
     def step_label(self) -> StepLabel | None:
         """Phase, contact and keyframe that the last action belongs to; None if it has no plan."""
-        ...
 
     @property
     def plan_text(self) -> str:
         """The plan, one action per line."""
-        ...
 
     @property
     def report_values(self) -> Mapping[str, Any]:
         """The report as JSON values."""
-        ...
-
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
-        """Start an episode; `env` has been reset and returned `info`."""
-        ...
-
-    def act(self, observation: Any) -> NDArray[Any]:
-        """The next action."""
-        ...
 
 
 def expert_names(env_id: str) -> tuple[str, ...]:
@@ -120,17 +113,21 @@ def find_expert(env_id: str, name: str = "") -> str:
 
 def make_expert(name: str) -> Expert:
     """An expert by a name of `find_expert`."""
-    return ScriptedExpert(name) if name in SCRIPTS else PlannerExpert(PLANNERS[name])
+    return ScriptedExpert(name, SCRIPTS[name]) if name in SCRIPTS else PlannerExpert(PLANNERS[name])
 
 
 class ScriptedExpert:
-    """An expert that follows one of `SCRIPTS`, in an environment with `control_mode="ee"`."""
+    """Follows a script in an environment with `control_mode="ee"`.
 
-    is_privileged, grasps, failure = True, "all", ""
+    Attributes:
+        grasps: "side" for a script that holds the gripper level.
+    """
+
+    is_privileged, failure = True, ""
     env_keywords: Mapping[str, Any] = MappingProxyType({"control_mode": "ee"})
 
-    def __init__(self, name: str) -> None:
-        self._name, self._steps = name, 0
+    def __init__(self, name: str, script: Callable[[Any], Step], grasps: str = "all") -> None:
+        self.grasps, self._name, self._script, self._steps = grasps, name, script, 0
         self.skill, self.plan_text = "", name
         self.step_label: StepLabel | None = None
         self.report_values: Mapping[str, Any] = {}
@@ -139,11 +136,11 @@ class ScriptedExpert:
         """Start an episode.
 
         Raises:
-            UnknownExpert: the environment is not controlled by the velocity of the gripper.
+            PolicyError: the environment is not controlled by the velocity of the gripper.
         """
         inner: Any = env.unwrapped
         if inner.config.control_mode != "ee":
-            raise UnknownExpert(f"the script {self._name!r} needs control_mode='ee'")
+            raise PolicyError(f"the script {self._name!r} needs control_mode='ee'")
         self._env, self._steps = inner, 0
 
     @property
@@ -154,7 +151,7 @@ class ScriptedExpert:
     def act(self, observation: Any) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         self._steps += 1
-        self.skill, action = SCRIPTS[self._name](self._env)
+        self.skill, action = self._script(self._env)
         return action
 
 

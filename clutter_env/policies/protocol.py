@@ -35,8 +35,6 @@ import gymnasium as gym
 
 from clutter_env.errors import ClutterEnvError
 
-__all__ = ["AnyPolicy", "Policy", "PolicyError", "PrivilegedPolicy", "begin_episode"]
-
 
 class PolicyError(ClutterEnvError):
     """No such policy, or one that cannot play this environment; the message says what is valid."""
@@ -55,11 +53,9 @@ class Policy(Protocol):
 
     def reset(self, info: Mapping[str, Any]) -> None:
         """Start an episode; `info` is that of the environment's reset."""
-        ...
 
     def act(self, observation: Any) -> Any:
         """The next action."""
-        ...
 
 
 class PrivilegedPolicy(Protocol):
@@ -69,11 +65,9 @@ class PrivilegedPolicy(Protocol):
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
         """Start an episode; `env` has been reset and returned `info`."""
-        ...
 
     def act(self, observation: Any) -> Any:
         """The next action."""
-        ...
 
 
 AnyPolicy: TypeAlias = Policy | PrivilegedPolicy

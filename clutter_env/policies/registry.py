@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -13,11 +13,11 @@ from typing import Any
 
 import gymnasium as gym
 
-from clutter_env.policies.baselines import DirectApproach, GreedyPolicy, RandomPolicy
-from clutter_env.policies.experts import PLANNERS, make_expert
+from clutter_env.policies.baselines import GreedyPolicy, RandomPolicy
+from clutter_env.policies.experts import PLANNERS, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
-from clutter_env.policies.scripted import SCRIPTS
+from clutter_env.policies.scripted import SCRIPTS, direct_approach
 from clutter_env.suites import GRASPS
 from clutter_env.task import family
 
@@ -27,7 +27,7 @@ _GOAL_FAMILIES = ("reach", "pick")
 _EXPERTS = (*PLANNERS, *SCRIPTS)
 _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
     "greedy": lambda _: GreedyPolicy(),
-    "direct-approach": lambda _: DirectApproach(),
+    "direct-approach": lambda _: ScriptedExpert("direct-approach", direct_approach, "side"),
     "random": RandomPolicy,
     "random-skills": partial(RandomPolicy, acts_by_skills=True),
 }
@@ -61,11 +61,15 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     if name in _BASELINES:
         return _BASELINES[name](seed)
     if name in _SHIPPED:
-        from clutter_env.policies.learned import shipped_policy  # needs torch, which the others do without
+        from clutter_env.policies.two_level import shipped_policy  # needs torch, which the others do without
 
         return shipped_policy(*_SHIPPED[name])
     if directories := run_directories(name):
-        return _policy_of_runs(directories)
+        if len(directories) == 1 and load_run(directories[0])["algorithm"] not in TWO_LEVEL_LEARNERS:
+            return RunPolicy(directories[0])
+        from clutter_env.policies.two_level import two_level_policy  # needs torch
+
+        return two_level_policy(directories)
     module, _, attribute = name.partition(":")
     if not attribute:
         raise PolicyError(
@@ -139,15 +143,6 @@ def policy_families(name: str) -> tuple[str, ...]:
     return ("retrieve",) if name in BUILT_IN and name != "random" else every
 
 
-def _policy_of_runs(directories: Sequence[Path]) -> AnyPolicy:
-    """The policy of a training run, or of two."""
-    if len(directories) > 1 or load_run(directories[0])["algorithm"] in TWO_LEVEL_LEARNERS:
-        from clutter_env.policies.learned import two_level_policy  # needs torch
-
-        return two_level_policy(directories)
-    return RunPolicy(directories[0])
-
-
 class RunPolicy:
     """The policy of a training run by cloning or reinforcement; loaded once, for the first episode's environment.
 
@@ -170,7 +165,7 @@ class RunPolicy:
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
         """Start an episode."""
-        from clutter_env.policies.trained import load_trained  # needs torch
+        from clutter_env.policies.reinforcement import load_trained  # needs torch
 
         if self._env is not env:
             self._env, self._policy = env, load_trained(self._directory, env)

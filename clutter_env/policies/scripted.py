@@ -19,8 +19,6 @@ from clutter_env.envs.goal import GoalEnv
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
 
-__all__ = ["SCRIPTS", "Step", "direct_approach", "grasp_height"]
-
 Array = NDArray[np.float64]
 Step = tuple[str, NDArray[Any]]
 """Name of the skill, and the action."""

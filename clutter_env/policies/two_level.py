@@ -6,14 +6,21 @@ object, base pose and TCP pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import gymnasium as gym
 from numpy.typing import NDArray
 
+from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
+from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.parsed_observation import Observation
-from planners import Contact
+from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
+from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.runs import DECISION_LEARNERS, DECISIONS_FILE, MOTION_LEARNERS, MOTIONS_FILE, load_run
+from clutter_env.policies.weights import shipped_path
+from planners import Contact, find_grasp_set
 
 MAX_ACTIONS = 40
 """Picks and places tried in an episode, failed ones included, before the policy gives up."""
@@ -33,11 +40,9 @@ class HighLevelPolicy(Protocol):
     @property
     def reset(self) -> Callable[..., None]:
         """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
-        ...
 
     def decide(self, observation: Observation) -> Contact | None:
         """The next pick or place, once the one before has been executed or has failed; None: gives up."""
-        ...
 
 
 class MotionPolicy(Protocol):
@@ -54,15 +59,12 @@ class MotionPolicy(Protocol):
     @property
     def reset(self) -> Callable[..., None]:
         """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
-        ...
 
     def start(self, contact: Contact, observation: Observation) -> None:
         """Begin to execute a pick or a place."""
-        ...
 
     def act(self, observation: Observation) -> NDArray[Any]:
         """The next action; once the motion has ended, the robot stays where it is."""
-        ...
 
 
 class TwoLevelPolicy:
@@ -115,20 +117,15 @@ class TwoLevelPolicy:
 
     def act(self, observation: Observation) -> NDArray[Any]:
         """The next action."""
-        if self._contact is None or self._motion.is_done:
-            self._note_result()
-            if not self._is_taken and not self.failure:
-                self._start_next(observation)
-        self._steps_after += self._is_taken
-        return self._motion.act(observation)
-
-    def _note_result(self) -> None:
-        """Note how the last pick or place ended."""
-        if self._contact is not None:
+        if self._contact is not None and self._motion.is_done:
             self.failed += self._motion.has_failed
             takes = self._contact.skill == "pick" and self._contact.object == self._target
             self._is_taken = takes and not self._motion.has_failed
             self._contact = None
+        if self._contact is None and not self._is_taken and not self.failure:
+            self._start_next(observation)
+        self._steps_after += self._is_taken
+        return self._motion.act(observation)
 
     def _start_next(self, observation: Observation) -> None:
         """Start the next pick or place, or give up."""
@@ -141,3 +138,59 @@ class TwoLevelPolicy:
             return
         self.started += 1
         self._motion.start(self._contact, observation)
+
+
+def shipped_policy(levels: str, problem: str) -> TwoLevelPolicy:
+    """A policy with the weights of the package.
+
+    Args:
+        levels: "keyframes" (both levels learned), "planned-decisions" or "planned-motions" (that level is planned).
+        problem: "side" (level grasps), "all" (all grasps) or "shelf" (level grasps, under the shelf's board).
+    """
+    return join_levels(
+        None if levels == "planned-decisions" else LearnedHighLevelPolicy.load(shipped_path("decisions", problem)),
+        None if levels == "planned-motions" else KeyframePolicy.load(shipped_path("motions", problem)),
+    )
+
+
+def two_level_policy(directories: Sequence[Path]) -> TwoLevelPolicy:
+    """The policy of a run that learned decisions, of one that learned motions, or of both.
+
+    Raises:
+        PolicyError: another combination of runs, or weights for different robots, layouts or grasps.
+    """
+    algorithms = [str(load_run(directory)["algorithm"]) for directory in directories]
+    runs = list(zip(algorithms, directories, strict=True))
+    decisions = [directory for algorithm, directory in runs if algorithm in DECISION_LEARNERS]
+    motions = [directory for algorithm, directory in runs if algorithm in MOTION_LEARNERS]
+    if len(decisions) > 1 or len(motions) > 1 or len(decisions) + len(motions) != len(runs):
+        raise PolicyError(
+            f"runs of {' and '.join(algorithms)} are no policy of two levels; join one of "
+            f"{', '.join(DECISION_LEARNERS)} and one of {', '.join(MOTION_LEARNERS)}"
+        )
+    return join_levels(
+        LearnedHighLevelPolicy.load(decisions[0] / DECISIONS_FILE) if decisions else None,
+        KeyframePolicy.load(motions[0] / MOTIONS_FILE) if motions else None,
+    )
+
+
+def join_levels(decisions: LearnedHighLevelPolicy | None, motions: KeyframePolicy | None) -> TwoLevelPolicy:
+    """A policy of two levels; what is not learned is planned, decisions with the grasps of the learned motions.
+
+    Raises:
+        PolicyError: the weights are for different robots or layouts, or motions for fewer grasps than the decisions.
+    """
+    if decisions is None:
+        grasps = "side" if motions is None else motions.info.grasps
+        high_level = PlannedHighLevelPolicy(grasps)
+        return TwoLevelPolicy(high_level, motions or PlannedMotionPolicy(), "side" if grasps == "side" else "all")
+    grasps = decisions.info.grasps
+    if motions is not None:
+        one, other = decisions.info, motions.info
+        same = (one.robot, one.layout) == (other.robot, other.layout)
+        if not same or not set(find_grasp_set(one.grasps)) <= set(find_grasp_set(other.grasps)):
+            raise PolicyError(
+                f"decisions for {one.robot}, layout {one.layout!r}, grasps {one.grasps!r} do not fit motions for "
+                f"{other.robot}, layout {other.layout!r}, grasps {other.grasps!r}"
+            )
+    return TwoLevelPolicy(decisions, motions or PlannedMotionPolicy(), "side" if grasps == "side" else "all")

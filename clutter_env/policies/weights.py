@@ -22,6 +22,7 @@ import torch
 from torch import nn
 
 import assets
+from clutter_env.envs.base import layout_identity
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text, write_atomically
@@ -43,25 +44,25 @@ class WeightsInfo:
 
     Attributes:
         kind: "motions" or "decisions".
-        robot, layout, grasps: names of those that they were trained for.
+        robot, grasps: names of those that they were trained for.
+        layout: likewise; of a layout of the user's own all its fields.
         provenance: version, commit and environment that they were made with, as far as known.
     """
 
     kind: str
     robot: str
-    layout: str
+    layout: str | Mapping[str, Any]
     grasps: str
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_env(cls, kind: str, env: gym.Env[Any, Any], grasps: str) -> WeightsInfo:
         """Weights that are trained in an environment."""
-        robot, layout = env.get_wrapper_attr("robot").name, env.get_wrapper_attr("layout").name
-        return cls(kind, robot, layout, grasps, provenance(env))
+        return cls(kind, *_robot_and_layout(env), grasps, provenance(env))
 
     def check(self, env: gym.Env[Any, Any]) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`); log what else has changed since."""
-        robot, layout = env.get_wrapper_attr("robot").name, env.get_wrapper_attr("layout").name
+        robot, layout = _robot_and_layout(env)
         if (robot, layout) != (self.robot, self.layout):
             raise PolicyError(
                 f"these weights ({self.kind}) are for robot {self.robot!r} and layout {self.layout!r}; the environment "
@@ -70,6 +71,10 @@ class WeightsInfo:
         if _LOG.isEnabledFor(logging.INFO):
             for difference in differences(self.provenance, provenance(env)):
                 _LOG.info("weights (%s): %s", self.kind, difference)
+
+
+def _robot_and_layout(env: gym.Env[Any, Any]) -> tuple[str, str | Mapping[str, Any]]:
+    return env.get_wrapper_attr("robot").name, layout_identity(env.get_wrapper_attr("layout"))
 
 
 def shipped_path(kind: str, problem: str) -> Path:

@@ -1,7 +1,9 @@
-"""The images of one environment: `render()` and camera observations; nothing is opened before the first image."""
+"""The images of one environment: `render()`, its window, camera observations; opened with the first image."""
 
 from __future__ import annotations
 
+import importlib
+import time
 from typing import Any
 
 import mujoco
@@ -10,13 +12,20 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
+from clutter_env.errors import RenderingUnavailable
 from clutter_env.rendering.framing import FRAMED_CAMERA, across, whole_scene
-from clutter_env.rendering.renderer import Renderer
-from clutter_env.rendering.window import Window
+from clutter_env.rendering.renderer import Renderer, has_display
+from clutter_env.scene.layout import Layout
 from clutter_env.simulation.world import World
 
 MAX_DEPTH = 8.0
 """[m] Clip of the depth images in observations."""
+_WINDOW_ASPECT = 1.5
+"""Width over height of MuJoCo's window before its user changes it, a little less."""
+_MOST_LAG = 0.1
+"""[s] A simulation that is farther behind the clock, for example after planning, does not catch up."""
+_REFRESH = 0.03
+"""[s] between two updates while nothing moves."""
 
 
 class EnvRenderer:
@@ -41,9 +50,15 @@ class EnvRenderer:
         if mode is None:
             return None
         if mode == "human":
-            self._show(world)
+            self._use(world)
+            if self._window is None:
+                self._window = Window(world.model, world.data, self._layout, self._config.camera)
+            self._window.show()
             return None
-        renderer, camera = self._renderer(world, self._config.width, self._config.height), self._view(world)
+        width, height = self._config.width, self._config.height
+        renderer, camera = self._renderer(world, width, height), self._config.camera
+        if camera == FRAMED_CAMERA:
+            camera = whole_scene(world.model, self._layout, across(self._layout), width / height)
         return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
     def observation(self, world: World) -> dict[str, NDArray[Any]]:
@@ -88,21 +103,53 @@ class EnvRenderer:
             self._renderers[width, height] = Renderer(world.model, width, height)
         return self._renderers[width, height]
 
-    def _view(self, world: World) -> str | mujoco.MjvCamera:
-        """The camera of `render()`."""
-        if self._config.camera != FRAMED_CAMERA:
-            return self._config.camera
-        aspect = self._config.width / self._config.height
-        return whole_scene(world.model, self._layout, across(self._layout), aspect)
-
-    def _show(self, world: World) -> None:
-        self._use(world)
-        if self._window is None:
-            self._window = Window(world.model, world.data, self._layout, self._config.camera)
-        self._window.show()
-
     def _use(self, world: World) -> None:
         """Close what was opened for another world."""
         if self._world is not world:
             self.close()
             self._world = world
+
+
+class Window:
+    """MuJoCo's own viewer, which shows one world in real time, robot and table in view, until its user closes it.
+
+    Raises:
+        RenderingUnavailable: there is no display.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: Layout, camera: str) -> None:
+        self._data = data
+        if not has_display():
+            raise RenderingUnavailable("render_mode='human' needs a display; set DISPLAY, or use 'rgb_array'")
+        viewer = importlib.import_module("mujoco.viewer")
+        self._viewer = viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+        with self._viewer.lock():
+            view = self._viewer.cam
+            if camera != FRAMED_CAMERA:
+                view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera).id
+            else:  # this view the mouse can move
+                framed = whole_scene(model, layout, across(layout), _WINDOW_ASPECT)
+                view.type, view.lookat[:] = framed.type, framed.lookat
+                view.azimuth, view.elevation, view.distance = framed.azimuth, framed.elevation, framed.distance
+        self._shown, self._due = data.time, time.monotonic()
+
+    def show(self) -> None:
+        """Show the present state when its time has come; nothing once the window has been closed."""
+        if not self._viewer.is_running():
+            return
+        passed = self._data.time - self._shown
+        now = time.monotonic()
+        self._due = max(self._due, now - _MOST_LAG) + passed if passed >= 0 else now
+        self._shown = self._data.time
+        time.sleep(max(self._due - now, 0.0))
+        self._viewer.sync()
+
+    def wait(self) -> None:
+        """Keep the window open until its user closes it."""
+        while self._viewer.is_running():
+            self._viewer.sync()
+            time.sleep(_REFRESH)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._viewer.close()

@@ -86,8 +86,18 @@ class Film:
     def save_film(self, stem: Path) -> Path:
         """An mp4 where imageio and its ffmpeg are installed, otherwise a GIF; returns which."""
         if importlib.util.find_spec("imageio") and importlib.util.find_spec("imageio_ffmpeg"):
-            return self._save_mp4(stem.with_suffix(".mp4"))
-        return self._save_gif(stem.with_suffix(".gif"))
+            import imageio.v2 as imageio  # optional: not among the project's own dependencies
+
+            path = stem.with_suffix(".mp4")
+            with imageio.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7) as writer:
+                for frame in self.frames:
+                    writer.append_data(frame)  # type: ignore[attr-defined]  # imageio's type of a reader and writer is too wide
+            return path
+        path = stem.with_suffix(".gif")
+        first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames[::_GIF_SHARE]]
+        milliseconds = 1000 * _GIF_SHARE // FRAMES_PER_SECOND
+        first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0)
+        return path
 
     def close(self) -> None:
         """Free the graphics."""
@@ -102,20 +112,6 @@ class Film:
         picture = np.hstack([scene, above[:, edge : edge + _WIDTH_ABOVE]])
         said = f"{self._about}   {_SPEED:.0f}x speed".strip()
         self.frames.append(_captioned(picture, self._caption, said))
-
-    def _save_mp4(self, path: Path) -> Path:
-        import imageio.v2 as imageio  # optional: not among the project's own dependencies
-
-        with imageio.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7) as writer:
-            for frame in self.frames:
-                writer.append_data(frame)  # type: ignore[attr-defined]  # imageio's type of a reader and writer is too wide
-        return path
-
-    def _save_gif(self, path: Path) -> Path:
-        first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames[::_GIF_SHARE]]
-        milliseconds = 1000 * _GIF_SHARE // FRAMES_PER_SECOND
-        first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0)
-        return path
 
 
 def _captioned(picture: Frame, caption: str, said: str) -> Frame:

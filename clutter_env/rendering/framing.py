@@ -52,7 +52,10 @@ def whole_scene(
         direction: azimuth and elevation [deg] in which the camera looks.
         aspect: width over height of the picture.
     """
-    return _view(model, _scene_points(layout), direction, aspect)
+    (low_x, low_y), (high_x, high_y) = layout.start_region
+    around = low_y - _ROBOT_RADIUS, high_y + _ROBOT_RADIUS
+    robot = product((low_x - _ROBOT_RADIUS, high_x + _ROBOT_RADIUS), around, (0.0, _ROBOT_HEIGHT))
+    return _view(model, np.vstack((_table_points(layout, 0.0), list(robot))), direction, aspect)
 
 
 def work_place(
@@ -76,7 +79,10 @@ def _view(model: mujoco.MjModel, points: Points, direction: tuple[float, float],
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.azimuth, camera.elevation = direction
-    axes = _axes(*direction)
+    turn, tilt = map(math.radians, direction)
+    ahead = (math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt))
+    right_hand = (math.sin(turn), -math.cos(turn), 0.0)
+    axes = np.array((ahead, right_hand, np.cross(right_hand, ahead)))  # forward, right and up of the camera
     forward, sideways, upwards = axes @ points.T
     middle = (forward.min() + forward.max()) / 2
     up = math.tan(math.radians(model.vis.global_.fovy) / 2)
@@ -101,19 +107,3 @@ def _table_points(layout: Layout, around: float) -> Points:
     half_x, half_y = layout.depth / 2 + around, layout.width / 2 + around
     top = TABLE_HEIGHT + max(layout.levels) + _OBJECT_HEIGHT
     return np.array(list(product((-half_x, half_x), (-half_y, half_y), (TABLE_HEIGHT, top))))
-
-
-def _scene_points(layout: Layout) -> Points:
-    """Corners (16, 3) [m] of the table with what stands on it, and of where the robot starts and works."""
-    (low_x, low_y), (high_x, high_y) = layout.start_region
-    around = low_y - _ROBOT_RADIUS, high_y + _ROBOT_RADIUS
-    robot = product((low_x - _ROBOT_RADIUS, high_x + _ROBOT_RADIUS), around, (0.0, _ROBOT_HEIGHT))
-    return np.vstack((_table_points(layout, 0.0), list(robot)))
-
-
-def _axes(azimuth: float, elevation: float) -> Points:
-    """Rows (3, 3): the directions forward, right and up of a camera."""
-    turn, tilt = math.radians(azimuth), math.radians(elevation)
-    forward = (math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt))
-    right = (math.sin(turn), -math.cos(turn), 0.0)
-    return np.array((forward, right, np.cross(right, forward)))

@@ -101,24 +101,17 @@ class JsonLines:
     def __init__(self, path: Path) -> None:
         self._path = path
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.values: list[Any] = [json.loads(line) for line in _whole_lines(path)]
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        if len(whole) < len(text):
+            path.write_text(whole, encoding="utf-8")
+        self.values: list[Any] = [json.loads(line) for line in whole.splitlines()]
 
     def append(self, value: Any) -> None:
-        """Add a value at the end of the file, and write it to the disk; see `json_file.json_values`."""
+        """Add a value at the end of the file, and write it to the disk; see `json_values`."""
         text = json_text(value)
         with self._path.open("a", encoding="utf-8") as file:
             file.write(text + "\n")
             file.flush()
             os.fsync(file.fileno())
         self.values.append(json.loads(text))
-
-
-def _whole_lines(path: Path) -> list[str]:
-    """The complete lines of the file; an incomplete last one is removed from it."""
-    if not path.exists():
-        return []
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    if len(whole) < len(text):
-        path.write_text(whole, encoding="utf-8")
-    return whole.splitlines()

@@ -6,7 +6,7 @@ World frame: origin on the ground under the table's centre, x from the robot tow
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
 from types import MappingProxyType
@@ -102,10 +102,28 @@ class Layout:
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(f"{place}: two boxes are named {name!r}; the names: {', '.join(names)}")
+        (x, y), (_, side) = self.start_region
+        low, high = (x - START_CLEARANCE, y - START_CLEARANCE, 0.0), (-self.depth / 2, side + START_CLEARANCE, math.inf)
         for box in self.boxes:
-            self._check_clearance(box)
+            if _overlaps(box, *self._table_volume(HEADROOM_RANGE[0])):
+                raise ConfigError(
+                    f"{place}: box {box.name!r} is less than {HEADROOM_RANGE[0]} m above the table, where objects stand"
+                )
+            if _overlaps(box, low, high):
+                raise ConfigError(
+                    f"{place}: box {box.name!r} reaches into x from {low[0]:.3g} to {high[0]:.3g} m, "
+                    f"y from {low[1]:.3g} to {high[1]:.3g} m, where the robot starts"
+                )
         if self.supports is not None:
-            object.__setattr__(self, "supports", _checked_supports(place, self.supports, furniture(self)))
+            known = [box.name for box in furniture(self) if box.position[2] + box.half_extents[2] >= TABLE_HEIGHT]
+            # JSON makes lists of tuples.
+            chosen = tuple(self.supports) if isinstance(self.supports, list | tuple) else ()
+            if chosen[:1] != (TABLE,) or len(set(chosen)) < len(chosen) or not set(chosen) <= set(known):
+                raise ConfigError(
+                    f"{place}: supports={self.supports!r} must be names of boxes as high as the table, "
+                    f"{TABLE!r} first; valid names: {', '.join(known)}"
+                )
+            object.__setattr__(self, "supports", chosen)
 
     @property
     def levels(self) -> tuple[float, ...]:
@@ -133,21 +151,6 @@ class Layout:
         x, y = self.depth / 2, self.width / 2
         return (-x, -y, TABLE_HEIGHT), (x, y, TABLE_HEIGHT + height)
 
-    def _check_clearance(self, box: Box) -> None:
-        """The box leaves the space of the objects on the table and of the robot before it free."""
-        if _overlaps(box, *self._table_volume(HEADROOM_RANGE[0])):
-            raise ConfigError(
-                f"layout {self.name!r}: box {box.name!r} is less than {HEADROOM_RANGE[0]} m above the table, "
-                "where objects stand"
-            )
-        (x, y), (_, side) = self.start_region
-        low, high = (x - START_CLEARANCE, y - START_CLEARANCE, 0.0), (-self.depth / 2, side + START_CLEARANCE, math.inf)
-        if _overlaps(box, low, high):
-            raise ConfigError(
-                f"layout {self.name!r}: box {box.name!r} reaches into x from {low[0]:.3g} to {high[0]:.3g} m, "
-                f"y from {low[1]:.3g} to {high[1]:.3g} m, where the robot starts"
-            )
-
 
 def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
     """The boxes with their numbers checked; JSON makes lists of them."""
@@ -165,18 +168,6 @@ def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
         for value in box.half_extents:
             _check_number(f"{place}: box {box.name!r}", "half_extents", value, *BOX_HALF_EXTENT_RANGE)
     return made
-
-
-def _checked_supports(place: str, supports: Any, boxes: Sequence[Box]) -> tuple[str, ...]:
-    """The names with the table's first; JSON makes lists of them."""
-    known = [box.name for box in boxes if box.position[2] + box.half_extents[2] >= TABLE_HEIGHT]
-    names = tuple(supports) if isinstance(supports, list | tuple) else ()
-    if names[:1] != (TABLE,) or any(names.count(name) > 1 or name not in known for name in names):
-        raise ConfigError(
-            f"{place}: supports={supports!r} must be names of boxes as high as the table, {TABLE!r} first; "
-            f"valid names: {', '.join(known)}"
-        )
-    return names
 
 
 def _check_number(place: str, name: str, value: object, lowest: float, highest: float) -> None:
@@ -219,7 +210,19 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
             ),
         ]
     if layout.board_height is not None:
-        boxes += _shelf(x, y, (layout.board_height, layout.second_board_height))
+        # Side panels just outside the table and one or two shelves across them.
+        panel, heights = _PANEL_THICKNESS / 2, [layout.board_height]
+        if layout.second_board_height is not None:
+            heights.append(layout.board_height + _PANEL_THICKNESS + layout.second_board_height)
+        z, half_height = TABLE_HEIGHT + heights[-1] / 2, heights[-1] / 2
+        boxes += [
+            Box("shelf_left", (0.0, y + panel, z), (x, panel, half_height)),
+            Box("shelf_right", (0.0, -y - panel, z), (x, panel, half_height)),
+        ]
+        boxes += [
+            Box(name, (0.0, 0.0, TABLE_HEIGHT + height + panel), (x, y + 2 * panel, panel))
+            for name, height in zip((_BOARD, "shelf_board_upper"), heights, strict=False)
+        ]
     return (*boxes, *layout.boxes)
 
 
@@ -229,20 +232,6 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
         return layout.supports
     names = (TABLE, *_COUNTERS) if len(layout.levels) == 1 else (TABLE, *_COUNTERS, _BOARD)
     return tuple(box.name for box in furniture(layout) if box.name in names)
-
-
-def _shelf(x: float, y: float, board_heights: tuple[float, float | None]) -> list[Box]:
-    """Side panels just outside the table and one or two shelves across them, each at its height above what is below."""
-    panel = _PANEL_THICKNESS / 2
-    first, second = board_heights
-    height = first if second is None else first + _PANEL_THICKNESS + second
-    z = TABLE_HEIGHT + height / 2
-    boards = [(_BOARD, first)] if second is None else [(_BOARD, first), ("shelf_board_upper", height)]
-    return [
-        Box("shelf_left", (0.0, y + panel, z), (x, panel, height / 2)),
-        Box("shelf_right", (0.0, -y - panel, z), (x, panel, height / 2)),
-        *(Box(name, (0.0, 0.0, TABLE_HEIGHT + at + panel), (x, y + 2 * panel, panel)) for name, at in boards),
-    ]
 
 
 LAYOUTS: Mapping[str, Layout] = MappingProxyType(

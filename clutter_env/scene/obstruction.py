@@ -116,21 +116,18 @@ def side_approaches(robot: str) -> SideApproaches:
     content = json.loads(assets.path(f"approaches/{robot}.json").read_text())
     start, end, half_width, radius, half_height, is_finger = np.array(content["solids"], np.float64).T
     margins = PlannerMargins(**content["planner"])
+    reachable, digits = {}, margins.yaws // 4
+    for name, rows in content["layouts"].items():  # a mask of the yaws in hexadecimal digits for each cell
+        masks = [[int(row[start : start + digits], 16) for start in range(0, len(row), digits)] for row in rows]
+        reachable[name] = (np.array(masks)[..., None] >> np.arange(margins.yaws) & 1).astype(np.bool_)
     return SideApproaches(
         margins=margins,
         solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
         grasp_height=content["grasp_height"],
         palm_reach=content["palm_reach"],
         pad_half_height=content["pad_half_height"],
-        reachable={name: _decoded(rows, margins.yaws) for name, rows in content["layouts"].items()},
+        reachable=reachable,
     )
-
-
-def _decoded(rows: list[str], yaws: int) -> NDArray[np.bool_]:
-    """Bits (nx, ny, yaws) of rows of hexadecimal masks."""
-    digits = yaws // 4
-    masks = [[int(row[start : start + digits], 16) for start in range(0, len(row), digits)] for row in rows]
-    return (np.array(masks)[..., None] >> np.arange(yaws) & 1).astype(np.bool_)
 
 
 def count_blockers(
@@ -234,7 +231,12 @@ def _hits(
     x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
     c, s = approach[:, :1], approach[:, 1:]
     ahead, aside = x * c + y * s, y * c - x * s
-    is_near = _are_near(approaches, scene, ahead, aside, opening.max(initial=0.0))
+    # Most objects are too far away for any solid to touch them, and need no distances.
+    solids, padding = approaches.solids, approaches.margins.padding
+    reach = np.hypot(scene.standing_extents[:, 0], scene.standing_extents[:, 1]) + (solids.radius.max() + padding)
+    behind, before = solids.start.min() - reach, solids.end.max() + reach
+    beside = solids.half_width.max() + opening.max(initial=0.0) / 2 + reach
+    is_near = (behind < ahead) & (ahead < before) & (np.abs(aside) < beside)
     grasp, other = np.nonzero(is_near)
     yaws = np.arctan2(approach[:, 1], approach[:, 0])
     pairs = _Pairs(
@@ -247,25 +249,12 @@ def _hits(
     )
     heights = 2 * scene.standing_extents[other, 2]
     touched = np.zeros(len(other), np.bool_)
-    for start, end, half_width, radius, half_height, is_finger in zip(*approaches.solids, strict=True):
+    for start, end, half_width, radius, half_height, is_finger in zip(*solids, strict=True):
         widths = half_width + pairs.opening * is_finger * 0.5
         distance = _distances(pairs, (start + end) / 2, (end - start) / 2, widths)
-        touched |= (distance < radius + approaches.margins.padding) & (heights > approaches.grasp_height - half_height)
+        touched |= (distance < radius + padding) & (heights > approaches.grasp_height - half_height)
     is_near[is_near] = touched
     return is_near
-
-
-def _are_near(
-    approaches: SideApproaches, scene: TableScene, ahead: Array, aside: Array, widest_opening: float
-) -> NDArray[np.bool_]:
-    """Whether objects (k, n) are so near that a solid may touch them: most are not, and need no distances."""
-    solids = approaches.solids
-    reach = np.hypot(scene.standing_extents[:, 0], scene.standing_extents[:, 1]) + (
-        solids.radius.max() + approaches.margins.padding
-    )
-    behind, before = solids.start.min() - reach, solids.end.max() + reach
-    beside = solids.half_width.max() + widest_opening / 2 + reach
-    return (behind < ahead) & (ahead < before) & (np.abs(aside) < beside)
 
 
 def _distances(pairs: _Pairs, middle: float, half_length: float, half_width: Array) -> Array:

@@ -47,10 +47,13 @@ def sample_scene(
     radii = np.where(is_angular, np.hypot(half_depth, half_width), half_width)
     standing_extents = np.column_stack((half_depth, half_width, half_height))
     rows = np.arange(num_objects) % len(layout.levels)
+    positions = np.zeros((num_objects, 2))
+    for row in range(len(layout.levels)):  # those of one row have to keep apart
+        positions[rows == row] = _place(rng, layout, radii[rows == row], objects.edge_margin)
     return TableScene(
         half_extents=np.where(is_lying[:, None], standing_extents[:, ::-1], standing_extents),
         is_box=is_box,
-        positions=_place_rows(rng, layout, radii, rows, objects.edge_margin),
+        positions=positions,
         yaws=np.where(is_angular, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
         masses=rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
@@ -66,16 +69,6 @@ def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]
     low, high = np.array(((low_x, low_y, -START_YAW), (high_x, high_y, START_YAW)))
     base: NDArray[np.float64] = low + (high - low) * rng.random(3)
     return base
-
-
-def _place_rows(
-    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], rows: NDArray[np.int64], margin: float
-) -> NDArray[np.float64]:
-    """Positions (n, 2) of circles that keep apart from those in the same of the rows one above the other, (n,)."""
-    positions = np.zeros((len(radii), 2))
-    for row in range(len(layout.levels)):
-        positions[rows == row] = _place(rng, layout, radii[rows == row], margin)
-    return positions
 
 
 def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float) -> NDArray[np.float64]:

@@ -32,8 +32,9 @@ def apply_scene(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> 
     if not scene.num_objects:
         return
     _apply_shapes(model, index, scene)
-    _apply_masses(model, index, scene.masses, _inertias(scene))
-    model.geom_rgba[index.object_geoms] = _colours(scene)
+    _apply_masses(model, index, scene)
+    model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
+    model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
     model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
 
 
@@ -50,15 +51,18 @@ def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -
     model.dof_length[index.object_dof].reshape(-1, 6)[:, 3:] = radii[:, None]
 
 
-def _apply_masses(
-    model: mujoco.MjModel, index: ModelIndex, masses: NDArray[np.float64], inertias: NDArray[np.float64]
-) -> None:
-    """Masses (n,), principal moments (n, 3), and the constants that follow from them.
+def _apply_masses(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
+    """Masses, principal moments of homogeneous cylinders and boxes, and the constants that follow from them.
 
     An object is a free body whose frame is its principal frame: what `mj_setConst` derives is known in closed form.
     That function would take a quarter of a reset's time, because it also derives the robot's constants again.
     """
-    bodies, dof = index.object_bodies, index.object_dof
+    bodies, dof, masses = index.object_bodies, index.object_dof, scene.masses
+    x2, y2, z2 = (scene.half_extents**2).T
+    box = np.column_stack((y2 + z2, x2 + z2, x2 + y2)) / 3
+    side = x2 / 4 + z2 / 3
+    cylinder = np.column_stack((side, side, x2 / 2))
+    inertias = masses[:, None] * np.where(scene.is_box[:, None], box, cylinder)
     model.body_mass[bodies] = model.body_subtreemass[bodies] = masses
     model.body_subtreemass[0] = model.body_mass.sum()
     model.body_inertia[bodies] = inertias
@@ -68,15 +72,6 @@ def _apply_masses(
     mean = (inverse[..., 0] + inverse[..., 1] + inverse[..., 2]) / 3
     model.body_invweight0[bodies] = mean
     model.dof_invweight0[dof].reshape(-1, 2, 3)[:] = mean[..., None]
-
-
-def _inertias(scene: TableScene) -> NDArray[np.float64]:
-    """Principal moments (n, 3) of homogeneous cylinders and boxes."""
-    x2, y2, z2 = (scene.half_extents**2).T
-    box = np.column_stack((y2 + z2, x2 + z2, x2 + y2)) / 3
-    side = x2 / 4 + z2 / 3
-    cylinder = np.column_stack((side, side, x2 / 2))
-    return scene.masses[:, None] * np.where(scene.is_box[:, None], box, cylinder)
 
 
 def _start_poses(scene: TableScene) -> NDArray[np.float64]:
@@ -91,23 +86,14 @@ def _start_poses(scene: TableScene) -> NDArray[np.float64]:
     return poses
 
 
-def _colours(scene: TableScene) -> NDArray[np.float64]:
-    """Colours (n, 4): the target red, the others distinct and not red."""
-    colours = _palette(scene.num_objects).copy()
-    if 0 <= scene.target < scene.num_objects:
-        colours[scene.target] = _TARGET_COLOUR
-    return colours
-
-
 @cache
 def _palette(count: int) -> NDArray[np.float64]:
-    """Colours (count, 4) of objects that are not the target."""
-    return np.array([_slot_colour(slot) for slot in range(count)])
+    """Colours (count, 4) of objects that are not the target.
 
-
-def _slot_colour(slot: int) -> tuple[float, float, float, float]:
-    """Hues step by the golden ratio, so that neighbours in number differ most; lightness has a period of three."""
-    hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)
-    lightness = (0.50, 0.66, 0.38)[slot % 3]
-    red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.65)
-    return red, green, blue, 1.0
+    Hues step by the golden ratio, so that neighbours in number differ most; lightness has a period of three.
+    """
+    colours = np.ones((count, 4))
+    for slot in range(count):
+        hue = _HUES[0] + (_HUES[1] - _HUES[0]) * ((slot * _GOLDEN_RATIO) % 1.0)
+        colours[slot, :3] = colorsys.hls_to_rgb(hue, (0.50, 0.66, 0.38)[slot % 3], 0.65)
+    return colours

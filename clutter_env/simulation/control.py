@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -58,32 +58,13 @@ class ControlState:
         return self.finger, *self.other_fingers
 
 
-def _real_array(value: object) -> Vector | None:
-    """The value as a float64 array if it is an array, or nested sequences, of real numbers; None if not.
-
-    NumPy itself also turns text, dates and complex numbers into floats.
-    """
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):
-        return None
-    return array.astype(np.float64) if array.dtype.kind in _REAL_KINDS else None
-
-
 def checked_action(action: ArrayLike, size: int) -> Vector:
     """The action as a float64 vector clipped to [-1, 1].
 
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    vector = _real_array(action)
-    if vector is None:
-        raise ActionError(f"the action must be {size} finite numbers in [-1, 1], not {action!r}")
-    if vector.shape != (size,):
-        raise ActionError(f"the action must have shape ({size},), not {vector.shape}")
-    if not np.isfinite(vector).all():
-        raise ActionError(f"the action must be {size} finite numbers in [-1, 1]; it holds NaN or infinity: {vector}")
-    return np.minimum(np.maximum(vector, -1.0), 1.0)
+    return _clipped(checked_vector("the action", action, (size,)), -1.0, 1.0)
 
 
 def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vector:
@@ -92,10 +73,18 @@ def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vecto
     Raises:
         ActionError: not finite numbers of this shape.
     """
-    vector = _real_array(value)
-    if vector is None or vector.shape != shape or not np.isfinite(vector).all():
-        wanted = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
-        raise ActionError(f"{name} must be {wanted}, not {value!r}")
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # lists of unequal length, and the like
+        array = np.empty(0, object)
+    # NumPy itself would also turn text, dates and complex numbers into floats.
+    if array.dtype.kind not in _REAL_KINDS:
+        raise ActionError(f"{name} must be {math.prod(shape)} finite numbers, not {value!r}")
+    if array.shape != shape:
+        raise ActionError(f"{name} must have shape {shape}, not {array.shape}")
+    vector = array.astype(np.float64)
+    if not np.isfinite(vector).all():
+        raise ActionError(f"{name} must be {math.prod(shape)} finite numbers; it holds NaN or infinity: {vector}")
     return vector
 
 
@@ -116,8 +105,6 @@ class JointController:
         self.max_velocity = np.array(acting.velocity)
         self._loaded_velocity = self.max_velocity.copy()
         self._loaded_velocity[2] = min(self.max_velocity[2], robot.max_loaded_yaw_rate)
-        self._range = -self.max_velocity, self.max_velocity
-        self._loaded_range = -self._loaded_velocity, self._loaded_velocity
         self._max_change = np.array(acting.acceleration) * CONTROL_STEP
         self._lower = np.array([-BASE_RANGE, -BASE_RANGE, -math.inf, *acting.lower])
         self._upper = np.array([BASE_RANGE, BASE_RANGE, math.inf, *acting.upper])
@@ -143,10 +130,6 @@ class JointController:
         )
         data.ctrl[:] = self._position_command()
 
-    def velocity_limit(self, is_loaded: bool) -> Vector:
-        """Maximum velocities (4 + n,); a loaded robot turns more slowly."""
-        return (self._loaded_velocity if is_loaded else self.max_velocity).copy()
-
     def follow(
         self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool
     ) -> None:
@@ -160,11 +143,10 @@ class JointController:
             is_loaded: whether something is held.
         """
         before = self._position_command()
-        self._advance_target(data, velocity, is_loaded)
-        self._advance_fingers(grips)
+        self._advance(data, velocity, grips, is_loaded)
         after = self._position_command()
         commands = before + _SHARES * (after - before)
-        commands += self._reference(self.state.velocity)
+        commands[:, self._index.drive_actuators] += self._feedforward * self.state.velocity
         ctrl = data.ctrl
         for command in commands:
             ctrl[:] = command
@@ -191,7 +173,7 @@ class JointController:
         error = _turned(goal - self.state.target, cosine, -sine)
         present = _turned(self.state.velocity, cosine, -sine)
         wanted = error / CONTROL_STEP
-        limit = self.velocity_limit(is_loaded)
+        limit = self._loaded_velocity if is_loaded else self.max_velocity
         tolerance = 1 + 1e-9
         is_reachable = (np.abs(wanted) <= limit * tolerance) & (
             np.abs(wanted - present) <= self._max_change * tolerance
@@ -206,45 +188,38 @@ class JointController:
         Raises:
             ActionError: not a finite number.
         """
-        width = checked_vector("gripper_width", [gripper_width], (1,))[0]
-        return 2 * self._robot.finger_position(float(width)) / self._robot.max_finger_position - 1
+        width = float(checked_vector("gripper_width", [gripper_width], (1,))[0])
+        return 2 * self._robot.finger_position(width) / self._robot.max_finger_position - 1
 
-    def _advance_target(self, data: mujoco.MjData, velocity: Vector, is_loaded: bool) -> None:
+    def _advance(self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool) -> None:
+        """Move the targets of joints and fingers by one control step, as far as the limits allow."""
         state = self.state
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
         present = _turned(state.velocity, cosine, -sine)
-        lowest, highest = self._loaded_range if is_loaded else self._range
-        allowed = _clipped(velocity, lowest, highest)
+        limit = self._loaded_velocity if is_loaded else self.max_velocity
+        allowed = _clipped(velocity, -limit, limit)
         allowed = _clipped(allowed, present - self._max_change, present + self._max_change)
         allowed = _turned(allowed, cosine, sine)
         actual = data.qpos[self._index.drive_qpos]
         target = state.target + allowed * CONTROL_STEP
         bounded = _clipped(target, actual - self._lead, actual + self._lead)
         bounded = _clipped(bounded, self._lower, self._upper)
+        # A joint that was held back moves only as far as its target did, so that it does not start with a jerk later.
         if bounded.tolist() != target.tolist():
             moved = _clipped((bounded - state.target) / CONTROL_STEP, -self.max_velocity, self.max_velocity)
             allowed = np.where(bounded == target, allowed, moved)
-        self.state = replace(state, target=bounded, velocity=allowed)
-
-    def _advance_fingers(self, grips: Sequence[float]) -> None:
         step = self._robot.max_finger_velocity * CONTROL_STEP
-        moved = []
-        for grip, finger in zip(grips, self.state.fingers, strict=True):
+        fingers = []
+        for grip, finger in zip(grips, state.fingers, strict=True):
             wanted = (grip + 1) / 2 * self._robot.max_finger_position
-            moved.append(finger + min(max(wanted - finger, -step), step))
-        self.state.finger, self.state.other_fingers = moved[0], tuple(moved[1:])
+            fingers.append(finger + min(max(wanted - finger, -step), step))
+        self.state = ControlState(bounded, allowed, fingers[0], tuple(fingers[1:]))
 
     def _position_command(self) -> Vector:
         """Motor commands (nu,) of the present targets at rest."""
         command = self._still_command.copy()
         command[self._index.drive_actuators] = self.state.target
         command[self._index.finger_actuators] = np.repeat(self.state.fingers, 2)
-        return command
-
-    def _reference(self, velocity: Vector) -> Vector:
-        """Feedforward (nu,) that is added to the motor commands while the targets move."""
-        command = np.zeros(len(self._still_command))
-        command[self._index.drive_actuators] = self._feedforward * velocity
         return command
 
 
@@ -256,6 +231,6 @@ def _turned(drive: Vector, cosine: float, sine: float) -> Vector:
     return turned
 
 
-def _clipped(values: Vector, lowest: Vector, highest: Vector) -> Vector:
+def _clipped(values: Vector, lowest: Vector | float, highest: Vector | float) -> Vector:
     """`np.clip` without its overhead on short vectors."""
     return np.minimum(np.maximum(values, lowest), highest)

@@ -78,11 +78,9 @@ class ModelIndex:
         """The index of a model that `compile_model` made."""
 
         def qpos(joints: tuple[str, ...]) -> NDArray[np.intp]:
-            """Addresses of the joints' positions."""
             return _frozen([model.joint(name).qposadr[0] for name in joints])
 
         def actuators(joints: tuple[str, ...]) -> NDArray[np.intp]:
-            """Ids of the actuators, which have the joints' names."""
             return _frozen([model.actuator(name).id for name in joints])
 
         first = model.body(object_name(0)).id if num_objects else model.nbody
@@ -127,8 +125,7 @@ def compile_model(
     """Robot, furniture and one body per entry of `shapes`.
 
     Args:
-        robot: which robot.
-        layout: which table.
+        robot, layout: with which names and sizes.
         shapes: "cylinder" or "box" for each object.
         image_size: width and height [pixels] of the largest image to be rendered.
         show_meshes: show the robot's meshes instead of its primitives, where they are installed.
@@ -151,32 +148,22 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
         ConfigError: a box of the layout has the name of another geom.
     """
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
-    _check_geom_names(spec, robot, layout, len(shapes))
-    spec.modelname = f"{robot.name}_{layout.name}"
-    set_physics(spec, len(shapes))
-    _park_robot(spec, robot)
-    _add_surroundings(spec, layout)
-    for index, shape in enumerate(shapes):
-        _add_object(spec, index, shape)
-    return spec
-
-
-def _check_geom_names(spec: mujoco.MjSpec, robot: RobotSpec, layout: Layout, num_objects: int) -> None:
-    """The layout's boxes must not have the names of the robot's geoms, of the floor or of the objects."""
-    taken = {geom.name for geom in spec.geoms} | {"floor", *(object_name(slot) for slot in range(num_objects))}
+    taken = {geom.name for geom in spec.geoms} | {"floor", *(object_name(slot) for slot in range(len(shapes)))}
     for box in furniture(layout):
         if box.name in taken:
             raise ConfigError(
                 f"layout {layout.name!r}: box {box.name!r} has the name of a geom of robot {robot.name!r}, "
                 "of the floor or of an object; give it another one"
             )
-
-
-def _park_robot(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
-    """Move the reference configuration away from the table while joint positions stay world coordinates."""
-    base = spec.body(robot.base_body)
-    base.pos = [PARKED_X, 0.0, 0.0]
+    spec.modelname = f"{robot.name}_{layout.name}"
+    _set_physics(spec, len(shapes))
+    # The reference configuration moves away from the table while joint positions stay world coordinates.
+    spec.body(robot.base_body).pos = [PARKED_X, 0.0, 0.0]
     spec.joint(robot.base_joints[0]).ref = PARKED_X
+    _add_surroundings(spec, layout)
+    for index, shape in enumerate(shapes):
+        _add_object(spec, index, shape)
+    return spec
 
 
 def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
@@ -209,12 +196,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             contype=contype,
             conaffinity=conaffinity,
         )
-    _declare_supports(spec, layout)
-    _add_lights_and_camera(spec, layout)
-
-
-def _declare_supports(spec: mujoco.MjSpec, layout: Layout) -> None:
-    """Name the geoms on which objects may be put, in the custom tuple where planners look for them."""
+    # Planners look in this custom tuple for the geoms on which objects may be put.
     names = supports_of(layout)
     spec.add_tuple(
         name="supports",
@@ -222,6 +204,7 @@ def _declare_supports(spec: mujoco.MjSpec, layout: Layout) -> None:
         objname=list(names),
         objprm=[0.0] * len(names),
     )
+    _add_lights_and_camera(spec, layout)
 
 
 def _add_lights_and_camera(spec: mujoco.MjSpec, layout: Layout) -> None:
@@ -291,7 +274,7 @@ _ROBOT_DOF = 24
 """At least the robot's degrees of freedom."""
 
 
-def set_physics(spec: mujoco.MjSpec, num_objects: int) -> None:
+def _set_physics(spec: mujoco.MjSpec, num_objects: int) -> None:
     """The settings under which side grasps hold: elliptic cone, impratio 10, stiff pads; bodies at rest sleep."""
     option = spec.option
     option.timestep = TIMESTEP
@@ -303,13 +286,9 @@ def set_physics(spec: mujoco.MjSpec, num_objects: int) -> None:
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     if mujoco.mj_versionString() == _WRONG_SPARSE_FACTOR:
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        spec.memory = _dense_arena(num_objects)
-
-
-def _dense_arena(num_objects: int) -> int:
-    """Bytes for the dense Jacobian twice, once in the order of islands; pages that are never written take no memory."""
-    rows, columns = _ROWS_PER_OBJECT * num_objects, 6 * num_objects + _ROBOT_DOF
-    return _ARENA + _ARENA_PER_OBJECT * num_objects + 2 * 8 * rows * columns
+        # Room for the dense Jacobian twice, once in the order of islands; pages never written take no memory.
+        rows, columns = _ROWS_PER_OBJECT * num_objects, 6 * num_objects + _ROBOT_DOF
+        spec.memory = _ARENA + _ARENA_PER_OBJECT * num_objects + 2 * 8 * rows * columns
 
 
 VISUAL_GROUP, HIDDEN_GROUP = 1, 3

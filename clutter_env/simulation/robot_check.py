@@ -15,8 +15,6 @@ AXIS_TOLERANCE = 1e-6
 RANGE_TOLERANCE = 1e-3
 """[m], [rad] between a joint's range in the data and in the MJCF, which rounds it."""
 
-_KINDS = ("body", "joint", "actuator", "geom", "site", "camera")
-
 
 def check_robot(robot: RobotSpec) -> None:
     """Compare a robot's data with its MJCF file.
@@ -25,47 +23,36 @@ def check_robot(robot: RobotSpec) -> None:
         ConfigError: the file is missing or no MJCF; it lacks a body, joint, actuator, geom, site or camera that the
             data name; or a joint of the chain has another kind, place, axis or range than the data say.
     """
-    model = _load(robot)
+    try:
+        model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    except FileNotFoundError as problem:
+        raise ConfigError(f"robot {robot.name!r}: {problem}") from None
+    except ValueError as problem:
+        raise ConfigError(f"{_place(robot)} is no valid MJCF file: {problem}") from None
     _check_names(robot, model)
     _check_base(robot, model)
     for arm in robot.acting_arms:
         _check_chain(robot.using(arm) if arm else robot, model)
 
 
-def _load(robot: RobotSpec) -> mujoco.MjModel:
-    try:
-        return mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    except FileNotFoundError as problem:
-        raise ConfigError(f"robot {robot.name!r}: {problem}") from None
-    except ValueError as problem:
-        raise ConfigError(f"robot {robot.name!r}: {robot.mjcf!r} is no valid MJCF file: {problem}") from None
-
-
 def _check_names(robot: RobotSpec, model: mujoco.MjModel) -> None:
     """Every name of the data is in the file, and every joint of the file is in the data."""
     joints = (*robot.drive_joints, *robot.finger_joints, *robot.still_joints)
-    wanted = {
-        "body": (robot.base_body, robot.gripper_body, *(mesh.body for mesh in robot.meshes)),
-        "joint": joints,
-        "actuator": joints,
-        "geom": robot.finger_geoms,
-        "site": (robot.tcp_site,),
-        "camera": robot.cameras,
-    }
-    for kind in _KINDS:
-        known = _names(model, kind)
-        for name in wanted[kind]:
+    bodies = (robot.base_body, robot.gripper_body, *(mesh.body for mesh in robot.meshes))
+    for kind, count, wanted in (
+        ("body", model.nbody, bodies),
+        ("joint", model.njnt, joints),
+        ("actuator", model.nu, joints),
+        ("geom", model.ngeom, robot.finger_geoms),
+        ("site", model.nsite, (robot.tcp_site,)),
+        ("camera", model.ncam, robot.cameras),
+    ):
+        known = [getattr(model, kind)(index).name for index in range(count)]
+        for name in wanted:
             if name not in known:
                 raise ConfigError(f"{_place(robot)} has no {kind} {name!r}; it has: {', '.join(known) or 'none'}")
-    extra = [name for name in _names(model, "joint") if name not in joints]
-    if extra:
+    if extra := [name for index in range(model.njnt) if (name := model.joint(index).name) not in joints]:
         raise ConfigError(f"{_place(robot)} has joints that the RobotSpec does not name: {', '.join(extra)}")
-
-
-def _names(model: mujoco.MjModel, kind: str) -> list[str]:
-    counts = {"body": model.nbody, "joint": model.njnt, "actuator": model.nu, "geom": model.ngeom}
-    counts |= {"site": model.nsite, "camera": model.ncam}
-    return [getattr(model, kind)(index).name for index in range(counts[kind])]
 
 
 def _check_base(robot: RobotSpec, model: mujoco.MjModel) -> None:

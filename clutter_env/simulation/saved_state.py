@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import zlib
 from collections.abc import Collection, Mapping
 from copy import deepcopy
 from dataclasses import asdict, dataclass, fields
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +62,7 @@ def pack(saved: SavedState) -> bytes:
 
 
 def unpack(state: object, kind: dict[str, Any]) -> SavedState:
-    """The state in these bytes: its kind and its scene are checked, its physics and its memory have their entries.
+    """The state in these bytes: its kind and its scene are checked, its physics and its memory are not yet.
 
     Args:
         state: bytes from `pack`.
@@ -77,11 +76,8 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
     for name, value in kind.items():
         if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
             raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
-    memory = content["memory"]
-    further = [name for name in (*SEVERAL_ARMS, IK_FAILURES) if isinstance(memory, dict) and name in memory]
-    Fields(memory, "memory", (*MEMORY, *further))
     scene = _read_scene(content["scene"], kind["num_objects"])
-    return SavedState(kind, scene, content["physics"], memory)
+    return SavedState(kind, scene, content["physics"], content["memory"])
 
 
 def check_generator(generator: np.random.Generator, state: Any) -> None:
@@ -100,7 +96,6 @@ def check_generator(generator: np.random.Generator, state: Any) -> None:
 
 
 def _decode(state: object) -> Any:
-    """The JSON values in the bytes of a state."""
     if not isinstance(state, bytes):
         raise StateError(f"a saved state is bytes from save_state(), not {type(state).__name__}")
     head, digest, body = state[: len(_MAGIC)], state[len(_MAGIC) : len(_MAGIC) + 32], state[len(_MAGIC) + 32 :]
@@ -111,13 +106,9 @@ def _decode(state: object) -> Any:
         text = stream.decompress(body, _MOST_BYTES)
         if not stream.eof or stream.unused_data:
             raise StateError(f"the state is incomplete, or has more than {_MOST_BYTES} bytes")
-        return json.loads(text, parse_constant=_refuse_constant)
+        return json.loads(text)
     except (zlib.error, ValueError, RecursionError) as problem:
         raise StateError(f"the state cannot be decoded: {problem}") from None
-
-
-def _refuse_constant(name: str) -> NoReturn:
-    raise StateError(f"the state holds {name}, which is no number")
 
 
 def _read_scene(value: object, most_objects: int) -> TableScene:
@@ -127,7 +118,7 @@ def _read_scene(value: object, most_objects: int) -> TableScene:
     """
     missing = [name for name in ("is_lying", "levels") if isinstance(value, dict) and name not in value]
     read = Fields(value, "scene", [entry.name for entry in fields(TableScene) if entry.name not in missing])
-    count = len(read.items("yaws"))
+    count = len(read["yaws"]) if isinstance(read["yaws"], list) else 0
     if not min(most_objects, 1) <= count <= most_objects:
         raise StateError(
             f"the state has {count} objects; this environment has {min(most_objects, 1)} to {most_objects}"
@@ -181,79 +172,51 @@ class Fields:
 
     def integer(self, name: str, lowest: int, highest: int) -> int:
         """An integer from `lowest` to `highest`, both included."""
-        value = self._value[name]
-        if type(value) is not int or not lowest <= value <= highest:
-            raise self._refuse(name, f"an integer from {lowest} to {highest}")
+        value: int = self._entries(name, (), "an integer", {int}, lowest, highest)[0]
         return value
 
     def number(self, name: str, lowest: float = -LARGEST, highest: float = LARGEST) -> float:
         """A finite number from `lowest` to `highest`, both included."""
-        value = self._value[name]
-        if not _is_number(value) or not lowest <= value <= highest:
-            raise self._refuse(name, f"a number from {lowest:g} to {highest:g}")
-        return float(value)
+        return float(self._entries(name, (), "a number", {int, float}, lowest, highest)[0])
 
     def flag(self, name: str) -> bool:
         """True or false."""
-        value = self._value[name]
-        if type(value) is not bool:
-            raise self._refuse(name, "true or false")
-        return value
+        return bool(self._entries(name, (), "true or false", {bool}, False, True)[0])
 
     def numbers(
         self, name: str, shape: tuple[int, ...], lowest: float = -LARGEST, highest: float = LARGEST
     ) -> NDArray[np.float64]:
         """An array (shape) of finite numbers from `lowest` to `highest`, both included."""
-        wanted = f"finite numbers of shape {shape} from {lowest:g} to {highest:g}"
-        entries = self._flat(name, shape, wanted)
-        if not set(map(type, entries)) <= {int, float}:
-            raise self._refuse(name, wanted)
-        if not all(lowest <= entry <= highest for entry in entries):  # false for NaN too
-            raise self._refuse(name, wanted)
+        entries = self._entries(name, shape, f"finite numbers of shape {shape}", {int, float}, lowest, highest)
         return np.array(entries, np.float64).reshape(shape)
 
     def integers(self, name: str, size: int, lowest: int, highest: int) -> NDArray[np.int64]:
         """An array (size,) of integers from `lowest` to `highest`, both included."""
-        wanted = f"{size} integers from {lowest} to {highest}"
-        entries = self._flat(name, (size,), wanted)
-        if not set(map(type, entries)) <= {int} or not all(lowest <= entry <= highest for entry in entries):
-            raise self._refuse(name, wanted)
-        return np.array(entries, np.int64)
+        return np.array(self._entries(name, (size,), f"{size} integers", {int}, lowest, highest), np.int64)
 
     def flags(self, name: str, size: int) -> NDArray[np.bool_]:
         """An array (size,) of true and false."""
-        wanted = f"{size} times true or false"
-        entries = self._flat(name, (size,), wanted)
-        if not all(type(entry) is bool for entry in entries):
-            raise self._refuse(name, wanted)
-        return np.array(entries, np.bool_)
+        return np.array(self._entries(name, (size,), f"{size} times true or false", {bool}, False, True), np.bool_)
 
-    def items(self, name: str) -> dict[str, Any]:
-        """The entries of a list as they were decoded, by their numbers as text."""
-        value = self._value[name]
-        if not isinstance(value, list):
-            raise self._refuse(name, "a list")
-        return {str(index): entry for index, entry in enumerate(value)}
-
-    def _flat(self, name: str, shape: tuple[int, ...], wanted: str) -> list[Any]:
-        """The entries of nested lists of this shape, in order."""
+    def _entries(
+        self, name: str, shape: tuple[int, ...], wanted: str, kinds: set[type], lowest: float, highest: float
+    ) -> list[Any]:
+        """The entries of nested lists of this shape, in order, if all are of these types and within the range."""
         entries: list[Any] = [self._value[name]]
         for size in shape:
             if not all(isinstance(entry, list) and len(entry) == size for entry in entries):
-                raise self._refuse(name, wanted)
+                entries = [None]  # of no valid type
+                break
             entries = [inner for entry in entries for inner in entry]
+        # The comparison is false for NaN too.
+        if not set(map(type, entries)) <= kinds or not all(lowest <= entry <= highest for entry in entries):
+            shown = repr(self._value[name])[:80]
+            limits = "" if kinds == {bool} else f" from {lowest:g} to {highest:g}"
+            raise StateError(f"{self._place}: {name} of the state must be {wanted}{limits}, not {shown}")
         return entries
-
-    def _refuse(self, name: str, wanted: str) -> StateError:
-        shown = repr(self._value[name])
-        return StateError(f"{self._place}: {name} of the state must be {wanted}, not {shown[:80]}")
 
 
 def check_quaternions(place: str, quaternions: NDArray[np.float64]) -> None:
     """Raise StateError unless quaternions (..., 4) have the length 1; `place` says where they are in the state."""
     if (np.abs(np.linalg.norm(quaternions, axis=-1) - 1) > _UNIT_TOLERANCE).any():
         raise StateError(f"{place}: a quaternion of the state has not the length 1")
-
-
-def _is_number(value: object) -> bool:
-    return type(value) is int or (type(value) is float and math.isfinite(value))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -62,17 +63,15 @@ class Simulator:
         show_meshes: bool,
     ) -> None:
         check_robot(robot)
-        self._robot, self._layout = robot, layout
-        self._image_size, self._show_meshes = image_size, show_meshes
-        self._home_world = self._make_world(shapes)
-        self.world = self._home_world
+        self._make_world = partial(World, robot, layout, image_size=image_size, show_meshes=show_meshes)
+        self.world = self._home_world = self._make_world(shapes=shapes)
         self._end_effector = EndEffectorController(robot) if control_mode == "ee" else None
         self.has_started = False
 
-    def start(self, scene: TableScene, configuration: tuple[float, ...]) -> None:
-        """Begin an episode with the robot at rest in a configuration (1 + n,) of torso and arm."""
+    def start(self, scene: TableScene) -> None:
+        """Begin an episode with the robot at rest in its home configuration."""
         self.world = self._world_for(scene)
-        self.world.reset(scene, configuration)
+        self.world.reset(scene)
         if self._end_effector:
             self._end_effector.reset(self.world.controller.state.target[_BASE:])
         self.measurements = self.world.measure()
@@ -108,27 +107,14 @@ class Simulator:
         return self._end_effector.failures if self._end_effector else 0
 
     def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
-        """The "joint" action towards a whole-body configuration; see `JointController.action_towards`.
-
-        Raises:
-            ActionError: not finite, the wrong shape, or the control mode is "ee".
-        """
+        """The "joint" action towards a whole-body configuration; see `BaseEnv.joint_action`."""
         if self._end_effector:
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
         self.check_started("joint_action()")
         return self.world.controller.action_towards(q_target, gripper_width, self.measurements.is_holding)
 
     def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
-        """The "ee" action (10,) that brings base and TCP targets to these, or as near as one step allows.
-
-        Args:
-            base_target: (3,) x, y [m], yaw [rad].
-            T_world_tcp: (4, 4) TCP pose in the world once the base is at its target.
-            gripper_width: [m] between the pads.
-
-        Raises:
-            ActionError: not finite, the wrong shape, or the control mode is "joint".
-        """
+        """The "ee" action (10,) towards a base and a TCP pose; see `BaseEnv.ee_action`."""
         if not self._end_effector:
             raise ActionError("ee_action needs control_mode='ee'; this environment has 'joint', use joint_action")
         self.check_started("ee_action()")
@@ -138,7 +124,11 @@ class Simulator:
         goal = np.concatenate((base, controller.state.target[_BASE:]))
         velocity = controller.velocity_towards(goal, self.measurements.is_holding)[:_BASE]
         drive = np.clip(velocity / controller.max_velocity[:_BASE], -1.0, 1.0)
-        twist = self._end_effector.twist_towards(np.linalg.inv(_planar_pose(base)) @ pose)
+        T_world_base = np.eye(4)
+        cosine, sine = np.cos(base[2]), np.sin(base[2])
+        T_world_base[:2, :2] = ((cosine, -sine), (sine, cosine))
+        T_world_base[:2, 3] = base[:2]
+        twist = self._end_effector.twist_towards(np.linalg.inv(T_world_base) @ pose)
         return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
 
     def memory(self) -> dict[str, Any]:
@@ -164,10 +154,19 @@ class Simulator:
         """
         world = self._world_for(saved.scene)
         others = world.controller.num_grippers - 1
-        counts_failures = self._end_effector is not None and IK_FAILURES in saved.memory
+        counts_failures = (
+            self._end_effector is not None and isinstance(saved.memory, dict) and IK_FAILURES in saved.memory
+        )
         further = (*SEVERAL_ARMS * (others > 0), *(IK_FAILURES,) * counts_failures)
         memory = Fields(saved.memory, "memory", (*MEMORY, *further))
-        size = len(world.controller.state.target)
+        wanted_tcp = None
+        if self._end_effector:
+            pose = memory.numbers("wanted_tcp", (7,))
+            check_quaternions("memory wanted_tcp", pose[:4])
+            wanted_tcp = pose.tolist()
+        elif memory["wanted_tcp"] is not None:
+            raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
+        size, last_slot = len(world.controller.state.target), saved.scene.num_objects - 1
         return CheckedState(
             world=world,
             scene=saved.scene,
@@ -178,13 +177,11 @@ class Simulator:
                 memory.number("finger"),
                 tuple(memory.numbers("other_fingers", (others,)).tolist()) if others else (),
             ),
-            wanted_tcp=self._checked_tcp(memory),
+            wanted_tcp=wanted_tcp,
             ik_failures=memory.integer(IK_FAILURES, 0, 2**31) if counts_failures else 0,
-            held=memory.integer("held", -1, saved.scene.num_objects - 1),
+            held=memory.integer("held", -1, last_slot),
             is_touching=memory.flag("is_touching"),
-            other_held=tuple(memory.integers("other_held", others, -1, saved.scene.num_objects - 1).tolist())
-            if others
-            else (),
+            other_held=tuple(memory.integers("other_held", others, -1, last_slot).tolist()) if others else (),
         )
 
     def restore(self, state: CheckedState) -> None:
@@ -206,31 +203,9 @@ class Simulator:
         if not self.has_started:
             raise ActionError(f"call reset() before {call}")
 
-    def _make_world(self, shapes: tuple[str, ...]) -> World:
-        return World(self._robot, self._layout, shapes, self._image_size, self._show_meshes)
-
     def _world_for(self, scene: TableScene) -> World:
         """A world for a scene: explicit scenes may have fewer objects or other shapes than the environment's own."""
         for world in (self.world, self._home_world):
             if scene.shapes == world.shapes:
                 return world
-        return self._make_world(scene.shapes)
-
-    def _checked_tcp(self, memory: Fields) -> list[float] | None:
-        """The wanted TCP pose of "ee" control."""
-        if not self._end_effector:
-            if memory["wanted_tcp"] is not None:
-                raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
-            return None
-        pose = memory.numbers("wanted_tcp", (7,))
-        check_quaternions("memory wanted_tcp", pose[:4])
-        return pose.tolist()
-
-
-def _planar_pose(base: NDArray[np.float64]) -> NDArray[np.float64]:
-    """T_world_base (4, 4) of a base at x, y, yaw."""
-    pose = np.eye(4)
-    cosine, sine = np.cos(base[2]), np.sin(base[2])
-    pose[:2, :2] = ((cosine, -sine), (sine, cosine))
-    pose[:2, 3] = base[:2]
-    return pose
+        return self._make_world(shapes=scene.shapes)

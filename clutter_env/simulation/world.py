@@ -26,9 +26,6 @@ _LYING = 0.5, math.sin(TOPPLED_ANGLE) / 2
 FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
 
-_NO_OBJECT = -1
-"""The slot of a geom that is no object."""
-
 
 @dataclass(frozen=True)
 class Measurements:
@@ -65,8 +62,8 @@ class World:
         robot: RobotSpec,
         layout: Layout,
         shapes: tuple[str, ...],
-        image_size: tuple[int, int] = (480, 480),
-        show_meshes: bool = False,
+        image_size: tuple[int, int],
+        show_meshes: bool,
     ) -> None:
         self.robot = robot
         self.shapes = shapes
@@ -75,7 +72,7 @@ class World:
         self.index = ModelIndex.of(self.model, robot, len(shapes))
         self.controller = JointController(self.model, self.index, robot)
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
-        self._slot_of_geom = [_NO_OBJECT] * self.model.ngeom
+        self._slot_of_geom = [-1] * self.model.ngeom  # of what is no object
         self._slot_of_geom[self.index.object_geoms] = range(len(shapes))
         self.scene: TableScene | None = None
         self._last: tuple[bytes, Measurements] | None = None
@@ -91,18 +88,12 @@ class World:
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         apply_scene(self.model, self.index, scene)
 
-    def reset(self, scene: TableScene, configuration: tuple[float, ...] | None = None) -> None:
-        """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose.
-
-        Args:
-            scene: what stands where.
-            configuration: torso and arm joints (1 + n,), the robot's home configuration without it.
-        """
+    def reset(self, scene: TableScene) -> None:
+        """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
         self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
-        start = self.robot.home if configuration is None else configuration
-        data.qpos[index.drive_qpos] = (*scene.base, *start, *ActingJoints.of(self.robot).home[len(start) :])
+        data.qpos[index.drive_qpos] = (*scene.base, *ActingJoints.of(self.robot).home)
         data.qpos[index.finger_qpos[:2]] = self.robot.max_finger_position
         data.qpos[index.still_qpos] = self.robot.still_configuration
         self.controller.reset(data)
@@ -123,12 +114,9 @@ class World:
         """
         self.data.eq_active[self.index.finger_couplings] = measurements.is_touching
         self.controller.follow(self.model, self.data, velocity, grips, is_loaded=measurements.is_holding)
-        self.settle_kinematics()
-        return self.measure()
-
-    def settle_kinematics(self) -> None:
-        """Bring body and site poses up to date with the positions that the last physics step reached."""
+        # A physics step leaves body and site poses at the positions from which it started.
         mujoco.mj_kinematics(self.model, self.data)
+        return self.measure()
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
@@ -173,12 +161,10 @@ class World:
         grippers = self.index.finger_geoms
         if not self.data.ncon:
             return -1, False, (-1,) * (len(grippers) - 1)
-        contacts = self.data.contact.geom.tolist()
-        touched = [[self._touched(contacts, pad) for pad in pads] for pads in grippers]
+        contacts, slot_of = self.data.contact.geom.tolist(), self._slot_of_geom
+        touched = [
+            [{max(slot_of[one], slot_of[other]) for one, other in contacts if pad in (one, other)} for pad in pads]
+            for pads in grippers
+        ]
         held, *others = (min((slot for slot in right & left if slot >= 0), default=-1) for right, left in touched)
         return held, any(right or left for right, left in touched), tuple(others)
-
-    def _touched(self, contacts: list[list[int]], pad: int) -> set[int]:
-        """The slots of what a pad touches, -1 for what is no object."""
-        slot_of = self._slot_of_geom
-        return {max(slot_of[one], slot_of[other]) for one, other in contacts if pad in (one, other)}

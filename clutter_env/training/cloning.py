@@ -17,7 +17,6 @@ import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch.utils.tensorboard import SummaryWriter
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
@@ -28,15 +27,15 @@ from clutter_env.policies.experts import Expert, find_expert, make_expert
 from clutter_env.policies.features import feature_vector
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
-from clutter_env.reporting.files import write_json
 from clutter_env.task import Task
-from clutter_env.training.descent import DescentConfig, Report, descend
-from clutter_env.training.reinforcement import HISTORY_FILE
+from clutter_env.training.descent import Report, RunLog, descend
 from clutter_env.training.run import Run
 from clutter_env.training.settings import BC, DAgger
 
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""
+_BATCH = 512
+"""Examples in a gradient step."""
 MAX_LEARNER_STEPS = 150
 """The learner acts for at most so many steps, and for at most half of an episode, which leaves time for the expert."""
 
@@ -55,36 +54,22 @@ class Examples:
         return len(self.actions)
 
 
-@dataclass(frozen=True)
-class CloneConfig(DescentConfig):
-    """Settings of the regression."""
-
-    steps: int = 10_000
-    batch: int = 512
-
-
 def train_clone(run: Run) -> list[dict[str, float]]:
     """Train; the history of the rounds. A resumed run starts again from the beginning, since it is short."""
-    torch.set_num_threads(1)
     settings = run.settings
     assert isinstance(settings, BC)
     dataset, episodes = read_demonstrations(run.task, settings)
     env = run.task.make()
     examples = examples_of(episodes)
-    history: list[dict[str, float]] = []
-    config = CloneConfig(steps=settings.steps, seed=run.seed)
     seeds = held_out_seeds(settings.evaluation_episodes)
-    with SummaryWriter(str(run.directory / "tensorboard")) as writer:
+    with RunLog(run) as log:
 
         def finish_round(policy: ClonedPolicy, examples: Examples) -> None:
             policy.save(run.directory / POLICY_FILE, provenance(env))
             success = success_rate(env, policy, seeds, settings.evaluation_steps)
-            history.append({"round": len(history), "examples": len(examples), "success": success})
-            write_json(run.directory / HISTORY_FILE, history)
-            for name, value in history[-1].items():
-                writer.add_scalar(f"held_out/{name}", value, len(history) - 1)
+            log.add(round=len(log.history), examples=len(examples), success=success)
 
-        policy = clone(examples, config, lambda step, loss: writer.add_scalar("train/loss", loss, step))
+        policy = clone(examples, settings.steps, run.seed, log.loss)
         finish_round(policy, examples)
         if isinstance(settings, DAgger):
             expert = make_expert(find_expert(run.task.env_id, settings.expert or str(dataset.identity["expert"])))
@@ -94,10 +79,10 @@ def train_clone(run: Run) -> list[dict[str, float]]:
                 for _ in range(settings.round_episodes):
                     examples = examples + take_over(env, expert, policy, seed, rng)
                     seed += 1
-                policy = clone(examples, config)
+                policy = clone(examples, settings.steps, run.seed)
                 finish_round(policy, examples)
     env.close()
-    return history
+    return log.history
 
 
 def read_demonstrations(task: Task, settings: BC) -> tuple[Dataset, list[Episode]]:
@@ -135,17 +120,17 @@ def examples_of(episodes: Iterable[Episode]) -> Examples:
     return Examples(np.concatenate(features), np.concatenate(actions))
 
 
-def clone(examples: Examples, config: CloneConfig = CloneConfig(), report: Report = lambda *_: None) -> ClonedPolicy:
-    """Fit a new policy to examples; the report is called with the step and the loss every 500 steps."""
-    torch.manual_seed(config.seed)
+def clone(examples: Examples, steps: int = 10_000, seed: int = 0, report: Report = lambda *_: None) -> ClonedPolicy:
+    """Fit a new policy to examples; the report is called with the step and the loss every 500 gradient steps."""
+    torch.manual_seed(seed)
     features, actions = torch.from_numpy(examples.features), torch.from_numpy(examples.actions)
-    policy = ClonedPolicy(features.shape[1], actions.shape[1], config.width)
+    policy = ClonedPolicy(features.shape[1], actions.shape[1])
 
     def loss(_: int) -> torch.Tensor:
-        chosen = torch.randint(len(features), (config.batch,))
+        chosen = torch.randint(len(features), (_BATCH,))
         return torch.nn.functional.smooth_l1_loss(policy(features[chosen]), actions[chosen], beta=0.1)
 
-    descend(torch.optim.Adam(policy.parameters(), lr=config.learning_rate), config.steps, loss, report)
+    descend(torch.optim.Adam(policy.parameters(), lr=1e-3), steps, loss, report)
     return policy
 
 

@@ -1,37 +1,22 @@
-"""Gradient descent with a learning rate that falls to zero."""
+"""Gradient descent with a learning rate that falls to zero, and the log of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import torch
+from torch.utils.tensorboard import SummaryWriter
+
+from clutter_env.policies.runs import HISTORY_FILE
+from clutter_env.reporting.files import write_json
+from clutter_env.training.run import Run
 
 Report: TypeAlias = Callable[[int, float], None]
 """Called with the number of a gradient step and the loss."""
 
 _REPORT_EVERY = 500
 """Steps between two reports."""
-
-
-@dataclass(frozen=True)
-class DescentConfig:
-    """Settings of a regression; each learner has its own values.
-
-    Attributes:
-        steps: gradient steps.
-        batch: examples in each step.
-        learning_rate: the first one; it falls to zero along a cosine.
-        width: of the hidden layers.
-        seed: random seed.
-    """
-
-    steps: int = 4000
-    batch: int = 256
-    learning_rate: float = 1e-3
-    width: int = 256
-    seed: int = 0
 
 
 def descend(
@@ -61,3 +46,29 @@ def descend(
         schedule.step()
         if step % _REPORT_EVERY == 0 or step == steps - 1:
             report(step, loss.item())
+
+
+class RunLog:
+    """The history of a run, written to its directory as it grows, and to TensorBoard; a context manager."""
+
+    def __init__(self, run: Run) -> None:
+        self.history: list[dict[str, float]] = []
+        self._directory = run.directory
+        self._writer = SummaryWriter(str(run.directory / "tensorboard"))
+
+    def __enter__(self) -> RunLog:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._writer.close()
+
+    def loss(self, step: int, loss: float) -> None:
+        """Note the loss of a gradient step."""
+        self._writer.add_scalar("train/loss", loss, step)
+
+    def add(self, **entry: float) -> None:
+        """Add an entry to the history: what was measured on held-out scenes."""
+        self.history.append(entry)
+        write_json(self._directory / HISTORY_FILE, self.history)
+        for name, value in entry.items():
+            self._writer.add_scalar(f"held_out/{name}", value, len(self.history) - 1)

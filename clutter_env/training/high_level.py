@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import torch
-from torch.utils.tensorboard import SummaryWriter
+from torch.nn.functional import binary_cross_entropy_with_logits
 
+from clutter_env.errors import LearningError
 from clutter_env.evaluation.score import held_out_seeds
 from clutter_env.policies.high_level.candidates import CandidateRule
-from clutter_env.policies.high_level.network import CandidateNetwork
+from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.policies.weights import WeightsInfo, save_weights
-from clutter_env.reporting.files import write_json
-from clutter_env.training.high_level_examples import CandidateExamples, examples_of_scene
-from clutter_env.training.high_level_fit import HighLevelFitConfig, accuracy, fit_high_level
-from clutter_env.training.high_level_rollouts import initial_scenes, roll_out, visited_examples
-from clutter_env.training.reinforcement import HISTORY_FILE
+from clutter_env.training.descent import Report, RunLog, descend
+from clutter_env.training.high_level_examples import (
+    CandidateExamples,
+    examples_of_scene,
+    initial_scenes,
+    roll_out,
+    visited_examples,
+)
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Decisions, DecisionsDAgger
 
 EXAMPLES_FILE = "examples.npz"
 _FIRST_SEED, _SEEDS_OF_A_RUN = 10_000, 20_000
 """Scenes of a training run: its own ones, below those of DAgger and below the held-out ones."""
+_LEARNING_RATE = 2e-3
+_BATCH = 256
+"""Reached candidates in a gradient step."""
+_REACH_SHARE = 8
+"""Candidates in a step for each one of those that are reached: most of them are not, and cost little."""
 _ROUND_SHARE = 0.5
 """Gradient steps of a round of DAgger, as a share of the first fit's."""
 _ROUND_RATE = 0.3
@@ -40,7 +48,6 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
     All collect `scenes` scenes and fit once; `DecisionsDAgger` then has `rounds` in each of which the learner decides
     in `round_episodes` new scenes, without physics, and is fitted to all examples.
     """
-    torch.set_num_threads(1)
     settings = run.settings
     assert isinstance(settings, Decisions)
     env = run.task.make()
@@ -49,11 +56,7 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
     first = _FIRST_SEED + run.seed % 20 * _SEEDS_OF_A_RUN
     examples = _collected(run, env, rule, range(first, first + settings.scenes))
     info = WeightsInfo.of_env("decisions", env, settings.grasps)
-    config, history = HighLevelFitConfig(steps=settings.steps, seed=run.seed), []
-    with SummaryWriter(str(run.directory / "tensorboard")) as writer:
-
-        def report_loss(step: int, loss: float) -> None:
-            writer.add_scalar("train/loss", loss, step)
+    with RunLog(run) as log:
 
         def finish_round(number: int, network: CandidateNetwork) -> None:
             """Save and evaluate the policy of a round: on held-out scenes without physics, and on the examples."""
@@ -63,17 +66,12 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
             outcomes = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
             cleared = [outcome.clearances for outcome in outcomes if not outcome.failure]
             rates = {"success": len(cleared) / len(outcomes), "clearances": float(np.mean(cleared or math.nan))}
-            rates |= accuracy(network, examples)
-            history.append({"round": number, "examples": len(examples), **rates})
-            write_json(run.directory / HISTORY_FILE, history)
-            for name, value in history[-1].items():
-                writer.add_scalar(f"held_out/{name}", value, number)
+            log.add(round=number, examples=len(examples), **rates, **accuracy(network, examples))
 
-        network = fit_high_level(examples, config, report=report_loss)
+        network = fit_high_level(examples, settings.steps, run.seed, report=log.loss)
         finish_round(0, network)
         if isinstance(settings, DecisionsDAgger):
-            rate = _ROUND_RATE * config.learning_rate
-            later = replace(config, steps=int(_ROUND_SHARE * settings.steps), learning_rate=rate)
+            steps, rate = int(_ROUND_SHARE * settings.steps), _ROUND_RATE * _LEARNING_RATE
             next_seed = first + _SEEDS_OF_A_RUN // 2
             for number in range(1, settings.rounds + 1):
                 seeds = range(next_seed, next_seed + settings.round_episodes)
@@ -83,12 +81,10 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
                 visited = visited_examples(rollouts, rule, np.random.default_rng(seeds[0]))
                 if visited is not None:
                     examples = CandidateExamples.joined((examples, visited))
-                taken = sum(not outcome.failure for outcome in rollouts) / len(rollouts)
-                writer.add_scalar("train/taken", taken, number)
-                network = fit_high_level(examples, later, network, report_loss)
+                network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
                 finish_round(number, network)
     env.close()
-    return history
+    return log.history
 
 
 def _collected(run: Run, env: gym.Env[Any, Any], rule: CandidateRule, seeds: range) -> CandidateExamples:
@@ -103,3 +99,97 @@ def _collected(run: Run, env: gym.Env[Any, Any], rule: CandidateRule, seeds: ran
     examples = CandidateExamples.joined(parts)
     examples.save(path)
     return examples
+
+
+def fit_high_level(
+    examples: CandidateExamples,
+    steps: int,
+    seed: int = 0,
+    network: CandidateNetwork | None = None,
+    learning_rate: float = _LEARNING_RATE,
+    report: Report = lambda *_: None,
+) -> CandidateNetwork:
+    """Fit a network; half of the batches are mirrored left to right, which changes no label.
+
+    Args:
+        examples: to learn from.
+        steps: gradient steps.
+        seed: random seed.
+        network: is changed; a new one if not given.
+        learning_rate: the first one; it falls to zero along a cosine.
+        report: called with the step and the loss every 500 steps.
+
+    Raises:
+        LearningError: no candidate of the examples is reached.
+    """
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    reached = np.flatnonzero(examples.is_reached)
+    if not len(reached):
+        raise LearningError("no candidate of the examples is reached: there is nothing to learn from")
+    fitted = CandidateNetwork() if network is None else network
+
+    def loss(step: int) -> torch.Tensor:
+        is_mirrored = bool(step % 2)
+        of_blockers = _blockers_loss(fitted, examples, rng.choice(reached, _BATCH), is_mirrored)
+        rows = rng.integers(len(examples), size=_REACH_SHARE * _BATCH)
+        logits = fitted.reach_logits(batch_of(examples, rows, is_mirrored))
+        is_reached = torch.from_numpy(examples.is_reached[rows]).float()
+        return of_blockers + binary_cross_entropy_with_logits(logits, is_reached)
+
+    optimiser = torch.optim.AdamW(fitted.parameters(), lr=learning_rate, weight_decay=1e-4)
+    descend(optimiser, steps, loss, report)
+    return fitted
+
+
+def accuracy(network: CandidateNetwork, examples: CandidateExamples, most: int = 20_000) -> dict[str, float]:
+    """Shares of right answers on examples, at most so many of each kind.
+
+    Returns:
+        `reach`: among all candidates; `blocks`: among the pairs of a reached candidate and an object; `free`: among
+        reached candidates, whether they are free; `precision`: of those called free; `recall`: of the free ones; NaN
+        where there are none.
+    """
+    rng = np.random.default_rng(0)
+    every = rng.permutation(len(examples))[:most]
+    reached = rng.permutation(np.flatnonzero(examples.is_reached))[:most]
+    with torch.no_grad():
+        reach = network(batch_of(examples, every)).reach.numpy() > 0
+        blocks = network(batch_of(examples, reached)).blocks.numpy() > 0
+    truth, is_present = examples.blockers[reached], batch_of(examples, reached).is_present.numpy()
+    is_free, is_called_free = ~truth.any(axis=1), ~blocks.any(axis=1)
+    answers = {
+        "reach": reach == examples.is_reached[every],
+        "blocks": (blocks == truth)[is_present],
+        "free": is_free == is_called_free,
+        "precision": is_free[is_called_free],
+        "recall": is_called_free[is_free],
+    }
+    return {name: float(right.mean()) if len(right) else math.nan for name, right in answers.items()}
+
+
+def batch_of(examples: CandidateExamples, rows: np.ndarray, is_mirrored: bool = False) -> CandidateBatch:
+    """Some candidates for the network; mirrored, y and yaws have the other sign."""
+    others = torch.from_numpy(examples.objects[examples.scene[rows]])
+    index = torch.arange(others.shape[1])
+    is_present = (others[..., 3] > 0) & (index != torch.from_numpy(examples.own_index[rows].astype(np.int64))[:, None])
+    own, tcp, base = (torch.from_numpy(column[rows]) for column in (examples.own, examples.tcp, examples.base))
+    if is_mirrored:
+        side = torch.tensor((1.0, -1.0, 1.0, 1.0, 1.0))
+        own, others = own * side, others * side
+        tcp, base = tcp * torch.tensor((1.0, -1.0, 1.0, -1.0, 1.0)), base * torch.tensor((1.0, -1.0, -1.0))
+    return CandidateBatch(own, tcp, base, others, is_present)
+
+
+def _blockers_loss(
+    network: CandidateNetwork, examples: CandidateExamples, rows: np.ndarray, is_mirrored: bool
+) -> torch.Tensor:
+    """Of what is in the way of reached candidates: object by object, and whether it is anything at all."""
+    batch = batch_of(examples, rows, is_mirrored)
+    truth = torch.from_numpy(examples.blockers[rows])
+    blocks = network(batch).blocks
+    pairs = binary_cross_entropy_with_logits(blocks[batch.is_present], truth[batch.is_present].float())
+    log_free = torch.nn.functional.logsigmoid(-blocks).sum(1).clamp(max=-1e-6)
+    is_free = ~truth.any(1)
+    free = -torch.where(is_free, log_free, torch.log1p(-log_free.exp())).mean()
+    return 10 * pairs + free

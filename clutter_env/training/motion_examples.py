@@ -1,5 +1,8 @@
 """Examples for the keyframe network: situations of demonstrated motions, and the keyframes that belong to them.
 
+A motion is all steps that lead to one pick or place and away from it, of an episode or of a plan: without physics a
+plan is what a robot would show that follows it exactly.
+
 Under a shelf the planner's straight lines are drives of the base: from outside with the arm rigid, straight in
 ("enter"), then along the gripper to the contact ("reach"); then back along the gripper ("back") and straight out
 ("leave"). Such lines are cut at their corners into phases; see `planners.drive_out`.
@@ -7,17 +10,23 @@ Under a shelf the planner's straight lines are drives of the base: from outside 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import cycle, groupby
+from types import MappingProxyType
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from assets import RobotSpec
+from clutter_env.data.episode import CONTACT_SKILLS, Episode
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.errors import DatasetError
-from clutter_env.policies.motion.arm import nearest_home
-from clutter_env.policies.motion.network_input import (
+from clutter_env.policies.motion.arm import ArmKinematics, nearest_home
+from clutter_env.policies.motion.network import (
     ELSEWHERE,
     FREE_JOINTS,
     LINES,
@@ -28,9 +37,21 @@ from clutter_env.policies.motion.network_input import (
     phase_index,
 )
 from clutter_env.policies.motion.shelf_arm import demonstrated_row
-from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose, wrapped
-from clutter_env.training.motion_demonstrations import Motion
-from planners import BACK, heading
+from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose, wrapped
+from clutter_env.policies.planned import scene_of
+from planners import (
+    BACK,
+    CONTROL_STEP,
+    Body,
+    BoundAction,
+    Contact,
+    Planner,
+    SceneError,
+    Solution,
+    contact_of,
+    heading,
+    label_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -46,6 +67,9 @@ _MOVED = 0.005
 """[m] from the contact's base pose from which on the base is on a drive: a measured base is not exact."""
 _RIGID = 0.02
 """[m], [rad] by which torso and arm move at most on a drive with the arm rigid: measured ones are not exact."""
+_ROW = OBSERVATION_LAYOUT["objects"]
+_SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType({"all": ("all", "side", "tilted", "top", "all", "tilted")})
+"""Grasp sets of the plans that show a grasp set, in turn: among all grasps a plan takes level ones wherever it can."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,3 +245,138 @@ def _rigid_drive(motion: Motion, steps: slice) -> float:
 def _distance(motion: Motion, steps: slice) -> Array:
     """(n,) [m] of the base from where it stands at the contact."""
     return np.asarray(np.linalg.norm(motion.seen.base[steps, :2] - motion.contact.base[:2], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """T steps of a demonstration that belong to one pick or place.
+
+    Attributes:
+        contact: the pick or place; its object is nameless.
+        index: of the object's row in the observations.
+        seen: the observations before the actions, and of the one after the last: (T + 1, ...).
+        phases: names (T).
+        keyframes: (T, 12) base, torso and arm, finger position at the end of each step's phase.
+    """
+
+    contact: Contact
+    index: int
+    seen: ParsedObservation
+    phases: tuple[str, ...]
+    keyframes: Array
+
+    def runs(self) -> Iterator[tuple[str, slice]]:
+        """Each phase, and its steps."""
+        start = 0
+        for phase, steps in groupby(self.phases):
+            end = start + len(list(steps))
+            yield phase, slice(start, end)
+            start = end
+
+
+def motions_of(episodes: Iterable[Episode]) -> Iterator[Motion]:
+    """The motions of demonstrations, in order; steps that belong to no pick or place are left out."""
+    for episode in episodes:
+        labels, start = episode.labels, 0
+        columns = (labels.skill, labels.object, labels.contact_base, labels.contact_tcp)
+        keys = [tuple(value.tobytes() for value in row) for row in zip(*columns, strict=True)]
+        for _, group in groupby(keys):
+            steps = slice(start, start + len(list(group)))
+            if labels.object[start] >= 0:
+                observations = {
+                    name: values[steps.start : steps.stop + 1] for name, values in episode.observations.items()
+                }
+                yield Motion(
+                    contact=Contact(
+                        CONTACT_SKILLS[labels.skill[start]], "", labels.contact_base[start], labels.contact_tcp[start]
+                    ),
+                    index=int(labels.object[start]),
+                    seen=parse_observation(observations),
+                    phases=labels.phases[steps],
+                    keyframes=labels.keyframe[steps],
+                )
+            start = steps.stop
+
+
+def planned_motions(env: gym.Env[Any, Any], grasps: str, seeds: Iterable[int]) -> Iterator[Motion]:
+    """The motions of canonical plans for the scenes of some seeds; nothing is simulated.
+
+    Args:
+        env: `clutter_env/Retrieve-…`; scenes are drawn in it.
+        grasps: name of the grasp set that is shown.
+        seeds: of the scenes; one without a plan is left out.
+    """
+    robot: RobotSpec = env.get_wrapper_attr("robot")
+    planners = {name: Planner(robot, grasps=name, canonical=True) for name in _SHOWN.get(grasps, (grasps,))}
+    for seed, name in zip(seeds, cycle(_SHOWN.get(grasps, (grasps,))), strict=False):
+        try:
+            _, info = env.reset(seed=seed)
+            solution = planners[name].solve(scene_of(env), info["target"])
+        except SceneError:
+            continue
+        if isinstance(solution, Solution):
+            yield from motions_of_plan(solution)
+
+
+def motions_of_plan(solution: Solution) -> Iterator[Motion]:
+    """The motions of a plan, one for each contact, in order of time.
+
+    Observations show the robot where the plan has it, and of the objects only the one of the contact, where it is when
+    the last action of the motion begins: it is row 0.
+    """
+    before: list[BoundAction] = []
+    for action in solution.actions:
+        before.append(action)
+        contact = contact_of(action)
+        if contact is not None:
+            yield _motion(before, contact)
+            before = []
+
+
+def _motion(actions: Sequence[BoundAction], contact: Contact) -> Motion:
+    """The motion of the actions that lead to a contact, which is that of the last one."""
+    scene = actions[-1].scene
+    robot, states, phases, keyframes = scene.robot, [], [], []
+    for action in actions:
+        trajectory = action.trajectory
+        times = CONTROL_STEP * np.arange(max(int(np.ceil(trajectory.duration / CONTROL_STEP - 1e-9)), 1))
+        for time in times:
+            sample, label = trajectory.sample(float(time)), label_of(trajectory, float(time), contact)
+            states.append(np.concatenate((sample.base, sample.q, (sample.finger_position,))))
+            phases.append(label.phase)
+            keyframes.append(label.keyframe)
+    states.append(keyframes[-1])
+    return Motion(
+        contact=contact,
+        index=0,
+        seen=_observations(robot, np.array(states), scene.body(contact.object)),
+        phases=tuple(phases),
+        keyframes=np.array(keyframes),
+    )
+
+
+def _observations(robot: RobotSpec, states: Array, body: Body) -> ParsedObservation:
+    """Observations of an object at states (t, 12) of base, torso and arm, finger position."""
+    base, q = states[:, :3], states[:, 3:11]
+    position, rotation = ArmKinematics(robot).tcp(torch.tensor(q, dtype=torch.float32))
+    base_tcp = np.tile(np.eye(4), (len(states), 1, 1))
+    base_tcp[:, :3, :3], base_tcp[:, :3, 3] = rotation.numpy(), position.numpy()
+    width = np.array([robot.opening(float(finger)) for finger in states[:, 11]])
+    return ParsedObservation(
+        base=base,
+        q=q,
+        velocity=np.zeros((len(states), 11)),
+        base_tcp=base_tcp,
+        widths=np.column_stack((width, width)),
+        objects=np.stack([_row(np.linalg.inv(T), body)[None] for T in planar_pose(base)]),
+    )
+
+
+def _row(T_base_world: Array, body: Body) -> Array:
+    """(14,) The row of an object in the base's frame, with position, size and presence."""
+    row = np.zeros(_ROW.size)
+    row[_ROW.index("present")] = 1.0
+    row[_ROW["position"]] = T_base_world[:3, :3] @ body.position + T_base_world[:3, 3]
+    row[_ROW["half_extents"]] = body.half_extents
+    row[_ROW.index("is_box")] = float(body.shape == "box")
+    return row

@@ -3,29 +3,63 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
-from torch.utils.tensorboard import SummaryWriter
+from torch.nn.functional import smooth_l1_loss
 
+from assets import RobotSpec
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import DatasetError
 from clutter_env.evaluation.score import held_out_seeds, success_rate
 from clutter_env.policies.experts import PLANNERS
+from clutter_env.policies.motion.arm import ArmKinematics, rotations_about
+from clutter_env.policies.motion.keep_out import keep_out_of_drives
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
+from clutter_env.policies.motion.network import (
+    CENTRE,
+    FREE,
+    FREE_JOINTS,
+    FREE_UNITS,
+    POSE,
+    REACH,
+    KeyframeNetwork,
+    Prediction,
+)
 from clutter_env.policies.planned import PlannedHighLevelPolicy
 from clutter_env.policies.runs import MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy
 from clutter_env.policies.weights import WeightsInfo, save_weights
-from clutter_env.reporting.files import write_json
-from clutter_env.training.motion_demonstrations import motions_of, planned_motions
-from clutter_env.training.motion_fit import fit_motions
-from clutter_env.training.reinforcement import HISTORY_FILE
+from clutter_env.training.descent import Report, RunLog, descend
+from clutter_env.training.motion_examples import (
+    KeyframeExamples,
+    Motion,
+    demonstrated_free_joints,
+    keyframe_examples,
+    motions_of,
+    planned_motions,
+)
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Keyframes
 
 _FIRST_SEED, _SEEDS_OF_A_RUN = 100_000, 20_000
 """Scenes of plans: those of a training seed, all below the held-out ones."""
+
+_BATCH, _LEARNING_RATE = 256, 2e-3
+_TCP_WEIGHT = 10.0
+"""Weight of the gripper's error, beside that of the joints."""
+_SHIFT, _TURN, _TILT = 0.04, 0.15, 0.05
+"""[m], [rad] about the vertical, [rad]: largest standard deviations by which contacts are moved for that error."""
+_FREE = 0.7
+"""Units of their features by which the free joints are changed, as a largest standard deviation."""
+_JOINT, _LENGTH, _FINGER = 0.05, 0.02, 0.003
+"""[rad] and [m] of base, torso and arm; [m] of a straight line; [m] of a finger: errors that count like one another."""
+_MAX_GRADIENT = 100.0
+"""Length to which gradients are clipped."""
+_POSITION, _ROTATION = 0.01, 0.05
+"""[m] and [rad]: and those of the gripper."""
 
 
 def train_motions(run: Run) -> list[dict[str, float]]:
@@ -34,7 +68,6 @@ def train_motions(run: Run) -> list[dict[str, float]]:
     The scenes on which it is evaluated are drawn as those of the demonstrations were. Without demonstrations the
     motions are those of canonical plans, of which nothing is simulated.
     """
-    torch.set_num_threads(1)
     settings = run.settings
     assert isinstance(settings, Keyframes)
     started = time.process_time()
@@ -51,20 +84,16 @@ def train_motions(run: Run) -> list[dict[str, float]]:
         episodes = list(dataset)[: settings.demo_episodes]
         motions, count = list(motions_of(episodes)), len(episodes)
     plan_s = time.process_time() - started
-    with SummaryWriter(str(run.directory / "tensorboard")) as writer:
-        robot = env.get_wrapper_attr("robot")
-        report = lambda step, loss: writer.add_scalar("train/loss", loss, step)  # noqa: E731
-        network = fit_motions(robot, motions, settings.steps, run.seed, report)
-    fit_s = time.process_time() - started - plan_s
-    info = WeightsInfo.of_env("motions", env, high_level.grasps)
-    save_weights(run.directory / MOTIONS_FILE, network, info)
-    policy = TwoLevelPolicy(high_level, KeyframePolicy(network, info))
-    success = success_rate(env, policy, held_out_seeds(settings.evaluation_episodes))
+    with RunLog(run) as log:
+        network = fit_motions(env.get_wrapper_attr("robot"), motions, settings.steps, run.seed, log.loss)
+        fit_s = time.process_time() - started - plan_s
+        info = WeightsInfo.of_env("motions", env, high_level.grasps)
+        save_weights(run.directory / MOTIONS_FILE, network, info)
+        policy = TwoLevelPolicy(high_level, KeyframePolicy(network, info))
+        success = success_rate(env, policy, held_out_seeds(settings.evaluation_episodes))
+        log.add(demonstrations=count, motions=len(motions), plan_s=plan_s, fit_s=fit_s, success=success)
     env.close()
-    counts = {"demonstrations": float(count), "motions": float(len(motions))}
-    history = [{**counts, "plan_s": plan_s, "fit_s": fit_s, "success": success}]
-    write_json(run.directory / HISTORY_FILE, history)
-    return history
+    return log.history
 
 
 def high_level_of(dataset: Dataset) -> PlannedHighLevelPolicy:
@@ -80,3 +109,117 @@ def high_level_of(dataset: Dataset) -> PlannedHighLevelPolicy:
         )
     choice = PLANNERS[expert]
     return PlannedHighLevelPolicy(choice.grasps, choice.canonical, choice.strategy)
+
+
+def fit_motions(
+    robot: RobotSpec, motions: Sequence[Motion], steps: int, seed: int = 0, report: Report = lambda *_: None
+) -> KeyframeNetwork:
+    """The network of a keyframe policy, fitted to demonstrated motions.
+
+    Two losses are added. The first compares keyframes with those of the demonstrations. The second compares the poses
+    of the gripper, by forward kinematics, in situations whose contact is shifted and turned at random, more or less:
+    the gripper has to move with the contact, whatever the joints are. The free joints at the contact, torso and
+    upper-arm roll, are changed at random too.
+
+    Args:
+        robot: that was demonstrated.
+        motions: to imitate.
+        steps: gradient steps.
+        seed: random seed.
+        report: called with the step and the loss every 500 steps.
+
+    Raises:
+        DatasetError: there are no motions.
+    """
+    examples = keyframe_examples(robot, motions)
+    torch.manual_seed(seed)
+    limits = ([link.lower for link in robot.chain], [link.upper for link in robot.chain])
+    network = KeyframeNetwork(robot.home, *limits, is_under_shelf=examples.is_under_shelf)
+    kinematics = ArmKinematics(robot)
+    network.seen[np.unique(examples.phase)] = True
+    data = _Tensors(examples, kinematics)
+
+    def total_loss(_: int) -> torch.Tensor:
+        chosen = torch.multinomial(data.weights, _BATCH, replacement=True)
+        near = torch.multinomial(data.weights * data.at_contact, _BATCH, replacement=True)
+        moved, R, p, free = data.moved(near)
+        prediction = network(torch.cat((data.features[chosen], moved)))
+        loss = data.keyframe_loss(Prediction(*(part[:_BATCH] for part in prediction)), chosen)
+        predicted_p, predicted_R = kinematics.tcp(prediction.q[_BATCH:])
+        loss = loss + _TCP_WEIGHT * smooth_l1_loss(predicted_p / _POSITION, p / _POSITION)
+        loss = loss + _TCP_WEIGHT * smooth_l1_loss(predicted_R / _ROTATION, R / _ROTATION)
+        loss = loss + smooth_l1_loss(prediction.offset[_BATCH:] / _LENGTH, data.offset[near] / _LENGTH)
+        loss = loss + smooth_l1_loss(prediction.q[_BATCH:, list(FREE_JOINTS)] / _JOINT, free / _JOINT)
+        return loss + _TCP_WEIGHT * (prediction.excess / _JOINT).mean()
+
+    descend(torch.optim.Adam(network.parameters(), lr=_LEARNING_RATE), steps, total_loss, report, _MAX_GRADIENT)
+    if network.is_under_shelf:
+        network.shown = torch.tensor(demonstrated_free_joints(robot, motions), dtype=torch.float32)
+    drives = [
+        motion.seen.base[steps.start : steps.stop + 1, :2]
+        for motion in motions
+        for phase, steps in motion.runs()
+        if phase == "drive"
+    ]
+    region = keep_out_of_drives(drives)
+    network.closed = torch.from_numpy(np.stack((region.low, region.high)))
+    return network
+
+
+class _Tensors:
+    """The examples as tensors; phases are drawn equally often."""
+
+    def __init__(self, examples: KeyframeExamples, kinematics: ArmKinematics) -> None:
+        self.features, self._base, self._q, self._finger, self._length = (
+            torch.tensor(getattr(examples, name), dtype=torch.float32)
+            for name in ("features", "base", "q", "finger", "length")
+        )
+        self.at_contact = torch.tensor(examples.at_contact, dtype=torch.float32)
+        counts = np.bincount(examples.phase)
+        self.weights = torch.tensor(1.0 / counts[examples.phase], dtype=torch.float32)
+        self.position, self.rotation = kinematics.tcp(self._q)
+        self.offset = _offsets(self.features, self.position)
+
+    def keyframe_loss(self, predicted: Prediction, chosen: torch.Tensor) -> torch.Tensor:
+        """The loss of base, arm, finger and the line's length."""
+        pairs = (
+            (predicted.base, self._base, _JOINT),
+            (predicted.q, self._q, _JOINT),
+            (predicted.finger, self._finger, _FINGER),
+            (predicted.length, self._length, _LENGTH),
+        )
+        losses = [smooth_l1_loss(one / size, other[chosen] / size) for one, other, size in pairs]
+        return torch.stack(losses).sum()
+
+    def moved(self, chosen: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Features with contact and free joints changed; orientations, positions and free joints (k, 2) as they change.
+
+        The free joints change everywhere as they do at the contact.
+        """
+        features = self.features[chosen].clone()
+        amount = torch.rand(len(chosen))
+        shift = _SHIFT * amount[:, None] * torch.randn(len(chosen), 3)
+        turn = torch.eye(3).expand(len(chosen), 3, 3)
+        for axis, size in enumerate((_TILT, _TILT, _TURN)):
+            turn = turn @ rotations_about(axis, size * amount * torch.randn(len(chosen)))
+        contact = _positions(features)
+        features[:, POSE.start : POSE.start + 3] += shift / REACH
+        for first in (POSE.start + 3, POSE.start + 6):
+            axis = features[:, first : first + 3]
+            features[:, first : first + 3] = (turn @ axis[..., None])[..., 0]
+        position = contact + shift + (turn @ (self.position[chosen] - contact)[..., None])[..., 0]
+        change = _FREE * torch.randn(len(chosen), 2) * torch.rand(len(chosen), 1) * torch.tensor(FREE_UNITS)
+        features[:, FREE] += change / torch.tensor(FREE_UNITS)
+        return features, turn @ self.rotation[chosen], position, self._q[chosen][:, list(FREE_JOINTS)] + change
+
+
+def _positions(features: torch.Tensor) -> torch.Tensor:
+    """Contacts (k, 3) [m] in the base's frame."""
+    return REACH * features[:, POSE.start : POSE.start + 3] + torch.tensor(CENTRE, dtype=torch.float32)
+
+
+def _offsets(features: torch.Tensor, position: torch.Tensor) -> torch.Tensor:
+    """(k, 3) [m] from the contacts to positions (k, 3) in the base's frame, in the contacts' frames."""
+    x, y = features[:, POSE.start + 3 : POSE.start + 6], features[:, POSE.start + 6 : POSE.stop]
+    axes = torch.stack((x, y, torch.linalg.cross(x, y)), dim=1)
+    return (axes @ (position - _positions(features))[..., None])[..., 0]

@@ -10,13 +10,11 @@ from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
-import torch
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from clutter_env.errors import LearningError
 from clutter_env.evaluation.score import held_out_seeds, success_rate
 from clutter_env.policies.reinforcement import (
     ALGORITHMS,
@@ -24,18 +22,16 @@ from clutter_env.policies.reinforcement import (
     MODEL_FILE,
     GoalFeatures,
     MaskableSkillPolicy,
+    ModelPolicy,
     SkillPolicy,
     load_model,
     training_env,
 )
-from clutter_env.policies.runs import GOAL_ALGORITHMS
-from clutter_env.policies.trained import ModelPolicy
+from clutter_env.policies.runs import GOAL_ALGORITHMS, HISTORY_FILE
 from clutter_env.reporting.files import write_atomically, write_json, written_atomically
 from clutter_env.training.run import Run
 from clutter_env.training.settings import PPO, SAC
 from clutter_env.training.skills import clone_skills
-
-HISTORY_FILE = "history.json"
 
 
 def _falling_rate(share_left: float) -> float:
@@ -71,7 +67,6 @@ _IMPROVING: Mapping[str, Any] = MappingProxyType(
 
 def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
     """Train until `run.settings.steps` in all; the history of the checkpoints."""
-    torch.set_num_threads(1)
     settings = run.settings
     assert isinstance(settings, SAC | PPO)
     name, clones = settings.algorithm, isinstance(settings, PPO) and settings.clone_scenes > 0
@@ -103,20 +98,10 @@ def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
 def make_model(
     name: str, env: gym.Env, seed: int, log: Path | None = None, improves_clone: bool = False
 ) -> BaseAlgorithm:
-    """A new model for an environment from `training_env`.
+    """A new model of an algorithm for an environment from `training_env`; it logs to the directory of a run.
 
-    Args:
-        name: of the algorithm.
-        env: where it will learn.
-        seed: random seed.
-        log: directory for TensorBoard.
-        improves_clone: whether PPO and MaskablePPO learn in smaller steps, for a network that is fitted first.
-
-    Raises:
-        LearningError: no such algorithm; the message lists the known ones.
+    PPO and MaskablePPO that improve a clone learn in smaller steps.
     """
-    if name not in ALGORITHMS:
-        raise LearningError(f"no algorithm {name!r}; known ones: {', '.join(ALGORITHMS)}")
     options: Mapping[str, Any] = _OFF_POLICY
     if name not in GOAL_ALGORITHMS:
         policy = MaskableSkillPolicy if name == "maskable_ppo" else SkillPolicy

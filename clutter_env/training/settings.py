@@ -39,11 +39,8 @@ class Settings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SAC(Settings):
-    """Soft actor-critic with hindsight, for Reach and Pick."""
-
-    algorithm: ClassVar[str] = "sac"
-    families: ClassVar[tuple[str, ...]] = ("reach", "pick")
+class Reinforcement(Settings):
+    """Options of learning from rewards."""
 
     steps: int = 30_000
     """Steps of the environment."""
@@ -54,6 +51,14 @@ class SAC(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SAC(Reinforcement):
+    """Soft actor-critic with hindsight, for Reach and Pick."""
+
+    algorithm: ClassVar[str] = "sac"
+    families: ClassVar[tuple[str, ...]] = ("reach", "pick")
+
+
+@dataclass(frozen=True, kw_only=True)
 class TQC(SAC):
     """Truncated quantile critics with hindsight, for Reach and Pick."""
 
@@ -61,18 +66,12 @@ class TQC(SAC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PPO(Settings):
-    """Proximal policy optimisation, for Skill."""
+class PPO(Reinforcement):
+    """Proximal policy optimisation, for Skill, whose steps are skills."""
 
     algorithm: ClassVar[str] = "ppo"
     families: ClassVar[tuple[str, ...]] = ("skill",)
 
-    steps: int = 30_000
-    """Steps of the environment: skills."""
-    checkpoint_every: int = 5000
-    """Steps between checkpoints."""
-    evaluation_steps: int = 600
-    """Steps after which a held-out episode is cut off."""
     clone_scenes: int = 0
     """Number of scenes whose good skills are cloned before learning from rewards; 0 for no cloning."""
     clone_steps: int = 10_000

@@ -51,6 +51,10 @@ def train(run: Run, resume: bool = False) -> Trained:
 
 def _learner(settings: Settings, resume: bool) -> Callable[[Run], History]:
     """The function that trains a run of an algorithm; it is imported here, since all of them need torch."""
+    import torch
+
+    # The networks are small: more threads are slower, and several runs share a machine.
+    torch.set_num_threads(1)
     match settings:
         case SAC() | PPO():
             from clutter_env.training.reinforcement import reinforce

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.cause import Cause
-from planners.clearing.lower_bound import FloorResult, self_clearable_sets
+from planners.clearing.lower_bound import self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -24,9 +23,6 @@ from planners.placing.placements import PlacementSearch
 from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.cover import drive_out
 from planners.strategies import Strategy
-
-Volume: TypeAlias = Callable[[GraspCandidate], int]
-"""Space that a grasp sweeps, as bits: one for each of a number of cells."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +55,10 @@ class Commitments:
 
 @dataclass(frozen=True)
 class NoCommitment:
-    """No commitments are possible: the cause, and the objects concerned; `proved` if it follows from all grasps."""
+    """No commitments are possible: the cause, and the objects concerned."""
 
     cause: Cause
     objects: tuple[str, ...]
-    proved: bool = True
 
 
 @dataclass(frozen=True)
@@ -71,17 +66,9 @@ class ClearingProblem:
     """Inputs of the choice of commitments.
 
     Attributes:
-        context: what does not depend on where the objects stand.
-        candidates: the grasps known so far in this state.
-        placements: finds where to put objects.
-        scene: where everything is.
-        target: the object wanted.
-        strategy: how to commit, and what locations must keep clear of.
-        rng: for variations and finer grids of locations.
         is_usable: whether a grasp in a scene can be used at all: whether the gripper can leave again. It is asked
             about few, before placements are looked for.
         order_by_task_plan: puts the objects to clear in the order in which a task plan clears them.
-        deadline: when to give up.
         left_alone: objects that stay where they are: no grasp of them is offered.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
     """
@@ -154,7 +141,7 @@ def greedy_commitments(problem: ClearingProblem) -> Commitments | NoCommitment:
     if commit(target, 0):
         return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
     if deadline.is_over:
-        return NoCommitment(Cause.TIME_LIMIT, (target,), proved=False)
+        return NoCommitment(Cause.TIME_LIMIT, (target,))
     reachable = bool(problem.grasps(scene, target))
     return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
 
@@ -164,33 +151,28 @@ def smallest_commitments(problem: ClearingProblem) -> Iterator[Commitments | NoC
 
     A single `NoCommitment` where there is no self-clearable set.
     """
-    scene, names = problem.scene, problem.scene.names
+    scene, target = problem.scene, problem.target
 
-    def masks(index: int) -> list[int]:
+    def masks(name: str) -> list[int]:
         """Masks of the objects in the way of each grasp of that object."""
-        return [option.blockers for option in problem.grasps(scene, names[index])]
+        return [option.blockers for option in problem.grasps(scene, name)]
 
     slack, deadline = problem.strategy.slack, problem.deadline
-    for result in self_clearable_sets(masks, scene.index(problem.target), slack=slack, deadline=deadline):
-        if result.count is None:
-            yield NoCommitment(Cause(result.cause), (problem.target,), result.proved)
+    for found in self_clearable_sets(masks, target, scene.names, slack=slack, deadline=deadline):
+        if found.count is None:
+            yield NoCommitment(Cause(found.cause), (target,))
             return
-        yield _best_grasps(problem, result)
+        # Each object takes its best grasp among those that are free by its turn.
+        grasps: dict[str, GraspCandidate] = {}
+        for name in (*found.objects, target):
+            free = problem.free_grasps(name, scene.mask(grasps))
+            grasps[name] = max(free, key=lambda option: option.quality)
+        yield Commitments(target, found.objects, MappingProxyType(grasps))
 
 
-def _best_grasps(problem: ClearingProblem, result: FloorResult) -> Commitments:
-    """Each object of the set takes its best grasp among those free by its turn."""
-    grasps: dict[str, GraspCandidate] = {}
-    removed = 0
-    for step in result.order:
-        name = problem.scene.names[step.object]
-        grasps[name] = max(problem.free_grasps(name, removed), key=lambda option: option.quality)
-        removed |= 1 << step.object
-    order = tuple(problem.scene.names[index] for index in result.objects)
-    return Commitments(problem.target, order, MappingProxyType(grasps))
-
-
-def varied_commitments(problem: ClearingProblem, commitments: Commitments, volume: Volume) -> Commitments:
+def varied_commitments(
+    problem: ClearingProblem, commitments: Commitments, swept_cells: Callable[[GraspCandidate], int]
+) -> Commitments:
     """The same objects to clear, in another order drawn at random, through grasps that together sweep little space.
 
     From the target backwards each object takes, of the grasps free by its turn, the one that adds the fewest cells to
@@ -202,10 +184,10 @@ def varied_commitments(problem: ClearingProblem, commitments: Commitments, volum
     for turn in reversed(range(len(order))):
         removed = sum(1 << index for index in order[:turn])
         free = problem.free_grasps(names[order[turn]], removed)
-        added = [(swept | volume(option)).bit_count() for option in free]
+        added = [(swept | swept_cells(option)).bit_count() for option in free]
         best = min(range(len(free)), key=lambda j: (added[j], -free[j].quality))
         grasps[names[order[turn]]] = free[best]
-        swept |= volume(free[best])
+        swept |= swept_cells(free[best])
     return Commitments(commitments.target, tuple(names[i] for i in order[:-1]), MappingProxyType(grasps))
 
 

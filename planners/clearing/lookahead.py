@@ -63,13 +63,6 @@ class ClearancePlan:
         return ClearancePlan(self.commitments.without(name), kept, self.provisional, max(self.moves - 1, 0), self.aside)
 
 
-@dataclass(frozen=True)
-class RejectedGrasps:
-    """Grasps that commitments would be made to, but that cannot be used."""
-
-    grasps: tuple[GraspCandidate, ...]
-
-
 class Turn(NamedTuple):
     """Before a clearance: the scene, and the commitments to what remains to be done."""
 
@@ -77,11 +70,12 @@ class Turn(NamedTuple):
     remaining: Commitments
 
 
-def commitments_for(problem: ClearingProblem) -> ClearancePlan | NoCommitment | RejectedGrasps:
+def commitments_for(problem: ClearingProblem) -> ClearancePlan | NoCommitment | tuple[GraspCandidate, ...]:
     """The first commitments of the strategy, or, planned ahead, the first whose objects all find placements.
 
     Returns:
-        the plan; grasps to take out of the candidates before this function is called again; or why there is no plan.
+        the plan; grasps that cannot be used, to take out of the candidates before this is called again; or why there
+        is no plan.
     """
     without_placement = problem.target
     for commitments in alternatives(problem):
@@ -91,7 +85,7 @@ def commitments_for(problem: ClearingProblem) -> ClearancePlan | NoCommitment | 
             return commitments
         grasps = commitments.grasps.values()
         if unusable := tuple(grasp for grasp in grasps if not problem.is_usable(problem.scene, grasp)):
-            return RejectedGrasps(unusable)
+            return unusable
         if not problem.strategy.plans_ahead:
             return ClearancePlan(commitments)
         commitments = problem.order_by_task_plan(commitments)
@@ -104,8 +98,8 @@ def commitments_for(problem: ClearingProblem) -> ClearancePlan | NoCommitment | 
             return plan
         without_placement = plan
     if problem.deadline.is_over:
-        return NoCommitment(Cause.TIME_LIMIT, (problem.target,), proved=False)
-    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_placement,), proved=False)
+        return NoCommitment(Cause.TIME_LIMIT, (problem.target,))
+    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_placement,))
 
 
 def alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:

@@ -12,10 +12,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from types import MappingProxyType
 
-from planners.clearing.commitments import ClearingProblem, Commitments
+from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
 from planners.clearing.lookahead import (
     ClearancePlan,
-    RejectedGrasps,
     alternatives,
     commitments_for,
     simulate_clearance,
@@ -72,9 +71,9 @@ def _plan_rest(problem: ClearingProblem, tries: Iterator[int], scene: Scene, pro
         found = commitments_for(rest)
         if isinstance(found, ClearancePlan):
             return found
-        if not isinstance(found, RejectedGrasps):
+        if isinstance(found, NoCommitment):
             break
-        for grasp in found.grasps:
+        for grasp in found:
             candidates.ban(scene, grasp)
     return _best_plan(rest, tries, provisional) if provisional else None
 

@@ -15,12 +15,8 @@ from numpy.typing import NDArray
 from irm.compilation import njit
 from planners.scene.masks import Mask, bit_count
 
-EXHAUSTED = 0
-"""No further set within the budget."""
-FOUND = 1
-"""A self-clearable set was found; the search can go on."""
-PAUSED = 2
-"""The node limit of this call was reached; the search can go on."""
+EXHAUSTED, FOUND, PAUSED = 0, 1, 2
+"""No further set within the budget; one was found; the node limit of this call was reached. The search can go on."""
 
 Array: TypeAlias = NDArray[np.int64]
 
@@ -84,7 +80,7 @@ def closure(masks: Array, starts: Array, allowed: Mask, removed: Mask) -> Mask:
 def _landmark(
     masks: Array, starts: Array, order: Array, target_bit: Mask, allowed: Mask, excluded: Mask, removed: Mask
 ) -> Mask:
-    """An inclusion-minimal landmark disjoint from `allowed` and `excluded`; empty if there is no way at all.
+    """An inclusion-minimal landmark disjoint from `allowed` and `excluded`; empty if it cannot be removed at all.
 
     Grows `allowed` object by object while the target stays out of reach: what then is missing is the landmark.
     """
@@ -107,11 +103,11 @@ def _landmark(
 
 @njit(cache=True)
 def disjoint_landmarks(
-    masks: Array, starts: Array, orders: Array, target_bit: Mask, committed: Mask, excluded: Mask, room: int
+    masks: Array, starts: Array, orders: Array, target_bit: Mask, committed: Mask, excluded: Mask, most: int
 ) -> tuple[int, Mask]:
     """Lower bound on the objects to add to `committed`, and the smallest landmark to branch on.
 
-    Stops once the bound exceeds `room`. Returns (-1, 0) when the target cannot be reached without `excluded`.
+    Stops once the bound exceeds `most`. Returns (-1, 0) when the target cannot be reached without `excluded`.
     The bound is 0 when `committed` is self-clearable.
     """
     removed = closure(masks, starts, committed, _NONE)
@@ -130,7 +126,7 @@ def disjoint_landmarks(
             if best == 0 or bit_count(landmark) < bit_count(best):
                 best = landmark
             bound += 1
-            if bound > room:
+            if bound > most:
                 return bound, best
             allowed |= landmark
             reached = closure(masks, starts, allowed, reached)

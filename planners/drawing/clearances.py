@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
-from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance, draw_legend
+from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance, legend_entries
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import (
@@ -27,15 +28,15 @@ from planners.placing.negative_goal_region import (
 )
 from planners.placing.surfaces import Surface
 from planners.placing.swept_volume import path_volume
-from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
+from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.tamp.solution import BoundAction, Solution
 
 Array = NDArray[np.float64]
 
 _COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
 """Pictures side by side, and how many of them where one is so many times as wide as it is high."""
-_PAGE, _TITLE, _LEGEND = 13.8, 0.45, 0.7
-"""[inch] Width of all pictures, heights of a title and of the legend."""
+_PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
+"""[inch] Width of all pictures, heights of a title and of a row of the legend."""
 _MOST = 11
 """Clearances drawn at most; of a longer plan the first ones are drawn."""
 _WORK_CELL = 0.025
@@ -58,26 +59,27 @@ def draw_plan(solution: Solution, path: Path) -> None:
         ValueError: the plan has no actions.
     """
     choices = choices_of(solution)
-    pictures = [(_title(number, choice), choice) for number, choice in enumerate(choices[:_MOST], start=1)]
+    pictures = []
+    for number, choice in enumerate(choices[:_MOST], start=1):
+        because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
+        pictures.append((f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}", choice))
     pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
     x_low, x_high, y_low, y_high = pictures[0][1].extent
     aspect = (y_high - y_low) / (x_high - x_low)
     most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE
     columns, width = min(most, len(pictures)), _PAGE / most
     rows = -(-len(pictures) // columns)
-    figure = Figure(figsize=(width * columns, (width / aspect + _TITLE) * rows + _LEGEND), layout="constrained")
+    legend = legend_entries()
+    height = (width / aspect + _TITLE) * rows + _LEGEND_ROW * -(-len(legend) // (2 * columns))
+    figure = Figure(figsize=(width * columns, height), layout="constrained")
     all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for axes, (title, picture) in zip(all_axes, pictures, strict=False):
         draw_clearance(axes, picture, title)
     for axes in all_axes[len(pictures) :]:
         axes.set_axis_off()
-    draw_legend(figure, 2 * columns)
+    style: dict[str, Any] = {"ncols": 2 * columns, "frameon": False, "fontsize": 8}
+    figure.legend(list(legend.values()), list(legend), loc="outside lower center", **style)
     figure.savefig(path, dpi=130)
-
-
-def _title(number: int, choice: ClearancePicture) -> str:
-    because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
-    return f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}"
 
 
 def choices_of(solution: Solution) -> list[ClearancePicture]:
@@ -87,7 +89,7 @@ def choices_of(solution: Solution) -> list[ClearancePicture]:
         if action.is_clearance:
             picked = next((step for step in reversed(solution.actions[:index]) if step.name == "PickUp"), None)
             later = [step.target for step in solution.actions[index:] if step.name == "PickUp"]
-            pictures.append(_choice(solution, action, picked, later, [picture.moved for picture in pictures]))
+            pictures.append(_choice(solution.target, action, picked, later, [picture.moved for picture in pictures]))
     return pictures
 
 
@@ -102,7 +104,9 @@ def last_picture(solution: Solution) -> ClearancePicture:
     taken = solution.actions[-1]
     scene, volume = taken.scene, _swept(taken)
     last = scene.body(solution.clearances[-1] if solution.clearances else solution.target)
-    grids = [SupportGrid.over(support) for support in _supports(solution)]
+    put = next((action for action in solution.actions if action.surfaces), None)
+    supports = [scene.support] if put is None else [surface.support for surface in put.surfaces]
+    grids = [SupportGrid.over(support) for support in supports]
     return ClearancePicture(
         [DrawnSurface(grid, negative_goal_region(grid, last.top - last.bottom, volume)) for grid in grids],
         scene.objects,
@@ -113,12 +117,6 @@ def last_picture(solution: Solution) -> ClearancePicture:
     )
 
 
-def _supports(solution: Solution) -> Sequence[StaticObstacle]:
-    """The supports that the plan could put objects on."""
-    put = next((action for action in solution.actions if action.surfaces), None)
-    return (solution.actions[-1].scene.support,) if put is None else [surface.support for surface in put.surfaces]
-
-
 def _outlines_on_support(scene: Scene) -> list[Array]:
     """Corners (k, 2) [m] from above of each static obstacle that stands on the support or beside it and is higher."""
     top = scene.support.top
@@ -126,16 +124,12 @@ def _outlines_on_support(scene: Scene) -> list[Array]:
 
 
 def _choice(
-    solution: Solution,
-    put: BoundAction,
-    picked: BoundAction | None,
-    later: Sequence[str],
-    cleared: Sequence[str],
+    target: str, put: BoundAction, picked: BoundAction | None, later: Sequence[str], cleared: Sequence[str]
 ) -> ClearancePicture:
     """The regions and candidates behind the location of a put-down; the regions are those that the planner kept clear.
 
     Args:
-        solution: the plan.
+        target: of the plan.
         put: the put-down.
         picked: the action that takes the object, None if it is in the gripper from the start.
         later: names of the objects that are taken afterwards, the target last.
@@ -160,8 +154,8 @@ def _choice(
             for surface, mask in zip(put.surfaces, in_work, strict=True)
         ],
         scene.objects,
-        solution.target,
-        [name for name in later if name != solution.target],
+        target,
+        [name for name in later if name != target],
         np.concatenate(candidates),
         allowed[clearance_order(allowed, reached, start[:2])],
         chosen=None if released is None else released.position[:2],

@@ -9,10 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
 from planners.drawing.region import COLOURS, join, outline
-from planners.scene import Body, Scene
+from planners.scene import Body
 from planners.tamp.solution import Solution
-
-__all__ = ["draw_overview"]
 
 _MARGIN = 0.15
 """[m] around the support and the base's footprints."""
@@ -36,27 +34,26 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
         raise ValueError("a plan without actions has nothing to draw")
     axes = plt.subplots(figsize=(6.4, 7.2), layout="constrained")[1] if ax is None else ax
     scene = solution.actions[0].scene
-    _draw_obstacles(axes, scene)
+    for obstacle in sorted(scene.static_obstacles, key=lambda entry: entry.top):  # lower ones first
+        is_support = obstacle.name == scene.support.name
+        face = COLOURS["table"] if is_support else "none"
+        edge = COLOURS["ink"] if is_support else COLOURS["refused"]
+        axes.add_patch(Polygon(obstacle.outline[:, ::-1], facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
     for body in scene.objects:
         kind = "target" if body.name == solution.target else "moved" if body.name in solution.clearances else "object"
         axes.add_patch(outline(body, COLOURS[kind]))
         _write(axes, body, body.name.removeprefix("object_"), COLOURS["ink"])
     _draw_clearances(axes, solution)
     _draw_base(axes, solution)
-    _frame(axes, solution)
-    _explain(axes)
+    entries = {
+        "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
+        "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
+        "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
+        "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
+    }
+    axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)
     axes.set_title(f"{solution.target} after {len(solution.clearances)} clearances ({solution.strategy.name})")
     return axes
-
-
-def _draw_obstacles(axes: Axes, scene: Scene) -> None:
-    """The outlines of all static obstacles, the support filled; lower ones are drawn first."""
-    for obstacle in sorted(scene.static_obstacles, key=lambda entry: entry.top):
-        is_support = obstacle.name == scene.support.name
-        face = COLOURS["table"] if is_support else "none"
-        edge = COLOURS["ink"] if is_support else COLOURS["refused"]
-        corners = obstacle.outline[:, ::-1]
-        axes.add_patch(Polygon(corners, facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
 
 
 def _draw_clearances(axes: Axes, solution: Solution) -> None:
@@ -81,7 +78,7 @@ def _write(axes: Axes, body: Body, text: str, colour: str) -> None:
 
 
 def _draw_base(axes: Axes, solution: Solution) -> None:
-    """The path of the base's centre, and its footprint and heading wherever it stops."""
+    """The path of the base's centre, and its footprint and heading wherever it stops; the axes show all of it."""
     for action in solution.actions:
         base = action.trajectory.base
         axes.plot(base[:, 1], base[:, 0], color=_BASE_COLOUR, linewidth=1.0, zorder=2)
@@ -91,24 +88,8 @@ def _draw_base(axes: Axes, solution: Solution) -> None:
         axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=_BASE_COLOUR, linewidth=0.8, zorder=2))
         ahead = (y + radius * np.sin(yaw), x + radius * np.cos(yaw))
         axes.plot((y, ahead[0]), (x, ahead[1]), color=_BASE_COLOUR, linewidth=1.6, zorder=2)
-
-
-def _frame(axes: Axes, solution: Solution) -> None:
-    """Show the support and every base pose."""
-    scene = solution.actions[0].scene
-    radius = scene.robot.base_radius
     bases = np.vstack([action.trajectory.base[:, :2] for action in solution.actions])
-    lower = np.minimum(scene.support.lower[:2], bases.min(axis=0) - radius) - _MARGIN
-    upper = np.maximum(scene.support.upper[:2], bases.max(axis=0) + radius) + _MARGIN
+    support = solution.actions[0].scene.support
+    lower = np.minimum(support.lower[:2], bases.min(axis=0) - radius) - _MARGIN
+    upper = np.maximum(support.upper[:2], bases.max(axis=0) + radius) + _MARGIN
     axes.set(xlim=(upper[1], lower[1]), ylim=(lower[0], upper[0]), aspect="equal", xlabel="y [m]", ylabel="x [m]")
-
-
-def _explain(axes: Axes) -> None:
-    """The legend."""
-    entries = {
-        "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
-        "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
-        "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
-        "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
-    }
-    axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)

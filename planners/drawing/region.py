@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
@@ -42,13 +41,9 @@ _SAME_PLACE = 0.005
 
 @dataclass(frozen=True, eq=False)
 class DrawnSurface:
-    """The top face of one support.
+    """The top face of one support: its cells, and where the object must not be put.
 
-    Attributes:
-        grid: cells of its plane.
-        region: where the object must not be put.
-        in_work: mask of R_work over the grid; None if it is not to be drawn.
-        grown: where the object's centre must not be; None if it is not to be outlined.
+    Drawn if given: the mask of R_work over the grid, and where the object's centre must not be.
     """
 
     grid: SupportGrid
@@ -62,10 +57,8 @@ class ClearancePicture:
     """The supports when one clearance location is chosen, or before the target is taken.
 
     Attributes:
-        surfaces: their top faces.
-        bodies: all objects on them.
-        target: name of the target.
-        obstacles: names of the objects still to be cleared after this one.
+        surfaces, bodies: top faces of the supports, and all objects on them.
+        target, obstacles: names of the target and of the objects still to be cleared after this one.
         candidates: (n, 2) placement locations [m].
         ordered: (m, 2) those allowed, best first.
         chosen: (2,) the location taken, or None.
@@ -97,6 +90,11 @@ class ClearancePicture:
         low = np.min([surface.grid.extent for surface in self.surfaces], axis=0)
         high = np.max([surface.grid.extent for surface in self.surfaces], axis=0)
         return float(low[0]), float(high[1]), float(low[2]), float(high[3])
+
+    @property
+    def moved_body(self) -> Body | None:
+        """The object to be put aside; None if it is in the gripper from the start, or none is put aside."""
+        return next((body for body in self.bodies if body.name == self.moved), None)
 
     def kind(self, body: Body) -> str:
         """What an object is in this picture."""
@@ -134,14 +132,14 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
         spine.set_color(COLOURS["refused"])
 
 
-def draw_legend(figure: Figure, columns: int = 6) -> None:
-    """Draw the legend of colours and marks under all pictures."""
+def legend_entries() -> dict[str, Artist]:
+    """Colours and marks of all pictures, by their meaning."""
 
     def dot(colour: str, **style: Any) -> Line2D:
         return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
 
     edge = {"markeredgecolor": COLOURS["ink"]}
-    entries: dict[str, Artist] = {
+    return {
         "target": dot(COLOURS["target"], **edge),
         "put aside now": dot(COLOURS["moved"], **edge),
         "put aside before": dot(COLOURS["cleared"], **edge),
@@ -157,9 +155,6 @@ def draw_legend(figure: Figure, columns: int = 6) -> None:
         "candidate, in order": dot(COLOURS["location"], markersize=6),
         "refused candidate": dot(COLOURS["refused"], marker="x", markersize=5),
     }
-    figure.legend(
-        list(entries.values()), list(entries), loc="outside lower center", ncols=columns, frameon=False, fontsize=8
-    )
 
 
 def _draw_surface(axes: Axes, surface: DrawnSurface) -> None:
@@ -208,28 +203,17 @@ def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
     if picture.chosen is None:
         return
     x, y = (float(value) for value in picture.chosen)
-    ghost: dict[str, Any] = {
-        "facecolor": COLOURS["cleared"],
-        "edgecolor": COLOURS["location"],
-        "linestyle": "--",
-        "linewidth": 1.6,
-    }
+    ghost = {"facecolor": COLOURS["cleared"], "edgecolor": COLOURS["location"], "linestyle": "--", "linewidth": 1.6}
     axes.add_patch(Circle((y, x), _radius(picture), alpha=0.8, zorder=6, gid="put", **ghost))
     number = picture.moved.removeprefix("object_")
     axes.annotate(number, (y, x), ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=7)
-    moved = _moved(picture)
-    if moved is not None:
+    if (moved := picture.moved_body) is not None:
         join(axes, (float(moved.position[1]), float(moved.position[0])), (y, x))
-
-
-def _moved(picture: ClearancePicture) -> Body | None:
-    return next((body for body in picture.bodies if body.name == picture.moved), None)
 
 
 def _radius(picture: ClearancePicture) -> float:
     """[m] of the object that is put aside."""
-    moved = _moved(picture)
-    return _UNKNOWN_RADIUS if moved is None else moved.radius
+    return _UNKNOWN_RADIUS if picture.moved_body is None else picture.moved_body.radius
 
 
 def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:

@@ -77,12 +77,12 @@ def execute(
     executor = Executor(solution.actions, scene.robot, sensor.names, sensor.read(), config or MonitorConfig())
     started, status = float(data.time), ExecutionStatus.RUNNING
     while status is ExecutionStatus.RUNNING:
-        command, status, _ = executor.advance(sensor.read())
+        command, status = executor.advance(sensor.read())
         motors.move_to(command)
         if on_step is not None:
             on_step()
-    is_finished, sim_s = status is ExecutionStatus.FINISHED, float(data.time) - started
-    return ExecutionResult(is_finished, executor.deviation, tuple(executor.cleared), sim_s)
+    is_finished = status is ExecutionStatus.FINISHED
+    return ExecutionResult(is_finished, executor.deviation, tuple(executor.cleared), float(data.time) - started)
 
 
 class _Motors:

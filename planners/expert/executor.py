@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.contact import StepLabel
+from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
 from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState, Scene
-from planners.tamp.solution import BoundAction, contact_of, label_of
+from planners.tamp.solution import BoundAction
 
 Array = NDArray[np.float64]
 
@@ -48,14 +48,6 @@ class Command(NamedTuple):
     arm: str = ""
 
 
-class Step(NamedTuple):
-    """One control step of an execution; `deviation` is the one that stops the plan, None while there is none."""
-
-    command: Command
-    status: ExecutionStatus
-    deviation: Deviation | None
-
-
 class Executor:
     """Follows the trajectories of a plan one control step at a time.
 
@@ -63,6 +55,7 @@ class Executor:
     line, forwards or back in time; then the robot slows down on its path. At rest the status is `ABORTED`.
 
     Attributes:
+        action: number of the action that is carried out; the number of all actions after the last one.
         deviation: the deviation that stops the plan, None while there is none.
         cleared: names of the objects put down so far, in order.
     """
@@ -93,7 +86,7 @@ class Executor:
         self._robot = robot
         self._names = names
         self._config = config
-        self._action = 0
+        self.action = 0
         self._tick = -float(at_start)
         self._rate = 1.0
         self._expected = start
@@ -105,23 +98,22 @@ class Executor:
         self.deviation: Deviation | None = None
         self.cleared: list[str] = []
 
-    def advance(self, now: Snapshot) -> Step:
-        """Compare the world with the plan, and return the next command."""
+    def advance(self, now: Snapshot) -> tuple[Command, ExecutionStatus]:
+        """Compare the world with the plan, and return the next command and the status after it."""
         if self.deviation is None and not self._is_at_end:
             self.deviation = self._compare(now)
         if not self._has_to_wait(now):
             self._move_on(now)
         if self.deviation is not None and self._has_stopped():
-            return Step(self._command(), ExecutionStatus.ABORTED, self.deviation)
-        status = ExecutionStatus.FINISHED if self._is_at_end else ExecutionStatus.RUNNING
-        return Step(self._command(), status, self.deviation)
+            return self._command(), ExecutionStatus.ABORTED
+        return self._command(), ExecutionStatus.FINISHED if self._is_at_end else ExecutionStatus.RUNNING
 
     @property
     def phase(self) -> str:
         """The action and the phase of its motion, for example "PickUp object_03: lift"; "" after the last action."""
         if self._is_at_end:
             return ""
-        action = self._actions[self._action]
+        action = self._actions[self.action]
         return f"{f'{action.name} {action.target}'.rstrip()}: {action.trajectory.phase(self._time).name}"
 
     @property
@@ -129,7 +121,7 @@ class Executor:
         """Label of the last command; None after the last action, and once a deviation stops the plan."""
         if self._is_at_end or self.deviation is not None:
             return None
-        following = (contact_of(action) for action in self._actions[self._action :])
+        following = (contact_of(action) for action in self._actions[self.action :])
         return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
 
     @property
@@ -138,22 +130,17 @@ class Executor:
         return self._scene.robot.arm_name
 
     @property
-    def action(self) -> int:
-        """Number of the action that is carried out; that of all actions after the last one."""
-        return self._action
-
-    @property
     def _is_at_end(self) -> bool:
-        return self._action >= len(self._actions)
+        return self.action >= len(self._actions)
 
     @property
     def _scene(self) -> Scene:
         """The world as planned at the start of the present action."""
-        return self._actions[min(self._action, len(self._actions) - 1)].scene
+        return self._actions[min(self.action, len(self._actions) - 1)].scene
 
     @property
     def _trajectory(self) -> Trajectory:
-        return self._actions[min(self._action, len(self._actions) - 1)].trajectory
+        return self._actions[min(self.action, len(self._actions) - 1)].trajectory
 
     @property
     def _time(self) -> float:
@@ -178,13 +165,13 @@ class Executor:
         self._tick += self._rate
         while not self._is_at_end and self._tick >= self._steps + 1 - _ROUNDING:
             self._tick -= self._steps
-            action = self._actions[self._action]
+            action = self._actions[self.action]
             self._expected = now
             if action.is_clearance:
                 self.cleared.append(action.target)
-            self._action += 1
-        while self._tick < 0 and self._action > 0:
-            self._action -= 1
+            self.action += 1
+        while self._tick < 0 and self.action > 0:
+            self.action -= 1
             self._tick += self._steps
 
     def _lags(self, now: Snapshot) -> bool:
@@ -242,7 +229,7 @@ class Executor:
 
     def _compare(self, now: Snapshot) -> Deviation | None:
         """The first deviation found: grip, other objects, joints, then the object to be grasped."""
-        action = self._actions[self._action]
+        action = self._actions[self.action]
         phase = action.trajectory.phase(self._time)
         deviation = self._check_grip(now, phase.touched if phase.held else None)
         touched = phase.held or (action.target if action.name != "MoveBase" else "")
@@ -296,6 +283,6 @@ def follow(
     executor = Executor(actions, robot, sensor.names, sensor.read(), config)
     status, is_over = ExecutionStatus.RUNNING, False
     while status is ExecutionStatus.RUNNING and not is_over:
-        command, status, _ = executor.advance(sensor.read())
+        command, status = executor.advance(sensor.read())
         is_over = step(command)
     return "" if executor.deviation is None else str(executor.deviation.kind)

@@ -1,10 +1,8 @@
 """The scripted expert: it plans, executes in the simulation, watches for deviations, and plans again.
 
-    plan -> execute, one control step an action -> hold the target up -> success
-      ^       | deviation: retreat, stop              | not held
-      +-- settle -------------------------------------+
-
-`TampExpert` is the policy; `_Retrieval` is this loop for one target.
+plan -> execute, one control step an action -> hold the target up -> success
+  ^       | deviation: retreat, stop              | not held
+  +-- settle -------------------------------------+
 """
 
 from __future__ import annotations
@@ -19,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.scene_arrays import robot_arrays
-from planners.contact import StepLabel
+from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, ExecutionStatus, Executor
-from planners.expert.interfaces import ControlledEnv, ScenePlanner, controlled_env, num_disturbances, planner_for
+from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
 from planners.expert.monitor import Sensor, height_below, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.motion.arm import tcp_pose, unwrap_joints
@@ -31,7 +29,7 @@ from planners.placing.surfaces import Supports
 from planners.planner import Planner
 from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
 from planners.strategies import Strategy, find_strategy
-from planners.tamp.solution import Infeasible, Solution, contacts
+from planners.tamp.solution import Infeasible, Solution
 
 if TYPE_CHECKING:
     from planners.drawing.page.live import LivePage
@@ -104,7 +102,10 @@ class TampExpert:
             self._env, planner, grasps, supports, canonical=canonical, hold_aside=self._config.hold_aside
         )
         self._seed = seed
-        self._retrieval: _Retrieval | None = None
+        robot = self._env.robot
+        self._robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
+        self._has_begun = False
+        self._solution: Solution | Infeasible | None = None
 
     def reset(self, target: str | None = None) -> None:
         """Read the scene and plan; the environment may be in any state after its own reset.
@@ -120,8 +121,38 @@ class TampExpert:
             own_target = self._env.target
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
-        rng, wanted = np.random.default_rng(self._seed), own_target if target is None else target
-        self._retrieval = _Retrieval(self._env, self._planner, self._strategy, self._config, rng, wanted)
+        env, planner = self._env, self._planner
+        if isinstance(planner, Planner):
+            planner.warmup()  # compiles kernels before any clock is started
+        scene = self._read_scene()
+        wanted = scene.body(own_target if target is None else target)
+        # From here on this is another episode.
+        self._has_begun, self._done, self._solution, self._target = False, False, None, wanted.name
+        self._rng = np.random.default_rng(self._seed)
+        self._recorder = Recorder(env, wanted.name)
+        self._data = env.data
+        self._started = self._now = float(env.data.time)
+        self._sensors = {
+            arm: Sensor(env.model, env.data, robot, env.object_names) for arm, robot in self._robots.items()
+        }
+        self._report = EpisodeReport()
+        # While there is an executor, a plan is carried out. Otherwise the robot waits for `_wait` control steps, to
+        # hold the target up or for objects to settle, and what comes next is decided after that.
+        self._executor: Executor | None = None
+        self._wait = 0
+        self._stood_at = height_below(scene, wanted)
+        arm = scene.robot.arm_name
+        self._arm_targets = {one.name: np.array(one.home) for one in env.robot.arms}
+        self._last = Command(self._sensors[arm].read().drive, env.robot.opening(scene.state.finger_position), arm)
+        self._arm_targets[arm] = self._last.drive[4:]
+        if self._config.with_floor:
+            before = time.process_time()
+            own = planner if isinstance(planner, Planner) else Planner(scene.robot)
+            floor = own.clearance_floor(scene, wanted.name)
+            spent = time.process_time() - before
+            self._report = EpisodeReport(floor=floor.count if floor.proved else None, planning_s=spent)
+        self._plan(scene)
+        self._has_begun = True
 
     def act(self) -> Array:
         """The next action; call it once before every step of the environment.
@@ -129,22 +160,59 @@ class TampExpert:
         Raises:
             ExpertError: `reset` has not been called since the expert was made or since the environment was reset.
         """
-        return self._begun("act()").act()
+        self._check_begun("act()")
+        now = float(self._env.data.time)
+        if self._env.data is not self._data or now < self._now:
+            raise ExpertError("the environment was reset after the expert; call TampExpert.reset() again")
+        self._now = now
+        executor = self._executor
+        if executor is None:
+            self._recorder.add_step()
+            self._wait -= 1
+            if not self._done and self._wait <= 0:
+                self._check_result()
+            return self._action(self._last)
+        command, status = executor.advance(self._sensors[executor.arm].read())
+        self._recorder.add_step(executor.action, executor.phase)
+        if status is not ExecutionStatus.RUNNING:
+            self._report = self._report.with_clearances(executor.cleared)
+            self._executor = None
+        if status is ExecutionStatus.FINISHED:
+            self._hold()
+        elif status is ExecutionStatus.ABORTED:
+            deviation = str(executor.deviation)
+            self._note(deviation)
+            if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {deviation}"):
+                self._wait = _steps(self._config.settle_s)
+        return self._action(command)
 
     @property
     def done(self) -> bool:
         """Whether the expert has finished or given up; raises `ExpertError` before `reset`."""
-        return self._begun("done").done
+        self._check_begun("done")
+        return self._done
 
     @property
     def report(self) -> EpisodeReport:
         """How the episode went, or how it stands; raises `ExpertError` before `reset`."""
-        return self._begun("report").report
+        self._check_begun("report")
+        report, executor = self._report, self._executor
+        if not self._done:
+            report = report.with_clearances([] if executor is None else executor.cleared)
+            report = replace(report, sim_s=float(self._env.data.time) - self._started)
+            if self._is_retrieved():
+                is_executed = report.executed or (executor is not None and executor.deviation is None)
+                report = replace(report, executed=is_executed, scored=True, failure="")
+            else:
+                report = replace(report, failure=report.failure or "unfinished")
+        disturbances = num_disturbances(self._env)
+        return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
 
     @property
     def target(self) -> str:
         """Name of the object to retrieve; raises `ExpertError` before `reset`."""
-        return self._begun("target").target
+        self._check_begun("target")
+        return self._target
 
     @property
     def phase(self) -> str:
@@ -153,7 +221,8 @@ class TampExpert:
         Raises:
             ExpertError: `reset` has not been called.
         """
-        return self._begun("phase").phase
+        self._check_begun("phase")
+        return "" if self._executor is None else self._executor.phase
 
     @property
     def step_label(self) -> StepLabel:
@@ -162,17 +231,23 @@ class TampExpert:
         Raises:
             ExpertError: `reset` has not been called.
         """
-        return self._begun("step_label").step_label
+        self._check_begun("step_label")
+        label = None if self._executor is None else self._executor.label
+        if label is not None:
+            return label
+        finger_position = self._env.robot.finger_position(self._last.opening)
+        return StepLabel("", None, np.append(self._last.drive, finger_position))
 
     @property
     def solution(self) -> Solution | Infeasible | None:
         """The result of the last solve; None before `reset`, or if the scene was not valid for planning."""
-        return None if self._retrieval is None else self._retrieval.solution
+        return self._solution
 
     @property
     def recording(self) -> Recording:
         """States, plans and deviations of the episode until now; raises `ExpertError` before `reset`."""
-        return self._begun("recording").recorder.recording()
+        self._check_begun("recording")
+        return self._recorder.recording()
 
     def to_html(self, path: str | Path, rows: Mapping[str, str] | None = None, result: str = "") -> None:
         """Write the episode until now as one page for a browser, which needs no network: its motions on a time line.
@@ -207,115 +282,24 @@ class TampExpert:
 
         return LivePage(self.recording, port)
 
-    def _begun(self, call: str) -> _Retrieval:
-        if self._retrieval is None:
+    def _check_begun(self, call: str) -> None:
+        if not self._has_begun:
             raise ExpertError(f"call TampExpert.reset() before {call}")
-        return self._retrieval
 
-
-class _Retrieval:
-    """The expert's loop for one target, which is asked for one action after the other.
-
-    While there is an executor, a plan is carried out; otherwise the robot waits for `_wait` control steps, to hold the
-    target up or for objects to settle, and what comes next is decided after that.
-
-    Attributes:
-        target: name of the object to retrieve.
-        done: whether the expert has finished or given up.
-        solution: the result of the last solve.
-        recorder: keeps states, plans and deviations.
-    """
-
-    def __init__(
-        self,
-        env: ControlledEnv,
-        planner: ScenePlanner,
-        strategy: Strategy,
-        config: ExpertConfig,
-        rng: np.random.Generator,
-        target: str,
-    ) -> None:
-        """Read the scene and plan.
-
-        Raises:
-            UnknownObject: no object of the name `target`.
-        """
-        if isinstance(planner, Planner):
-            planner.warmup()  # compiles kernels before any clock is started
-        self._env, self._planner, self._strategy, self._config, self._rng = env, planner, strategy, config, rng
-        self.target = target
-        self.done = False
-        self.solution: Solution | Infeasible | None = None
-        self.recorder = Recorder(env, target)
-        self._data = env.data
-        self._started = self._now = float(env.data.time)
-        self._robots = {
-            arm: env.robot if arm == env.robot.arm_name else env.robot.using(arm) for arm in env.robot.acting_arms
-        }
-        self._sensors = {
-            arm: Sensor(env.model, env.data, robot, env.object_names) for arm, robot in self._robots.items()
-        }
-        self._report = EpisodeReport()
-        self._executor: Executor | None = None
-        self._wait = 0
-        scene = self._read_scene()
-        self._stood_at = height_below(scene, scene.body(target))
-        arm = scene.robot.arm_name
-        self._arm_targets = {one.name: np.array(one.home) for one in env.robot.arms}
-        self._last = Command(self._sensors[arm].read().drive, env.robot.opening(scene.state.finger_position), arm)
-        self._arm_targets[arm] = self._last.drive[4:]
-        if config.with_floor:
-            before = time.process_time()
-            own = planner if isinstance(planner, Planner) else Planner(scene.robot)
-            floor = own.clearance_floor(scene, target)
-            spent = time.process_time() - before
-            self._report = EpisodeReport(floor=floor.count if floor.proved else None, planning_s=spent)
-        self._plan(scene)
-
-    # The loop.
-
-    def act(self) -> Array:
-        """The next action; after the end of the episode the robot holds its position.
-
-        Raises:
-            ExpertError: the environment has been reset since the episode began.
-        """
-        now = float(self._env.data.time)
-        if self._env.data is not self._data or now < self._now:
-            raise ExpertError("the environment was reset after the expert; call TampExpert.reset() again")
-        self._now = now
-        executor = self._executor
-        if executor is None:
-            self.recorder.add_step()
-            self._wait -= 1
-            if not self.done and self._wait <= 0:
-                self._check_result()
-            return self._action(self._last)
-        command, status, deviation = executor.advance(self._sensors[executor.arm].read())
-        self.recorder.add_step(executor.action, executor.phase)
-        if status is not ExecutionStatus.RUNNING:
-            self._report = self._report.with_clearances(executor.cleared)
-            self._executor = None
-        if status is ExecutionStatus.FINISHED:
-            self._hold()
-        elif status is ExecutionStatus.ABORTED:
-            self._note(str(deviation))
-            if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {deviation}"):
-                self._wait = _steps(self._config.settle_s)
-        return self._action(command)
+    # Steps of the loop.
 
     def _plan(self, scene: Scene) -> None:
         """Solve and begin to execute, or end the episode with the reason for failure."""
         before = time.process_time()
         try:
-            solution = self._planner.solve(scene, self.target, self._strategy, self._rng, self._config.planning_s)
+            solution = self._planner.solve(scene, self._target, self._strategy, self._rng, self._config.planning_s)
         except SceneError as error:
             self._end(f"the scene is not valid for planning: {error}")
             return
         if not isinstance(solution, Solution | Infeasible):
             raise ExpertError(f"the planner returned {solution!r:.100}; it must return a Solution or an Infeasible")
-        self.solution = solution
-        self.recorder.add_solve(solution)
+        self._solution = solution
+        self._recorder.add_solve(solution)
         planned, report = contacts(solution), self._report
         self._report = replace(
             report,
@@ -373,12 +357,12 @@ class _Retrieval:
 
     def _note(self, deviation: str) -> None:
         self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
-        self.recorder.add_note(deviation)
+        self._recorder.add_note(deviation)
 
     def _end(self, failure: str) -> None:
         self._report = replace(self._report, failure=failure, sim_s=float(self._env.data.time) - self._started)
         self._executor = None
-        self.done = True
+        self._done = True
 
     def _action(self, command: Command) -> Array:
         """The environment's action for a command, in its own control mode."""
@@ -395,37 +379,6 @@ class _Retrieval:
         q_target = np.concatenate((command.drive[:4], *(self._arm_targets[arm] for arm in arms)))
         widths = [command.opening if arm == command.arm else robot.opening(0.0) for arm in arms]
         return np.asarray(env.joint_action(q_target, np.array(widths)))
-
-    # Results, until now or of the end.
-
-    @property
-    def phase(self) -> str:
-        """The action and the phase of its motion; "" while the robot waits."""
-        return "" if self._executor is None else self._executor.phase
-
-    @property
-    def step_label(self) -> StepLabel:
-        """Label of the last action; no phase and the present command while the robot waits."""
-        label = None if self._executor is None else self._executor.label
-        if label is not None:
-            return label
-        finger_position = self._env.robot.finger_position(self._last.opening)
-        return StepLabel("", None, np.append(self._last.drive, finger_position))
-
-    @property
-    def report(self) -> EpisodeReport:
-        """How the episode went; while it goes on, as if it ended now: the environment may end before the plan does."""
-        report, executor = self._report, self._executor
-        if not self.done:
-            report = report.with_clearances([] if executor is None else executor.cleared)
-            report = replace(report, sim_s=float(self._env.data.time) - self._started)
-            if self._is_retrieved():
-                is_executed = report.executed or (executor is not None and executor.deviation is None)
-                report = replace(report, executed=is_executed, scored=True, failure="")
-            else:
-                report = replace(report, failure=report.failure or "unfinished")
-        disturbances = num_disturbances(self._env)
-        return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
 
     # Reading the world.
 
@@ -452,10 +405,10 @@ class _Retrieval:
 
     def _is_retrieved(self) -> bool:
         """Whether the target is held, high enough above the support that it stood on for success."""
-        height = self._measure().body(self.target).bottom - self._stood_at
+        height = self._measure().body(self._target).bottom - self._stood_at
         if height <= self._env.lift_height:
             return False
-        return any(held_object(self._measure(arm)) == self.target for arm in self._robots)
+        return any(held_object(self._measure(arm)) == self._target for arm in self._robots)
 
 
 def _home_of(scene: Scene) -> Array:

@@ -129,23 +129,10 @@ def controlled_env(env: Any) -> ControlledEnv:
 def planner_for(
     env: ControlledEnv, planner: Any, grasps: str | None, supports: Supports, **choices: bool | None
 ) -> Any:
-    """The planner to use in an environment.
+    """The planner to use in an environment; arguments and errors are those of `TampExpert`.
 
-    In control mode "ee" a `Planner` without a `follower` gets that of the environment, since its motions are followed
-    through TCP poses.
-
-    Args:
-        env: the environment.
-        planner: a `Planner`, or any object with its `solve`; None for a new `Planner`.
-        grasps: name of the grasp set of a `Planner`.
-        supports: where a `Planner` may put objects.
-        choices: `canonical` and `hold_aside` of a `Planner`. Each choice that is None leaves the planner as it is.
-
-    Raises:
-        ExpertError: `planner` has no method `solve`, is a planner for another robot, or is no `Planner` and thus has no
-            grasps, supports or canonical plans to choose.
-        UnknownGraspSet: no grasp set of that name.
-        ArmsError: `hold_aside` with a robot that acts with one arm.
+    A choice that is None leaves the planner as it is. In control mode "ee" a `Planner` without a `follower` gets that
+    of the environment, since its motions are followed through TCP poses.
     """
     follower = env.tcp_follower() if env.control_mode == "ee" else None
     if planner is None:
@@ -167,14 +154,7 @@ def planner_for(
 
 
 def num_disturbances(env: ControlledEnv) -> int | None:
-    """Objects that have fallen plus objects that have been disturbed, as the environment counts them.
-
-    Args:
-        env: counts if it has a property `info` with `num_fallen` and `num_disturbed`, as `clutter_env`'s have.
-
-    Returns:
-        The sum, in which an object may be counted twice; None if the environment does not count.
-    """
+    """Objects fallen plus objects disturbed, one may count twice; None if `env` has no `info` with these counts."""
     info = getattr(env, "info", None)
     if info is None or not {"num_fallen", "num_disturbed"} <= info.keys():
         return None

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -16,21 +17,12 @@ from planners.scene.bodies import up_axis
 Array: TypeAlias = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PlacementConfig:
-    """The grid of placement locations.
-
-    Attributes:
-        rows: c of the paper: cells along x (depth).
-        columns: r of the paper: cells along y (width).
-        margin: l of the paper [m]: distance of the outermost locations from the edges.
-        finest: [m] between locations, below which the grid is not refined further.
-    """
-
-    rows: int = 4
-    columns: int = 4
-    margin: float = 0.045
-    finest: float = 0.015
+_ROWS, _COLUMNS = 4, 4
+"""c and r of the paper: cells of its grid along x (depth) and y (width)."""
+_MARGIN = 0.045
+"""[m] l of the paper: distance of the outermost locations from the edges."""
+_FINEST = 0.015
+"""[m] between locations, below which the grid is not refined further."""
 
 
 def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
@@ -42,40 +34,34 @@ def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
     return body.at_pose(T)
 
 
-def placement_grid(support: StaticObstacle, config: PlacementConfig | None = None) -> Array:
+def placement_grid(support: StaticObstacle) -> Array:
     """The (c + 1)(r + 1) corners of the cells of a grid on the support plane (Figs. 7 and 8), shape (n, 2) [m]."""
-    config = config or PlacementConfig()
-    return _grid(support, config, config.rows, config.columns)
+    return _grid(*_bounds(support), _ROWS, _COLUMNS)
 
 
-def placement_levels(
-    support: StaticObstacle, rng: np.random.Generator, config: PlacementConfig | None = None
-) -> Iterator[Array]:
+def placement_levels(support: StaticObstacle, rng: np.random.Generator) -> Iterator[Array]:
     """The paper's grid, then grids twice as fine each time, their points moved at random within their cells.
 
-    Yields arrays (n, 2) [m]; ends when the points would be closer than `config.finest`.
+    Yields arrays (n, 2) [m]; ends before points would be closer than 15 mm.
     """
-    config = config or PlacementConfig()
-    yield placement_grid(support, config)
-    low, high = _bounds(support, config)
-    for level in range(1, 32):
-        cells = np.array((config.rows, config.columns)) * 2**level
+    yield placement_grid(support)
+    low, high = _bounds(support)
+    for level in itertools.count(1):
+        cells = np.array((_ROWS, _COLUMNS)) * 2**level
         spacing = (high - low) / cells
-        if spacing.min() < config.finest:
+        if spacing.min() < _FINEST:
             return
-        grid = _grid(support, config, int(cells[0]), int(cells[1]))
+        grid = _grid(low, high, *cells)
         yield np.clip(grid + rng.uniform(-0.5, 0.5, grid.shape) * spacing, low, high)
 
 
-def _grid(support: StaticObstacle, config: PlacementConfig, rows: int, columns: int) -> Array:
-    low, high = _bounds(support, config)
-    x = np.linspace(low[0], high[0], rows + 1)
-    y = np.linspace(low[1], high[1], columns + 1)
+def _grid(low: Array, high: Array, rows: int, columns: int) -> Array:
+    x, y = np.linspace(low[0], high[0], rows + 1), np.linspace(low[1], high[1], columns + 1)
     return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _bounds(support: StaticObstacle, config: PlacementConfig) -> tuple[Array, Array]:
-    half = np.maximum(support.extent[:2] - config.margin, 0.0)
+def _bounds(support: StaticObstacle) -> tuple[Array, Array]:
+    half = np.maximum(support.extent[:2] - _MARGIN, 0.0)
     return support.position[:2] - half, support.position[:2] + half
 
 
@@ -85,25 +71,18 @@ def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
     body = scene.body(scene.held.name)
     T_world_tcp = rotated(gripper_pose[3], gripper_pose[4])
     T_world_tcp[:3, 3] = gripper_pose[:3]
-    dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
-    return stand_at(_settled(dropped), np.array([*dropped.position[:2], level]))
-
-
-def _settled(body: Body) -> Body:
-    """The object turned by the smallest angle such that it rests."""
-    if body.is_upright:
-        return replace(body, quaternion=np.array([np.cos(body.yaw / 2), 0.0, 0.0, np.sin(body.yaw / 2)]))
-    up = up_axis(body)
-    T = body.pose
-    T[:3, :3] = _turn_between(up, np.array((0.0, 0.0, 1.0))) @ T[:3, :3]
-    return body.at_pose(T)
-
-
-def _turn_between(one: Array, other: Array) -> Array:
-    """The smallest rotation (3, 3) that takes a unit vector to another one, not its opposite."""
-    cross = np.cross(one, other)
-    K = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
-    return np.asarray(np.eye(3) + K + K @ K / (1.0 + one @ other))
+    body = dropped = body.at_pose(T_world_tcp @ scene.held.T_tcp_object)
+    if dropped.is_upright:
+        body = replace(dropped, quaternion=np.array([np.cos(dropped.yaw / 2), 0.0, 0.0, np.sin(dropped.yaw / 2)]))
+    else:
+        # It turns by the smallest angle such that it rests: the rotation that takes its upward axis to the vertical.
+        up = up_axis(dropped)
+        cross = np.cross(up, (0.0, 0.0, 1.0))
+        K = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
+        T = dropped.pose
+        T[:3, :3] = (np.eye(3) + K + K @ K / (1.0 + up @ (0.0, 0.0, 1.0))) @ T[:3, :3]
+        body = dropped.at_pose(T)
+    return stand_at(body, np.array([*dropped.position[:2], level]))
 
 
 def rotated(yaw: float, pitch: float) -> Array:

@@ -23,7 +23,7 @@ from planners.grasping.base_placement import Arm, farthest_reach
 from planners.grasping.candidates import SamplingConfig
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.approaches import can_put_down
-from planners.placing.locations import PlacementConfig, placement_levels, put_down, rotated
+from planners.placing.locations import placement_levels, put_down, rotated
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
@@ -33,6 +33,8 @@ from planners.strategies import Strategy
 
 Array = NDArray[np.float64]
 
+_YAWS, _TORSOS, _ROLLS = 24, 4, 12
+"""Directions of the gripper tried at each location; torso heights and upper-arm rolls tried for each."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
 _FACES_DOWN = math.radians(75)
@@ -71,20 +73,13 @@ class PlacementSearch:
     """Finds placements; see `find`.
 
     Attributes:
-        arms: the arms that act, by name: an object is put down by the one that holds it.
-        config: the grid of locations, and how far it is refined.
-        yaws: directions of the gripper tried at each location.
-        torsos, rolls: values of torso height and upper-arm roll tried for each.
-        near_home: only the configuration nearest to home, for robots that are told TCP poses.
+        arms: those that act, by name: an object is put down by the one that holds it.
+        near_home: only the configuration nearest to home, for end-effector-controlled robots.
         supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
         volumes: what grasps sweep, as far as it is known already.
     """
 
     arms: Mapping[str, Arm]
-    config: PlacementConfig = field(default_factory=PlacementConfig)
-    yaws: int = 24
-    torsos: int = 4
-    rolls: int = 12
     near_home: bool = False
     supports: tuple[str, ...] = ()
     volumes: GraspVolumes = field(default_factory=GraspVolumes, repr=False, compare=False)
@@ -116,12 +111,11 @@ class PlacementSearch:
         """
         scene, surfaces = world.scene, self.surfaces(world, keep_clear)
         yield from (replace(found, surfaces=surfaces) for found in self._preferred(world, surfaces, strategy, deadline))
-        levels = _free_levels(surfaces, self._radius(scene), scene.state.base, rng, self.config)
+        levels = _free_levels(surfaces, self._radius(scene), scene.state.base, rng)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
-            for location in _until(deadline, from_here):
-                yield from (replace(found, surfaces=surfaces) for found in self._from_here(world, location))
-            for location in _until(deadline, after_a_drive):
-                yield from (replace(found, surfaces=surfaces) for found in self._after_a_drive(world, location))
+            for look, locations in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
+                for location in itertools.takewhile(lambda _: not deadline.is_over, locations):
+                    yield from (replace(found, surfaces=surfaces) for found in look(world, location))
 
     def surfaces(self, world: CollisionWorld, keep_clear: KeepClear) -> tuple[Surface, ...]:
         """The supports as the held object may use them."""
@@ -181,7 +175,7 @@ class PlacementSearch:
         if not len(locations):
             return np.zeros(0, dtype=np.bool_)
         gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
-        can_reach = _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), self.yaws)
+        can_reach = _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), _YAWS)
         return np.asarray(can_reach.any(axis=1))
 
     def _free(self, world: CollisionWorld, gripper_poses: Array) -> Array:
@@ -190,13 +184,13 @@ class PlacementSearch:
         return gripper_poses[hits == 0]
 
     def _gripper_poses(self, scene: Scene, location: Array) -> Array:
-        """Gripper poses (yaws, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad]."""
+        """Gripper poses (24, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad]."""
         assert scene.held is not None
         body = scene.body(scene.held.name)
         pitch = release_pitch(body, scene.held)
         T_release_object = rotated(0.0, pitch) @ scene.held.T_tcp_object
         offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).half_extent_along((0.0, 0.0, 1.0))
-        yaws = np.arange(self.yaws) * (2 * np.pi / self.yaws)
+        yaws = np.arange(_YAWS) * (2 * np.pi / _YAWS)
         c, s = np.cos(yaws), np.sin(yaws)
         shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
         height = location[2] + half_height + _GAP - offset[2]
@@ -210,7 +204,7 @@ class PlacementSearch:
         assert scene.held is not None
         if grid is None:
             chain = self.arms[scene.robot.arm_name].chain
-            grid = SamplingConfig(self.torsos, self.rolls, self.near_home).grid(chain)
+            grid = SamplingConfig(_TORSOS, _ROLLS, self.near_home).grid(chain)
         opening, own = self._opening(scene), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
         if is_covered(scene, (*placed.position[:2], level)):
@@ -237,11 +231,9 @@ class PlacementSearch:
         return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
 
 
-def _free_levels(
-    surfaces: Sequence[Surface], radius: float, base: Array, rng: np.random.Generator, config: PlacementConfig
-) -> Iterator[Array]:
+def _free_levels(surfaces: Sequence[Surface], radius: float, base: Array, rng: np.random.Generator) -> Iterator[Array]:
     """Level by level the free locations (n, 3) on all surfaces, nearest first; on the first surface if equally near."""
-    levels = [placement_levels(surface.support, rng, config) for surface in surfaces]
+    levels = [placement_levels(surface.support, rng) for surface in surfaces]
     for grids in itertools.zip_longest(*levels, fillvalue=np.zeros((0, 2))):
         free = [surface.free(grid, radius) for surface, grid in zip(surfaces, grids, strict=True)]
         yield _nearest_first(np.concatenate(free), base)
@@ -251,10 +243,6 @@ def _nearest_first(locations: Array, base: Array) -> Array:
     """Locations (n, 3) by their distance from the base."""
     order = np.argsort(np.linalg.norm(locations[:, :2] - base[:2], axis=1), kind="stable")
     return np.asarray(locations[order])
-
-
-def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:
-    return itertools.takewhile(lambda _: not deadline.is_over, locations)
 
 
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:

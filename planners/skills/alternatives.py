@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.clearing.lower_bound import FloorLimits, minimum_clearances
+from planners.clearing.lower_bound import FloorLimits, smallest_set
 from planners.context import PlanningContext
 from planners.grasping.canonical import CanonicalGrasps
 from planners.motion.approaches import can_take
@@ -50,7 +50,9 @@ class Alternatives:
     @classmethod
     def of(cls, planner: Planner, scene: Scene) -> Alternatives:
         """Those of a planner's grasps and supports, for every arrangement of the scene's objects."""
-        context = PlanningContext.of(scene, grasps=planner.grasps, supports=planner.support_choice, canonical=True)
+        context = PlanningContext.of(
+            scene.robot, scene, grasps=planner.grasps, supports=planner.support_choice, canonical=True
+        )
         grasps, placements = context.grasps(), context.placements()
         assert isinstance(grasps, CanonicalGrasps)
         assert isinstance(placements, CanonicalPlacements)
@@ -111,10 +113,9 @@ class Alternatives:
     def _clearances_without(self, scene: Scene, target: int, removed: int = 0) -> float:
         """The minimum number of clearances if some objects, as a mask, were not there; infinite if nothing frees it."""
 
-        def masks(index: int) -> list[int]:
+        def masks(name: str) -> list[int]:
             """What is in the way of each grasp of an object then."""
-            options = self.grasps.for_object(scene, scene.names[index])
-            return [option.blockers & ~removed for option in options]
+            return [option.blockers & ~removed for option in self.grasps.for_object(scene, name)]
 
-        count = minimum_clearances(masks, target, _LIMITS).count
+        count = smallest_set(masks, scene.names[target], scene.names, _LIMITS).count
         return math.inf if count is None else count

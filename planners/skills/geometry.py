@@ -23,7 +23,7 @@ from planners.grasping.candidates import (
     gripper_poses,
 )
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
-from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import Body, Scene
 from planners.strategies import find_strategy
@@ -57,18 +57,11 @@ class SkillGeometry:
 
     Attributes:
         context: the robot among the static obstacles.
-        sampling: how finely grasps are sampled.
         compiled: scenes compiled so far.
     """
 
     context: PlanningContext
-    sampling: SamplingConfig = field(default_factory=SamplingConfig)
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
-
-    @property
-    def search(self) -> PlacementSearch:
-        """Finds placements."""
-        return self.context.placements()
 
     def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
         """Free grasps for the skill, best first."""
@@ -78,17 +71,12 @@ class SkillGeometry:
             return SkillFailure("blocked" if found else "unreachable")
         return tuple(sorted(free, key=lambda option: -option.quality))
 
-    def least_obstructed(self, scene: Scene, skill: Skill) -> GraspCandidate | SkillFailure:
-        """The grasp for the skill with the fewest objects in its way, the best of them."""
-        found = self.options(scene, skill)
-        if not found:
-            return SkillFailure("unreachable")
-        return min(found, key=lambda option: (option.blockers.bit_count(), -option.quality))
-
     def in_the_way(self, scene: Scene, skill: Skill) -> tuple[str, ...]:
         """Names of the objects in the way of the least obstructed grasp; none if there is no grasp at all."""
-        grasp = self.least_obstructed(scene, skill)
-        return () if isinstance(grasp, SkillFailure) else scene.names_of(grasp.blockers)
+        options = self.options(scene, skill)
+        if not options:
+            return ()
+        return scene.names_of(min(options, key=lambda each: (each.blockers.bit_count(), -each.quality)).blockers)
 
     def options(self, scene: Scene, skill: Skill) -> list[GraspCandidate]:
         """Grasps for the skill with what is in the way of each."""
@@ -107,18 +95,21 @@ class SkillGeometry:
         bases, index = arm.placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
-        found = scan_configurations(world, poses, self.sampling.grid(arm.chain), opening, ignore=ignore)
-        return [replace(grasp, arm=scene.robot.arm_name) for grasp in as_candidates(body.name, poses, opening, found)]
+        found = scan_configurations(world, poses, SamplingConfig().grid(arm.chain), opening, ignore=ignore)
+        return as_candidates(body.name, poses, opening, found, scene.robot.arm_name)
 
-    def placements(
-        self, scene: Scene, target: str, rng: np.random.Generator, planned: Placement | None = None
-    ) -> Iterator[Placement]:
+    def placements(self, scene: Scene, target: str, rng: np.random.Generator) -> Iterator[Placement]:
         """Placements for the held object that keep clear of the target's least obstructed grasp, best first."""
         assert scene.held is not None
-        if planned is not None:
-            yield planned
-        wanted = self._wanted_grasp(scene, target)
-        yield from self.search.find(self.compiled.world(scene), wanted, _CLEARANCE_REGION, rng)
+        keep_clear = KeepClear()
+        if scene.held.name != target and target in scene.names:
+            # The held object is on its way out, so it obstructs no grasp.
+            held = scene.mask({scene.held.name})
+            options = self.options(scene, Skill(target))
+            keep_clear = KeepClear(
+                min(options, key=lambda each: ((each.blockers & ~held).bit_count(), -each.quality), default=None)
+            )
+        return self.context.placements().find(self.compiled.world(scene), keep_clear, _CLEARANCE_REGION, rng)
 
     def simulate_kinematically(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
@@ -136,19 +127,10 @@ class SkillGeometry:
         state = replace(in_hand.state, base=place.base)
         return in_hand.with_held(None).with_body(place.body).with_state(state)
 
-    def _wanted_grasp(self, scene: Scene, target: str) -> KeepClear:
-        assert scene.held is not None
-        if scene.held.name == target or target not in scene.names:
-            return KeepClear()
-        held = scene.mask({scene.held.name})
-        options = self.options(scene, Skill(target))
-        ranked = sorted(options, key=lambda o: ((o.blockers & ~held).bit_count(), -o.quality))
-        return KeepClear(ranked[0]) if ranked else KeepClear()
-
 
 def skill_geometry(scene: Scene) -> SkillGeometry:
     """Skills of the scene's robot among the scene's static obstacles, for every arrangement of its objects."""
-    return SkillGeometry(PlanningContext.of(scene, grasps="side"))
+    return SkillGeometry(PlanningContext.of(scene.robot, scene, grasps="side"))
 
 
 def _is_from(yaw: float, direction: int | None) -> bool:

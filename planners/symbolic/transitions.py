@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from planners.symbolic.problem import (
@@ -21,7 +22,6 @@ from planners.symbolic.problem import (
     GroundAction,
     SymbolError,
     SymbolicState,
-    TaskProblem,
 )
 
 
@@ -44,49 +44,40 @@ def placement_references(location: str) -> References:
     return References(f"robot_pdp_{location}", f"arm_pdp_{location}", f"robot_mp_{location}", f"arm_mp_{location}")
 
 
-def initial_location(name: str) -> str:
-    """Symbol of the place where an object stood first."""
-    return f"{name}_init_loc"
-
-
 def initial_state(
     objects: Collection[str],
-    *,
-    held: str | Mapping[str, str] | None = None,
-    robot_at: str = ROBOT_INIT_LOC,
-    standing_at: Mapping[str, str] | None = None,
+    held: Mapping[str, str] = MappingProxyType({}),
     grippers: Collection[str] = (GRIPPER,),
+    held_obstructs: str = "",
 ) -> SymbolicState:
     """The facts of a scene before any motion is planned: every object can be grasped where it stands.
 
     Args:
         objects: names of all objects.
-        held: the object in the first gripper, or objects by gripper; they may be put down (as no obstacles until an
-            error says so).
-        robot_at: symbol of the base pose.
-        standing_at: location symbols of objects that were moved before.
+        held: objects by the gripper that holds them; they may be put down (as no obstacles until an error says so).
         grippers: symbols of the robot's grippers.
+        held_obstructs: the object that held ones were taken away for; "" puts them down as no obstacles.
 
     Raises:
-        SymbolError: a name PDDL cannot hold, or a held object is not among the objects.
+        SymbolError: a held object is not among the objects.
     """
-    in_hand = {next(iter(grippers)): held} if isinstance(held, str) else dict(held or {})
-    for name in in_hand.values():
+    for name in held.values():
         if name not in objects:
             raise SymbolError(f"held object {name!r} is not among the objects: {', '.join(sorted(objects))}")
-    moved = standing_at or {}
-    facts: set[Atom] = {("robotAt", robot_at)}
-    facts |= {("graspedBy", in_hand[one], one) if one in in_hand else ("empty", one) for one in grippers}
+    facts: set[Atom] = {("robotAt", ROBOT_INIT_LOC)}
+    facts |= {("graspedBy", held[one], one) if one in held else ("empty", one) for one in grippers}
     for name in objects:
-        location = moved.get(name, initial_location(name))
-        if name not in in_hand.values():
+        if name not in held.values():
+            location = f"{name}_init_loc"
             facts |= {("objectAt", name, location), ("occupied", location)}
             facts |= motion_facts(grasp_references(name), name, location)
-    state = SymbolicState(frozenset(facts), frozenset(moved.values()))
-    for name in sorted(in_hand.values()):
+    state = SymbolicState(frozenset(facts))
+    for name in sorted(held.values()):
         location = next_location(state, name)
         motion = motion_facts(placement_references(location), name, location)
         state = state.changed(add={("isPlacementLocation", location, name), *motion})
+    for name in sorted(held.values()) if held_obstructs else ():
+        state = _offer_clearance(state, name, held_obstructs)
     return state
 
 
@@ -127,40 +118,6 @@ class GraspObstructed:
 
     object: str
     blockers: frozenset[str]
-
-
-def obstruction_problem(
-    target: str,
-    blockers: Mapping[str, Collection[str]],
-    *,
-    objects: Collection[str] = (),
-    held: str | Mapping[str, str] | None = None,
-    held_obstructs: str = "",
-    robot_at: str = ROBOT_INIT_LOC,
-    standing_at: Mapping[str, str] | None = None,
-    grippers: Collection[str] = (GRIPPER,),
-) -> TaskProblem:
-    """The problem in which each object's chosen grasp is obstructed by its `blockers`.
-
-    Args:
-        target: the object to hold in the end.
-        blockers: objects in the way of each object's chosen grasp, by name.
-        objects: further objects of the scene.
-        held: the object in the first gripper, if any, or objects by gripper.
-        held_obstructs: the object that held ones were taken away for; "" puts them down as no obstacles.
-        robot_at: symbol of the base pose.
-        standing_at: location symbols of objects that were moved before.
-        grippers: symbols of the robot's grippers.
-    """
-    in_hand = {held} if isinstance(held, str) else {*(held or {}).values()}
-    mentioned = {target, *objects, *blockers, *in_hand, *(name for names in blockers.values() for name in names)}
-    state = initial_state(sorted(mentioned), held=held, robot_at=robot_at, standing_at=standing_at, grippers=grippers)
-    if held_obstructs:
-        for name in sorted(in_hand):
-            state = _offer_clearance(state, name, held_obstructs)
-    for name in sorted(set(blockers) - in_hand):
-        state = update_from_error(state, GraspObstructed(name, frozenset(blockers[name]) - in_hand))
-    return TaskProblem(state, target)
 
 
 def unmet_preconditions(state: SymbolicState, action: GroundAction) -> tuple[Atom, ...]:

@@ -20,6 +20,8 @@ T = TypeVar("T")
 FORMAT = "clutter-env plan"
 VERSION = 3
 """Increased whenever the meaning of what is stored changes."""
+_RENAMED = {2: {"second_moves": "non_monotone"}}
+"""Older versions that are read, with the fields that have other names today."""
 
 
 class PlanFileError(ValueError):
@@ -63,7 +65,7 @@ def read_plan(path: str | Path, kind: type[T]) -> T:
             header = json.loads(str(file["header"]))
             if header["format"] != FORMAT:
                 raise PlanFileError(f"{path} holds no plan but {header['format']!r}")
-            if header["version"] != VERSION:
+            if header["version"] not in (VERSION, *_RENAMED):
                 raise PlanFileError(f"{path} has version {header['version']!r}; this package reads version {VERSION}")
             if header["kind"] != kind.__name__:
                 raise PlanFileError(f"{path} holds no {kind.__name__} but {header['kind']!r}")
@@ -142,6 +144,7 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
     """The plan of a header; each object is built after those it refers to."""
     objects: list[Any] = []
     arrays: dict[int, NDArray[Any]] = {}
+    renamed = _RENAMED.get(header["version"], {})
 
     def decode(value: Any) -> Any:
         if isinstance(value, Sequence) and not isinstance(value, str):
@@ -159,7 +162,7 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
         if stored["class"] not in classes:
             raise ValueError(f"unknown class {stored['class']!r}; known: {', '.join(sorted(classes))}")
         kind = classes[stored["class"]]
-        content = {name: decode(value) for name, value in stored["fields"].items()}
+        content = {renamed.get(name, name): decode(value) for name, value in stored["fields"].items()}
         for name, hint in _field_types(kind).items():
             _check(content.get(name), hint)
         objects.append(kind(**content))

@@ -8,10 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from planners.cause import Cause
-from planners.contact import Contact, StepLabel
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Trajectory
 from planners.placing.surfaces import Surface
@@ -21,8 +18,6 @@ from planners.tamp.plan_file import is_same, read_plan, write_plan
 
 _EVIDENCE = 70
 """Characters of the evidence that the repr of an `Infeasible` shows."""
-_SKILLS = {"close": "pick", "open": "place"}
-"""Skill whose contact a phase begins with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,27 +290,3 @@ def _clearance(action: BoundAction) -> str:
     where = "" if body is None else f" to x = {body.position[0]:.2f} m, y = {body.position[1]:.2f} m"
     because = f", because it obstructs {action.obstructed}" if action.obstructed else ""
     return f"{action.target}{where}{because}"
-
-
-def contacts(solution: Solution | Infeasible | None) -> tuple[Contact, ...]:
-    """The contacts of a plan, in order of time; none of a failure."""
-    actions = solution.actions if isinstance(solution, Solution) else ()
-    return tuple(contact for contact in map(contact_of, actions) if contact is not None)
-
-
-def contact_of(action: BoundAction) -> Contact | None:
-    """The contact of an action, None of a base motion."""
-    for phase in action.trajectory.phases:
-        if phase.name in _SKILLS:
-            sample = action.trajectory.sample(phase.start)
-            state = RobotState(sample.base, sample.q, sample.finger_position)
-            return Contact(_SKILLS[phase.name], action.target, sample.base, tcp_pose(action.scene.robot, state))
-    return None
-
-
-def label_of(trajectory: Trajectory, time: float, contact: Contact | None) -> StepLabel:
-    """The label of a step at a time [s] in a trajectory that leads to a contact, or comes from it."""
-    phase = trajectory.phase(time)
-    later = (other.start for other in trajectory.phases if other.start > phase.start)
-    end = trajectory.sample(next(later, trajectory.duration))
-    return StepLabel(phase.name, contact, np.concatenate((end.base, end.q, [end.finger_position])))

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners.clearing.lower_bound import minimum_clearances
+from planners.clearing.lower_bound import smallest_set
+from planners.contact import contact_of
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.skills.alternatives import Alternatives, direction_class
-from planners.tamp.solution import Solution, contact_of
+from planners.tamp.solution import Solution
 from tests.planners.scenes import random_scene
 
 PLANNER = Planner(FETCH, grasps="side", canonical=True)
@@ -32,10 +33,10 @@ def plan() -> Solution:
 
 
 def minimum(alternatives: Alternatives, scene: Scene, target: int) -> int | None:
-    def masks(index: int) -> list[int]:
-        return [grasp.blockers for grasp in alternatives.grasps.for_object(scene, scene.names[index])]
+    def masks(name: str) -> list[int]:
+        return [grasp.blockers for grasp in alternatives.grasps.for_object(scene, name)]
 
-    return minimum_clearances(masks, target).count
+    return smallest_set(masks, scene.names[target], scene.names).count
 
 
 def test_the_plans_own_straight_choices_are_free(plan: Solution) -> None:
@@ -74,15 +75,6 @@ def test_what_is_as_good_lowers_the_minimum_by_one(plan: Solution) -> None:
         assert before is not None
         assert after is not None
         assert as_good[index].any() == (after < before)
-
-
-def test_the_target_is_as_good_only_at_the_end(plan: Solution) -> None:
-    scene = plan.actions[0].scene
-    alternatives = Alternatives.of(PLANNER, scene)
-    free = np.ones((len(scene.objects), 1, 24), np.bool_)
-    last = alternatives.as_good(scene, plan.target, free, 0)
-    assert last[scene.index(plan.target)].all()
-    assert last.sum() == 24
 
 
 @pytest.mark.parametrize(("degrees", "number"), [(0, 0), (7, 0), (8, 1), (-15, 23), (180, 12), (-180, 12), (359, 0)])

@@ -13,10 +13,16 @@ import torch
 from numpy.typing import NDArray
 
 import assets
-from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, crowding
-from clutter_env.policies.high_level.clearing_costs import RISK, Costs, clearing_costs
+from clutter_env.envs.base import layout_identity
+from clutter_env.policies.high_level.candidates import (
+    CandidateRule,
+    Candidates,
+    ObservedScene,
+    crowding,
+    object_rows,
+    observed_scene,
+)
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
-from clutter_env.policies.high_level.observed_scene import ObservedScene, object_rows, observed_scene
 from clutter_env.policies.parsed_observation import Observation
 from clutter_env.policies.weights import WeightsInfo, load_weights
 from clutter_env.scene.layout import find_layout
@@ -46,6 +52,12 @@ _CROWDING_COST = 0.5
 """[clearances] of a place without any clearance around it."""
 _MOVED = 0.01
 """[m] An object that is farther than this from where it was has moved."""
+MAX_COST = 12.0
+"""[clearances] Cost of an object that cannot be taken."""
+RISK = 10.0
+"""[clearances] Cost of a candidate that certainly fails."""
+_ROUNDS = 12
+"""Rounds at most: a chain of clearances is hardly ever longer."""
 
 
 class _Weighed(NamedTuple):
@@ -78,7 +90,7 @@ class LearnedHighLevelPolicy:
 
     def __init__(self, network: CandidateNetwork, rule: CandidateRule, info: WeightsInfo | None = None) -> None:
         self.rule = rule
-        self.info = info or WeightsInfo("decisions", rule.robot.name, rule.layout.name, rule.grasps)
+        self.info = info or WeightsInfo("decisions", rule.robot.name, layout_identity(rule.layout), rule.grasps)
         self._network = network.eval()
         self._points = rule.points()
         self.reset()
@@ -250,3 +262,48 @@ def _key(candidates: Candidates, row: int, skill: str, name: str) -> tuple[objec
 def _batch(candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[np.bool_]) -> CandidateBatch:
     arrays = (own, candidates.tcp.astype(np.float32), candidates.base.astype(np.float32), others, is_present)
     return CandidateBatch(*(torch.from_numpy(np.ascontiguousarray(array)) for array in arrays))
+
+
+class Costs(NamedTuple):
+    """Costs [clearances] in k variants of a scene: (k, n) of taking each object, and (k, m) of each candidate.
+
+    `is_cleared` (k, m, n): whether an object that may be in the way of a candidate had better be cleared first.
+    """
+
+    objects: Array
+    candidates: Array
+    is_cleared: NDArray[np.bool_]
+
+
+def clearing_costs(own: NDArray[np.int64], fixed: Array, blocks: Array, known: Array | None = None) -> Costs:
+    """Costs of m candidates of n objects: the clearances that are left, by value iteration over the objects.
+
+    The cost of taking an object is that of its best candidate. At a candidate every object that may be in the way costs
+    the lesser of two: the risk of touching it, or clearing it first, one clearance and what it takes to take that
+    object. Costs start at `MAX_COST` and fall until they no longer change, as in Bellman-Ford. An object that stands in
+    the way of two others that are both cleared is counted twice: the values are upper bounds of the clearances.
+
+    Args:
+        own: (m,) index of the object of each candidate.
+        fixed: (m,) cost of a candidate whatever stands in its way.
+        blocks: (k, m, n) probabilities that an object is in the way, 0 for its own.
+        known: (n,) costs of objects that are known already, NaN for others.
+    """
+    variants, candidates, count = blocks.shape
+    objects = np.full((variants, count), MAX_COST)
+    order = np.argsort(own, kind="stable")
+    present, first = np.unique(own[order], return_index=True)
+    risk = RISK * blocks
+    total = np.full((variants, candidates), MAX_COST)
+    is_known = np.zeros(count, np.bool_) if known is None else ~np.isnan(known)
+    for _ in range(_ROUNDS):
+        if known is not None:
+            objects[:, is_known] = known[is_known]
+        total = fixed + np.minimum(risk, 1.0 + objects[:, None]).sum(axis=2)
+        found = objects.copy()
+        if candidates:
+            found[:, present] = np.minimum(np.minimum.reduceat(total[:, order], first, axis=1), MAX_COST)
+        if np.allclose(found, objects):
+            break
+        objects = found
+    return Costs(objects, total, risk > 1.0 + objects[:, None])

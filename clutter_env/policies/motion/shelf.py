@@ -13,8 +13,7 @@ from assets import RobotSpec
 from clutter_env.policies.motion.arm import shorter_turns, with_wrist_flipped
 from clutter_env.policies.motion.control import IntegralOffset
 from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, drive_goal, gripper_error
-from clutter_env.policies.motion.network import KeyframeNetwork
-from clutter_env.policies.motion.network_input import SHELF_PHASES, contact_in_base, line_distance
+from clutter_env.policies.motion.network import SHELF_PHASES, KeyframeNetwork, contact_in_base, line_distance
 from clutter_env.policies.motion.shelf_arm import ArmPredictor, ShelfArmChooser
 from clutter_env.policies.parsed_observation import ParsedObservation, planar_pose
 from clutter_env.scene.layout import TABLE, Layout, furniture
@@ -87,7 +86,7 @@ class ShelfKeyframePlanner:
             ahead = here
             if phase == "lift":
                 ahead = min(here + AHEAD, self._arm.height)
-            elif phase == "lower" and gripper_error(phase, seen, expected, contact).is_small:
+            elif phase == "lower" and gripper_error(phase, seen, expected, contact).is_small():
                 ahead = max(here - AHEAD, 0.0)
             q = self._q_at(contact, offset, ahead)
         q = shorter_turns(self._robot, seen.q, q)

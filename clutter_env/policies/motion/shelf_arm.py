@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from assets import RobotSpec
 from clutter_env.policies.motion.arm import ArmKinematics, is_wrist_flipped, with_wrist_flipped
 from clutter_env.policies.motion.control import MAX_SHIFT, MAX_TURN
-from clutter_env.policies.motion.network import KeyframeNetwork
-from clutter_env.policies.motion.network_input import (
+from clutter_env.policies.motion.network import (
     FREE_JOINTS,
     SKILLS,
+    KeyframeNetwork,
     contact_in_base,
     network_input,
     phase_index,

@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -63,12 +63,16 @@ def page_text(recording: Recording, title: str, rows: Mapping[str, str], result:
         rows: the report, names and values.
         result: "success", "failure", "plan", or "running" for an episode that goes on.
     """
-    arrays, bodies = ArrayBlock(), moving_bodies(recording.model)
+    arrays, model, bodies = ArrayBlock(), recording.model, moving_bodies(recording.model)
+    indices = {model.body(body).name: index for index, body in enumerate(bodies)}
     content = {
-        **scene_values(recording, bodies, arrays),
+        **model_values(model, bodies, arrays),
+        "num_bodies": len(bodies),
+        "objects": [{"name": name.rpartition("/")[2], "body": indices[name]} for name in recording.objects],
+        "target": recording.target,
         "title": title,
         "result": result,
-        "frames": frame_values(recording, recording.frames, bodies, arrays),
+        "frames": frame_values(model, recording.frames, bodies, arrays),
         "solves": [solve_values(solve, arrays) for solve in recording.solves],
         "notes": note_values(recording.notes),
         "rows": list(rows.items()),
@@ -76,27 +80,21 @@ def page_text(recording: Recording, title: str, rows: Mapping[str, str], result:
     return arrays.text(content)
 
 
-def scene_values(recording: Recording, bodies: Sequence[int], arrays: ArrayBlock) -> dict[str, Any]:
-    """What does not change: shapes, objects, the target."""
-    model = recording.model
-    indices = {model.body(body).name: index for index, body in enumerate(bodies)}
-    return {
-        **model_values(model, bodies, arrays),
-        "num_bodies": len(bodies),
-        "objects": [{"name": name.rpartition("/")[2], "body": indices[name]} for name in recording.objects],
-        "target": recording.target,
-    }
-
-
 def frame_values(
-    recording: Recording, frames: Sequence[Frame], bodies: Sequence[int], arrays: ArrayBlock
+    model: mujoco.MjModel, frames: Sequence[Frame], bodies: Sequence[int], arrays: ArrayBlock
 ) -> dict[str, Any]:
-    """Times, poses, and what the robot does, of some frames of a recording."""
-    poses = body_poses(recording.model, bodies, (frame.qpos for frame in frames))
+    """Times, poses of bodies, and what the robot does, of some frames of a recording.
+
+    Poses are in steps of 16 bits, positions beyond their range clipped: of each number the first value and the
+    differences that follow, mostly zeros, which compress well. They wrap around like the sums that undo them.
+    """
+    numbers = np.rint(_poses(model, bodies, frames) / np.repeat((_LENGTH, _TURN), (3, 4)))
+    rows = numbers.clip(-32767, 32767).astype(np.int16).reshape(len(frames), -1).T
+    changes = np.diff(rows, axis=1, prepend=np.zeros((len(rows), 1), np.int16))
     phases = sorted({frame.phase for frame in frames})
     return {
         "times": arrays.add([frame.time for frame in frames]),
-        "poses": arrays.add(changes(pose_numbers(poses)), "int16"),
+        "poses": arrays.add(changes, "int16"),
         "solve": arrays.add([frame.solve for frame in frames], "int16"),
         "action": arrays.add([frame.action for frame in frames], "int16"),
         "phase": arrays.add([phases.index(frame.phase) for frame in frames], "int16"),
@@ -107,17 +105,12 @@ def frame_values(
 def solve_values(solve: Solve, arrays: ArrayBlock) -> dict[str, Any]:
     """A plan with its layers, or the reason why there is none."""
     outcome: Any = solve.outcome
-    plan = plan_values(outcome, arrays) if getattr(outcome, "actions", ()) else {"actions": [], "choices": []}
+    plan = _plan(outcome, arrays) if getattr(outcome, "actions", ()) else {"actions": [], "choices": []}
     history = [
-        {
-            "plan": list(turn.plan),
-            "verified": turn.verified,
-            "facts": list(turn.new_facts),
-            "reason": turn.reason,
-        }
-        for turn in solve.outcome.stats.history
+        {"plan": list(turn.plan), "verified": turn.verified, "facts": list(turn.new_facts), "reason": turn.reason}
+        for turn in outcome.stats.history
     ]
-    return {"time": round(solve.time, 3), "summary": solve.outcome.summary(), "history": history, **plan}
+    return {"time": round(solve.time, 3), "summary": outcome.summary(), "history": history, **plan}
 
 
 def note_values(notes: Sequence[Note]) -> list[dict[str, Any]]:
@@ -145,23 +138,8 @@ class ArrayBlock:
         return json.dumps({"content": content, "arrays": packed}, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def changes(values: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Each column (n, k) as its first value and the differences that follow, (k, n): of what rests, mostly zeros.
-
-    Differences wrap around like the sums that undo them.
-    """
-    rows = values.T
-    return np.ascontiguousarray(np.diff(rows, axis=1, prepend=np.zeros((len(rows), 1), np.int16)))
-
-
 def model_values(model: mujoco.MjModel, bodies: Sequence[int], arrays: ArrayBlock) -> dict[str, Any]:
-    """The shapes to draw: each has the index in `bodies` of the body that it moves with, or -1 and a pose in the world.
-
-    Args:
-        model: the scene.
-        bodies: that move, as from `moving_bodies`.
-        arrays: gets the meshes.
-    """
+    """The shapes to draw, each with the index in `bodies` of what it moves with, or with -1 and a pose in the world."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     geoms = [geom for geom in range(model.ngeom) if _is_visible(model, geom)]
@@ -178,26 +156,18 @@ def moving_bodies(model: mujoco.MjModel) -> list[int]:
     return [body for body in sorted(owners) if model.body_weldid[body] != 0]
 
 
-def body_poses(
-    model: mujoco.MjModel, bodies: Sequence[int], states: Iterable[NDArray[np.floating[Any]]]
-) -> NDArray[np.float64]:
-    """Positions [m] and quaternions (n, k, 7) of bodies for joint positions (n, nq); no quaternion jumps to -q."""
+def _poses(model: mujoco.MjModel, bodies: Sequence[int], frames: Sequence[Frame]) -> NDArray[np.float64]:
+    """Positions [m] and quaternions (n, k, 7) of bodies; no quaternion jumps to -q."""
     data = mujoco.MjData(model)
     rows = []
-    for qpos in states:
-        data.qpos[:] = qpos
+    for frame in frames:
+        data.qpos[:] = frame.qpos
         mujoco.mj_kinematics(model, data)
         rows.append(np.concatenate((data.xpos[bodies], data.xquat[bodies]), axis=1))
     poses = np.array(rows)
     for before, now in itertools.pairwise(poses):
         now[(before[:, 3:] * now[:, 3:]).sum(axis=1) < 0, 3:] *= -1
     return poses
-
-
-def pose_numbers(poses: NDArray[np.float64]) -> NDArray[np.int16]:
-    """Poses (n, k, 7) in steps of 16 bits, (n, 7 k); positions beyond their range are clipped."""
-    numbers = np.rint(poses / np.repeat((_LENGTH, _TURN), (3, 4)))
-    return numbers.clip(-32767, 32767).astype(np.int16).reshape(len(poses), -1)
 
 
 def _is_visible(model: mujoco.MjModel, geom: int) -> bool:
@@ -252,13 +222,8 @@ def _rounded(values: ArrayLike) -> list[float]:
     return [round(float(value), 5) for value in np.asarray(values)]
 
 
-def plan_values(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
-    """The actions of a plan and the choices of its clearance locations.
-
-    Args:
-        plan: with actions.
-        arrays: gets regions, candidates, base poses and paths.
-    """
+def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
+    """The actions of a plan and the choices of its clearance locations."""
     first = plan.actions[0].scene
     views = {action.scene.robot.arm_name: action.scene for action in plan.actions}
     placers = {arm: MapPlacer.of_scene(inverse_map(scene.robot), scene) for arm, scene in views.items()}

@@ -49,20 +49,17 @@ class LivePage:
         """
         title = episode_title(recording)
         self._bodies = moving_bodies(recording.model)
-        self._html = page_html(title, page_text(recording, title, {}, "running"), _EVENTS)
-        self._frames, self._solves, self._notes = (
-            len(part) for part in (recording.frames, recording.solves, recording.notes)
-        )
-        self._messages = _Messages()
-        self._server = _Server((_HOST, port), self._html, self._messages)
+        self._sent = recording
+        self._server = _Server(port, page_html(title, page_text(recording, title, {}, "running"), _EVENTS))
         self.address = f"http://{_HOST}:{self._server.server_port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, name="live page", daemon=True)
         self._thread.start()
 
     def update(self, recording: Recording) -> None:
         """Send what is new, as soon as there is a plan, a deviation or some frames."""
-        is_news = len(recording.solves) > self._solves or len(recording.notes) > self._notes
-        if is_news or len(recording.frames) >= self._frames + _FRAMES:
+        sent = self._sent
+        is_news = len(recording.solves) > len(sent.solves) or len(recording.notes) > len(sent.notes)
+        if is_news or len(recording.frames) >= len(sent.frames) + _FRAMES:
             self._send(recording)
 
     def finish(self, recording: Recording, rows: Mapping[str, str], result: str) -> None:
@@ -71,57 +68,47 @@ class LivePage:
 
     def close(self) -> None:
         """Stop to serve, after browsers have got everything."""
-        self._messages.close()
+        self._server.end()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
 
     def _send(self, recording: Recording, **content: Any) -> None:
-        arrays = ArrayBlock()
-        content["frames"] = frame_values(recording, recording.frames[self._frames :], self._bodies, arrays)
-        content["solves"] = [solve_values(solve, arrays) for solve in recording.solves[self._solves :]]
-        content["notes"] = note_values(recording.notes[self._notes :])
-        self._frames, self._solves, self._notes = (
-            len(part) for part in (recording.frames, recording.solves, recording.notes)
-        )
-        self._messages.add(arrays.text(content))
-
-
-class _Messages:
-    """All messages of an episode, in order; threads wait for the next one."""
-
-    def __init__(self) -> None:
-        self._texts: list[str] = []
-        self._is_closed = False
-        self._changed = threading.Condition()
-
-    def add(self, text: str) -> None:
-        """Append a message."""
-        with self._changed:
-            self._texts.append(text)
-            self._changed.notify_all()
-
-    def close(self) -> None:
-        """No more messages come."""
-        with self._changed:
-            self._is_closed = True
-            self._changed.notify_all()
-
-    def get(self, number: int) -> str | None:
-        """The message of that number, as soon as it is there; None if it will not come."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._is_closed or number < len(self._texts))
-            return self._texts[number] if number < len(self._texts) else None
+        arrays, sent, self._sent = ArrayBlock(), self._sent, recording
+        content["frames"] = frame_values(recording.model, recording.frames[len(sent.frames) :], self._bodies, arrays)
+        content["solves"] = [solve_values(solve, arrays) for solve in recording.solves[len(sent.solves) :]]
+        content["notes"] = note_values(recording.notes[len(sent.notes) :])
+        self._server.add(arrays.text(content))
 
 
 class _Server(ThreadingHTTPServer):
-    """Gives the page and the messages to every browser; closing it waits until they are sent."""
+    """Gives the page and all messages, in order, to every browser; closing it waits until they are sent."""
 
     daemon_threads = False
 
-    def __init__(self, address: tuple[str, int], page: str, messages: _Messages) -> None:
-        super().__init__(address, _Handler)
-        self.page, self.messages = page.encode(), messages
+    def __init__(self, port: int, page: str) -> None:
+        super().__init__((_HOST, port), _Handler)
+        self.page = page.encode()
+        self._messages: list[str] = []
+        self._has_ended = False
+        self._changed = threading.Condition()
+
+    def add(self, message: str) -> None:
+        with self._changed:
+            self._messages.append(message)
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """No more messages come."""
+        with self._changed:
+            self._has_ended = True
+            self._changed.notify_all()
+
+    def message(self, number: int) -> str | None:
+        """The message of that number, as soon as it is there; None if it will not come."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._has_ended or number < len(self._messages))
+            return self._messages[number] if number < len(self._messages) else None
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -132,10 +119,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with the page or with the messages."""
-        if self.headers.get("Host") not in (
-            f"{_HOST}:{self.server.server_port}",
-            f"localhost:{self.server.server_port}",
-        ):
+        port = self.server.server_port
+        if self.headers.get("Host") not in (f"{_HOST}:{port}", f"localhost:{port}"):
             self.send_error(HTTPStatus.FORBIDDEN)
         elif self.path == "/":
             self._start("text/html; charset=utf-8")
@@ -160,7 +145,7 @@ class _Handler(BaseHTTPRequestHandler):
         last = self.headers.get("Last-Event-ID", "")
         number = int(last) + 1 if last.isdigit() else 0
         try:
-            while (text := self.server.messages.get(number)) is not None:
+            while (text := self.server.message(number)) is not None:
                 self.wfile.write(f"id: {number}\ndata: {text}\n\n".encode())
                 number += 1
         except OSError:  # the browser has closed the page

@@ -20,31 +20,14 @@ from planners.motion.trajectory import CONTROL_STEP
 from planners.scene import HeldObject, RobotState, Scene
 from planners.tamp.solution import Solution
 
-_SCRIPTS = (
-    "matrix.js",
-    "shapes.js",
-    "renderer.js",
-    "data.js",
-    "marks.js",
-    "scene.js",
-    "camera.js",
-    "timeline.js",
-    "panel.js",
-    "page.js",
-)
+_SCRIPTS = ("matrix", "shapes", "renderer", "data", "marks", "scene", "camera", "timeline", "panel", "page")
+"""In this order on the page: each uses those before it."""
 _SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
 """Colours of supports and of other static obstacles."""
 
 
 def write_page(path: Path, recording: Recording, rows: Mapping[str, str], result: str = "", title: str = "") -> None:
-    """Write a page.
-
-    Args:
-        path: the file; it is replaced if it exists.
-        recording: what is shown.
-        rows: the report, names and values.
-        result: as for `page_text`.
-        title: of the page; made from the recording if not given.
+    """Write the page of a recording, with the names and values of its report; `result` as for `page_text`.
 
     Raises:
         OSError: the file cannot be written.
@@ -67,7 +50,7 @@ def page_html(title: str, content: str, address: str = "") -> str:
         address: of the events of a running episode, on the server that the page comes from; "" for none.
     """
     folder = files(__package__) / "static"
-    scripts = "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    scripts = "\n".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
     parts = {
         "TITLE": html.escape(title),
         "ADDRESS": html.escape(address),
@@ -105,7 +88,10 @@ def plan_recording(plan: Solution) -> Recording:
         raise ValueError("a plan without actions has nothing to show")
     first = plan.actions[0].scene
     model = scene_model(first)
-    _colour(model, first)
+    for geom in range(model.ngeom):  # a planner's scene has no colours for its static obstacles
+        name = model.geom(geom).name
+        if model.geom_bodyid[geom] == 0:
+            model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in first.supports[:1] else _OTHER
     names = tuple(OBJECT + body.name for body in first.objects)
     return Recording(model, plan.target, names, tuple(_frames(plan, model)), (Solve(0.0, plan),))
 
@@ -160,11 +146,3 @@ class _States:
     def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
         start = self._objects[name]
         self._qpos[start : start + 7] = (*position, *quaternion)
-
-
-def _colour(model: mujoco.MjModel, scene: Scene) -> None:
-    """Colour supports and other static obstacles, which a planner's scene has no colours for."""
-    for geom in range(model.ngeom):
-        name = model.geom(geom).name
-        if model.geom_bodyid[geom] == 0:
-            model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in scene.supports[:1] else _OTHER

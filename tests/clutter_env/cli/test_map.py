@@ -10,7 +10,7 @@ import pytest
 from assets.robots import FETCH
 from clutter_env.cli.main import main
 from clutter_env.cli.map import Arguments
-from clutter_env.cli.named_robot import robot_by_name
+from clutter_env.cli.robot import robot_by_name
 from irm import MapParameters, compare_with_model
 from irm.chain import ArmChain
 from irm.errors import ChainError

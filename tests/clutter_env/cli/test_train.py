@@ -44,3 +44,13 @@ def test_what_ctrl_c_advises_works(tmp_path: Path) -> None:
     assert again.poll() is None, "it goes on"
     again.send_signal(signal.SIGINT)
     assert again.wait(60) == 130
+
+
+@pytest.mark.parametrize("words", [["--algorithm", "maskable_ppo"], ["--steps", "9", "--algorithm=maskable_ppo"]])
+def test_the_spelling_of_version_0_1_is_answered_with_the_new_one(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["train", *words])
+    assert end.value.code == 2
+    assert "clutter-env train maskable-ppo ..." in capsys.readouterr().err

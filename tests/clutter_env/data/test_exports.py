@@ -177,9 +177,12 @@ def test_a_collection_with_images_is_another_one(seen_dataset: Dataset) -> None:
 
 
 @needs_rendering
-def test_minari_reads_images_and_labels(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
+def test_minari_reads_images_and_labels(
+    seen_dataset: Dataset, seen: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     minari = pytest.importorskip("minari")
-    folder = export_minari(seen_dataset, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    folder = export_minari(seen_dataset, Path("relative"))
     loaded = minari.MinariDataset(str(folder / "data"))
     assert loaded.observation_space["head_rgb"].shape == (SIZE, SIZE, 3)
     for found, episode in zip(loaded.iterate_episodes(), seen, strict=True):

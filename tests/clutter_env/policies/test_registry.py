@@ -11,17 +11,21 @@ from typing import Any
 
 import gymnasium as gym
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from clutter_env.policies.baselines import DirectApproach, GreedyPolicy  # noqa: E402
-from clutter_env.policies.learned import join_levels  # noqa: E402
-from clutter_env.policies.motion.keyframe_policy import KeyframePolicy  # noqa: E402
-from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
-from clutter_env.policies.protocol import PolicyError, begin_episode  # noqa: E402
-from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps  # noqa: E402
-from clutter_env.policies.two_level import TwoLevelPolicy  # noqa: E402
-from clutter_env.policies.weights import SHIPPED, load_weights, save_weights, shipped_path  # noqa: E402
+from clutter_env.evaluation.score import DrawnScene, play_scene
+from clutter_env.policies.baselines import GreedyPolicy
+from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
+from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.protocol import PolicyError, begin_episode
+from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps
+from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE
+from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
+from clutter_env.policies.weights import SHIPPED, WeightsInfo, load_weights, save_weights, shipped_path
+from clutter_env.scene.layout import Layout
+from clutter_env.task import Task
+from clutter_env.training.run import Run
+from clutter_env.training.settings import Decisions, Keyframes
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
@@ -33,7 +37,7 @@ def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
         env_keywords(policy)
     assert isinstance(load_policy("keyframes-shelf", 0), TwoLevelPolicy)
     assert not load_policy("keyframes", 0).is_privileged  # type: ignore[union-attr]  # a TwoLevelPolicy
-    assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]
+    assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]  # a policy, by this name
 
 
 def test_an_unknown_policy_is_refused_with_the_known_ones() -> None:
@@ -62,7 +66,7 @@ def test_the_errors_of_a_users_module_are_not_wrapped_and_the_old_protocol_is_re
 
 def test_baselines_refuse_environments_in_which_they_cannot_act(env: gym.Env[Any, Any]) -> None:
     _, info = env.reset(seed=0)
-    for policy, named in ((GreedyPolicy(), "Skill"), (DirectApproach(), "control_mode='ee'")):
+    for policy, named in ((GreedyPolicy(), "Skill"), (load_policy("direct-approach", 0), "control_mode='ee'")):
         with pytest.raises(PolicyError, match=named):
             begin_episode(policy, info, env)
 
@@ -97,6 +101,31 @@ def test_weights_refuse_another_layout_and_levels_that_do_not_fit() -> None:
     for high_level, motion in ((decisions["all"], side), (decisions["shelf"], side)):
         with pytest.raises(PolicyError, match="do not fit"):
             join_levels(high_level, motion)
+
+
+def test_weights_for_a_users_own_layout_are_loaded_again(tmp_path: Path) -> None:
+    bench = Layout("bench", depth=0.6, width=1.1)
+    env, other = (gym.make("clutter_env/Retrieve-o1-v0", layout=one) for one in (bench, replace(bench, width=1.2)))
+    network, _ = KeyframeNetwork.load(shipped_path("motions", "shelf"))
+    save_weights(tmp_path / "w.npz", network, WeightsInfo.of_env("motions", env, "side"))
+    policy = KeyframePolicy.load(tmp_path / "w.npz")
+    begin_episode(policy, env.reset(seed=0)[1], env)
+    with pytest.raises(PolicyError, match="bench"):
+        policy.check(other)
+
+
+def test_a_pair_of_runs_is_one_policy_that_plays(tmp_path: Path) -> None:
+    task = Task("clutter_env/Retrieve-o1-v0")
+    decisions, motions = tmp_path / "decisions", tmp_path / "motions"
+    Run(task, Decisions(), decisions).write_record()
+    Run(task, Keyframes(), motions).write_record()
+    shutil.copy(shipped_path("decisions", "side"), decisions / DECISIONS_FILE)
+    shutil.copy(shipped_path("motions", "side"), motions / MOTIONS_FILE)
+    policy, env = load_policy(f"{decisions}+{motions}", 0), task.make()
+    score = play_scene(DrawnScene(1_000_003), env, policy, max_steps=300)
+    assert score.lifted
+    with pytest.raises(PolicyError, match="no policy of two levels"):
+        load_policy(f"{motions}+{motions}", 0)
 
 
 def test_weights_survive_their_file_and_other_files_are_refused(tmp_path: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +17,7 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.config import CONTROL_HZ
 from clutter_env.envs.base import BaseEnv
-from clutter_env.rendering import window
+from clutter_env.rendering import cameras
 from clutter_env.rendering.film import Film
 from clutter_env.rendering.framing import ABOVE, across, whole_scene
 from clutter_env.scene.layout import LAYOUTS
@@ -61,13 +63,14 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(window, "time", clock)
+    monkeypatch.setattr(cameras, "time", clock)
     return clock
 
 
 def shown(monkeypatch: pytest.MonkeyPatch, viewer: Viewer, **keywords: Any) -> BaseEnv:
     """An environment that shows itself in `viewer`, after a reset."""
-    monkeypatch.setattr(window, "_open_viewer", lambda *_: viewer)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setitem(sys.modules, "mujoco.viewer", SimpleNamespace(launch_passive=lambda *_, **__: viewer))
     env = gym.make(ID, render_mode="human", disable_env_checker=True, **keywords).unwrapped
     assert isinstance(env, BaseEnv)
     env.reset(seed=0)

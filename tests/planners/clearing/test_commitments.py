@@ -27,7 +27,7 @@ from tests.planners.scenes import random_scene
 def problem(request: pytest.FixtureRequest) -> ClearingProblem:
     """The choice of grasps in a random scene, for its first object."""
     scene = random_scene(25, request.param)
-    context = PlanningContext.of(scene, grasps="side")
+    context = PlanningContext.of(scene.robot, scene, grasps="side")
     rng = np.random.default_rng(0)
     return ClearingProblem(
         context, context.grasps(), context.placements(), scene, scene.names[0], STRATEGIES["lookahead"], rng

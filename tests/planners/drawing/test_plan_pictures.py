@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
 from assets.robots import FETCH
 from planners import Planner, Solution
@@ -143,6 +144,9 @@ def test_an_object_in_the_gripper_at_the_start_is_drawn_too(tmp_path: Path) -> N
     assert (tmp_path / "plan.png").stat().st_size > 10_000
 
 
-def test_a_plan_without_clearances_is_drawn(tmp_path: Path) -> None:
+def test_the_legend_leaves_room_for_the_title_of_a_single_picture(tmp_path: Path) -> None:
+    """The title was cut in half where the plan has no clearances."""
     draw_plan(free(), tmp_path / "plan.png")
-    assert (tmp_path / "plan.png").stat().st_size > 5_000
+    pixels = np.asarray(Image.open(tmp_path / "plan.png").convert("L"))
+    assert pixels[0].min() == 255
+    assert pixels.min() < 100

@@ -7,14 +7,13 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from planners.clearing.lower_bound import minimum_clearances
+from planners.clearing.lower_bound import smallest_set
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.grasp_poses import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
-from planners.strategies import UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << STATIC_BIT | 1 << SELF_BIT
@@ -22,7 +21,7 @@ CHAIN = ArmChain.from_robot(FETCH)
 
 
 def candidates(scene: Scene) -> GraspCandidates:
-    return PlanningContext.of(scene, grasps="side").grasps()
+    return PlanningContext.of(scene.robot, scene, grasps="side").grasps()
 
 
 @pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)])
@@ -65,7 +64,7 @@ def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
     every = {name: all_of(scene, name) for name in scene.names[:6]}
     for name, masks in every.items():
-        source = PlanningContext.of(scene).grasps()
+        source = PlanningContext.of(scene.robot, scene).grasps()
         least = min((mask.bit_count() for mask in masks), default=None)
         assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
         ban_all_free(source, scene, name)
@@ -114,18 +113,18 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
 
 def all_of(scene: Scene, name: str) -> list[int]:
     """The blocker masks of an object's grasps of all families, each looked at alone."""
-    sources = (GraspCandidates(PlanningContext.of(scene).arms, families=(family,)) for family in GRASP_SETS["all"])
+    sources = (
+        GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,)) for family in GRASP_SETS["all"]
+    )
     return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
 
 
 def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene) -> None:
-    lazy = PlanningContext.of(scene).grasps()
-    every = {index: all_of(scene, name) for index, name in enumerate(scene.names)}
-    for index, name in enumerate(scene.names[:8]):
-        found = minimum_clearances(
-            lambda i: [grasp.blockers for grasp in lazy.for_object(scene, scene.names[i])], index
-        )
-        assert found.count == minimum_clearances(every, index).count, name
+    lazy = PlanningContext.of(scene.robot, scene).grasps()
+    every = {name: all_of(scene, name) for name in scene.names}
+    for name in scene.names[:8]:
+        found = smallest_set(lambda one: [g.blockers for g in lazy.for_object(scene, one)], name, scene.names)
+        assert found.count == smallest_set(every.__getitem__, name, scene.names).count, name
 
 
 def test_an_object_off_the_table_has_no_grasps() -> None:
@@ -133,8 +132,3 @@ def test_an_object_off_the_table_has_no_grasps() -> None:
     fallen = scene.body("object_01").at((-2.0, 0.0, 0.08))
     scene = scene.with_body(fallen)
     assert candidates(scene).for_object(scene, "object_01") == ()
-
-
-def test_unknown_strategy_lists_the_known_ones() -> None:
-    with pytest.raises(UnknownStrategy, match="lookahead, ngr, dogar, srivastava"):
-        find_strategy("magic")

@@ -13,7 +13,7 @@ from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import tcp_pose
 from planners.motion.path import BlockedBy
-from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.motion.tcp_following import Followed, follow
 from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Trajectory
@@ -25,7 +25,7 @@ ALONE = table_scene(cylinder("wanted", 0.0, 0.0), cylinder("other", 0.25, 0.4))
 
 
 def motion_layer(scene: Scene) -> MotionLayer:
-    context = PlanningContext.of(scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
+    context = PlanningContext.of(scene.robot, scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
     return MotionLayer(context, np.random.default_rng(0))
 
 
@@ -36,7 +36,7 @@ def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
         scene = ALONE.with_state(replace(ALONE.state, base=grasp.base))
         world = CollisionWorld.from_scene(scene)
         motion = plan_pick(world, grasp.base, scene.state.q, grasp.q, "wanted", rng=np.random.default_rng(0))
-        if isinstance(motion, PickMotion):
+        if isinstance(motion, PickPlaceMotion):
             trajectory = pick_trajectory(FETCH, motion, scene.state)
             if isinstance(layer._followed(scene, BoundMotion(trajectory, scene), ("wanted",)), BoundMotion):
                 return scene, grasp, trajectory

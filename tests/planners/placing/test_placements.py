@@ -32,11 +32,13 @@ PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "non_monotone")
 def in_hand() -> Scene:
     """One of two objects of a nearly empty table, grasped."""
     scene = table_scene(cylinder("object_00", -0.2, 0.1), cylinder("object_01", 0.0, -0.3))
-    return grasped(scene, PlanningContext.of(scene, grasps="side").grasps().for_object(scene, "object_00")[0])
+    return grasped(
+        scene, PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00")[0]
+    )
 
 
 def search(scene: Scene) -> PlacementSearch:
-    return PlanningContext.of(scene, grasps="side").placements()
+    return PlanningContext.of(scene.robot, scene, grasps="side").placements()
 
 
 def locations_tried(

@@ -9,11 +9,17 @@ import pytest
 
 from planners.symbolic import engines
 from planners.symbolic.astar import LowerBound, SearchTimeoutError, shortest_plan
-from planners.symbolic.diagnosis import why_unsolvable
-from planners.symbolic.engines import MissingEngineError, UnknownEngineError, default_engine, task_planner
-from planners.symbolic.problem import NoPlan, TaskPlan, TaskProblem, domain_text
-from planners.symbolic.transitions import apply_action, grasp_references, obstruction_problem, placement_references
+from planners.symbolic.engines import (
+    MissingEngineError,
+    UnknownEngineError,
+    default_engine,
+    task_planner,
+    why_unsolvable,
+)
+from planners.symbolic.problem import NoPlan, TaskProblem, domain_text
+from planners.symbolic.transitions import apply_action, grasp_references, placement_references
 from tests.planners.symbolic.plan_validator import fault
+from tests.planners.symbolic.problems import names, obstruction_problem, random_problem
 
 TIME_LIMIT = 20.0  # [s], far above what any of these problems needs
 
@@ -25,20 +31,6 @@ NEEDS = {
 }
 INSTALLED = [name for name, module in NEEDS.items() if find_spec(module) is not None]
 FAST = [name for name in INSTALLED if name in ("astar", "kairos")]
-
-
-def names(count: int) -> list[str]:
-    return [f"object_{i:02d}" for i in range(count)]
-
-
-def random_problem(rng: np.random.Generator, largest: int = 8) -> TaskProblem:
-    objects = names(int(rng.integers(1, largest)))
-    density = rng.choice([0.1, 0.2, 0.35])
-    blockers = {a: {b for b in objects if a != b and rng.random() < density} for a in objects}
-    held = objects[-1] if len(objects) > 1 and rng.random() < 0.25 else None
-    blockers.pop(held, None)
-    obstructs = objects[0] if held and rng.random() < 0.5 else ""
-    return obstruction_problem(objects[0], blockers, objects=names(12), held=held, held_obstructs=obstructs)
 
 
 def verdict(name: str, problem: TaskProblem) -> int | tuple[str, tuple[str, ...]]:
@@ -169,22 +161,11 @@ def test_a_missing_engine_says_how_to_install_it(name: str, monkeypatch: pytest.
     assert default_engine() == "astar"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("unified_planning") is None, reason="needs unified-planning")
 def test_an_engine_unknown_to_unified_planning_is_named() -> None:
     with pytest.raises(MissingEngineError, match="no engine 'nobody'"):
         task_planner("up:nobody")
-
-
-@pytest.mark.skipif(find_spec("kairos") is None, reason="needs kairos")
-def test_kairos_itself_accepts_our_plans() -> None:
-    import kairos  # an optional package
-
-    problem = obstruction_problem("a", {"a": {"b", "c"}, "b": {"c"}})
-    plan = task_planner("astar").plan(problem, TIME_LIMIT)
-    assert isinstance(plan, TaskPlan)
-    text = "\n".join(f"({action.name} {' '.join(action.args)})" for action in plan.actions)
-    parsed = kairos.parse_problem(problem.text(), kairos.parse_domain(domain_text()))
-    assert kairos.validate(parsed, kairos.parse_plan(text)).valid
 
 
 def test_validator_rejects_a_plan_with_a_step_missing() -> None:

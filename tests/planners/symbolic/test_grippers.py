@@ -9,7 +9,8 @@ import pytest
 
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import GRIPPER, TaskPlan, TaskProblem, domain_text
-from planners.symbolic.transitions import obstruction_problem, reached_by, unmet_preconditions, update_from_action
+from planners.symbolic.transitions import reached_by, unmet_preconditions, update_from_action
+from tests.planners.symbolic.problems import obstruction_problem
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
 ENGINES = ["astar", *(["kairos"] if find_spec("kairos") else [])]
@@ -45,12 +46,6 @@ def test_each_object_is_taken_by_its_gripper_once_all_are_empty(engine: str, obs
 def test_an_obstacle_held_aside_is_not_put_down(engine: str) -> None:
     actions = planned(engine, problem({"o": LEFT, "t": RIGHT}, holds_aside=True))
     assert actions == [("PickUp", LEFT), ("PickUp", RIGHT)]
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_one_gripper_cannot_hold_two_objects(engine: str) -> None:
-    actions = planned(engine, problem({"o": LEFT, "t": LEFT}, holds_aside=True))
-    assert ("PutDownForClearance", LEFT) in actions
 
 
 def test_a_full_gripper_forbids_picking_up_unless_objects_are_held_aside() -> None:

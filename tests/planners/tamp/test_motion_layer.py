@@ -12,7 +12,7 @@ from planners.tamp.motion_layer import MotionLayer
 from tests.planners.scenes import random_scene
 
 SCENE = random_scene(6, 0)
-CONTEXT = PlanningContext.of(SCENE, grasps="side")
+CONTEXT = PlanningContext.of(SCENE.robot, SCENE, grasps="side")
 
 
 def new_layer() -> MotionLayer:
