@@ -93,7 +93,7 @@ def run_jobs(
 def _results(
     function: Callable[[J], R], waiting: Iterator[J | None], workers: int, limit_s: float, ray: str
 ) -> Iterator[tuple[J, R | Crash | Killed]]:
-    backend: _RayTasks | _LocalProcesses = _RayTasks(workers, ray) if ray else _LocalProcesses()
+    backend = _RayTasks(workers, ray) if ray else _LocalProcesses()
     running: dict[Future[Any], tuple[J, float]] = {}
     try:
         while True:
@@ -126,30 +126,32 @@ def _call(function: Callable[[Any], Any], job: Any) -> Any:
 
 
 class _LocalProcesses:
-    """Executors of one process each, started when they are first needed and kept for later jobs."""
+    """Executors of one process each, started when they are first needed and kept for later jobs.
+
+    As of `_RayTasks`: `result` of a future that is done may be a `Crash`; `end` ends a running job and its process,
+    `close` all of them.
+    """
 
     def __init__(self) -> None:
         self._idle: list[Any] = []
         self._busy: dict[Future[Any], Any] = {}
 
     def submit(self, function: Callable[[Any], Any], job: Any) -> Future[Any]:
-        """Start a job; a future whose result is got by `result`, unless `end` ended it."""
+        from loky import ProcessPoolExecutor
+        from loky.backend import get_context
+
         with _ctrl_c_left_to_this_process():
-            executor = self._idle.pop() if self._idle else self._start()
+            if self._idle:
+                executor = self._idle.pop()
+            else:
+                # As with "spawn" of the standard library, the worker imports the main module, where jobs may stand.
+                context, own = get_context("loky_init_main"), os.getpid()
+                executor = ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(own,))
             future: Future[Any] = executor.submit(_call, function, job)
         self._busy[future] = executor
         return future
 
-    def _start(self) -> Any:
-        from loky import ProcessPoolExecutor
-        from loky.backend import get_context
-
-        # As with the standard library's "spawn", the worker imports the main module, whose functions may be jobs.
-        context = get_context("loky_init_main")
-        return ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(os.getpid(),))
-
     def result(self, future: Future[Any]) -> Any:
-        """The result of a future that is done, or a `Crash` if its process died."""
         executor = self._busy.pop(future)
         try:
             result = future.result()
@@ -193,7 +195,7 @@ def _end_with_parent(parent: int) -> None:
 
 
 class _RayTasks:
-    """The same with one Ray task of one CPU for each job; "local" starts Ray with as many CPUs as workers."""
+    """One Ray task, which takes one CPU, for each job; "local" starts Ray with as many CPUs as there are workers."""
 
     def __init__(self, workers: int, address: str) -> None:
         try:

@@ -68,6 +68,11 @@ class Arguments:
             raise ValueError(f"--objects {self.objects} is not valid; valid numbers: {valid}")
 
     @property
+    def display(self) -> str:
+        """How the running episode is shown: "viewer", "live", "film" or "none"."""
+        return "viewer" if self.viewer else "live" if self.live else "film" if self.film else "none"
+
+    @property
     def environment(self) -> str:
         """Id of the environment."""
         return f"clutter_env/Retrieve-o{self.objects}-v0"

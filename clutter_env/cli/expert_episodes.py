@@ -48,15 +48,9 @@ _FACTS = 8
 
 @dataclass(frozen=True)
 class Played:
-    """One episode that has been played.
+    """One episode that has been played: its scene at the start and the first plan, or the reason why there is none.
 
-    Attributes:
-        seed: of the scene.
-        scene: at the start.
-        plan: the first plan, or the reason why there is none.
-        report: of the expert.
-        is_success: clean success, as the environment says.
-        lifted: whether the target was lifted, whatever else moved.
+    `is_success` and `lifted` are what the environment says; a lifted target is clean success if nothing else moved.
     """
 
     seed: int
@@ -68,15 +62,12 @@ class Played:
 
 
 def show_one(arguments: Arguments) -> dict[str, Any]:
-    """Find a scene, plan, execute, draw, and print one episode.
-
-    Returns:
-        The results as JSON values.
+    """Find a scene, plan, execute, draw, and print one episode; the results as JSON values.
 
     Raises:
         UsageError: no seed has an obstructed target, or the scene cannot be planned in.
     """
-    mode = {"viewer": "human", "film": "rgb_array"}.get(_display(arguments))
+    mode = {"viewer": "human", "film": "rgb_array"}.get(arguments.display)
     env = gym.make(
         arguments.environment,
         robot=arguments.robot,
@@ -129,10 +120,6 @@ def _log(text: str) -> None:
     print(text, flush=True)
 
 
-def _display(arguments: Arguments) -> str:
-    return "viewer" if arguments.viewer else "live" if arguments.live else "film" if arguments.film else "none"
-
-
 def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
     """Reset to the scene wanted: its seed, its state, and the target."""
     inner: Any = env.unwrapped
@@ -149,7 +136,7 @@ def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
 def _filmed(arguments: Arguments, env: gym.Env) -> Iterator[Film | None]:
     """A film, if wanted and possible, whose graphics are freed afterwards."""
     film: Film | None = None
-    if _display(arguments) == "film":
+    if arguments.display == "film":
         try:
             film = Film(env.unwrapped)
         except RenderingUnavailable as problem:
@@ -163,11 +150,10 @@ def _filmed(arguments: Arguments, env: gym.Env) -> Iterator[Film | None]:
 
 def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
     """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
-    is_success = lifted = False
-    page = expert.live_page() if _display(arguments) == "live" else None
+    is_success, lifted, is_over = False, False, expert.done
+    page = expert.live_page() if arguments.display == "live" else None
     if page is not None:
         _log(f"the episode in a browser of this machine: {page.address}")
-    is_over = expert.done
     step_s = 1 / env.metadata["render_fps"]
     with progress_bar(bar_format="{n:.0f} s simulated{postfix}") as bar:
         while not is_over:
@@ -243,8 +229,8 @@ def episode_text(arguments: Arguments, played: Played) -> str:
         )
         name = "ngr"
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(shown) or 'none'}")
-    rows = report_rows(played.report, played.is_success, played.lifted)
-    parts.append(f"Report, grasp set {arguments.grasps}\n\n{_aligned(rows)}")
+    report = _aligned(report_rows(played.report, played.is_success, played.lifted))
+    parts.append(f"Report, grasp set {arguments.grasps}\n\n{report}")
     return "\n\n".join(parts)
 
 
@@ -288,12 +274,9 @@ def _aligned(rows: dict[str, str]) -> str:
 
 
 def count_many(arguments: Arguments) -> dict[str, Any]:
-    """Play the scenes from a seed on in parallel, and print the success rate.
+    """Play the scenes from a seed on in parallel, and print the success rate; the records as JSON values.
 
     Scenes and episodes are written to episodes.jsonl as they end, one JSON object a line.
-
-    Returns:
-        The records as JSON values.
     """
     objects, strategy, path = arguments.objects, arguments.strategy, arguments.out / "episodes.jsonl"
     common = Trial(
@@ -323,9 +306,7 @@ def count_many(arguments: Arguments) -> dict[str, Any]:
 def counts_text(played: Sequence[Attempt], floors: Mapping[int, int | None]) -> str:
     """Rates of both kinds of success with 95% intervals, clearances, times, causes of failure and deviations.
 
-    Args:
-        played: the episodes.
-        floors: by seed the minimum number of clearances, None if not proved.
+    `floors` has by seed the minimum number of clearances, None if not proved.
     """
     ended = [attempt for attempt in played if attempt.cause != CRASH]
     solved = [attempt for attempt in ended if attempt.solved]

@@ -20,7 +20,7 @@ from assets import RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
-from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.success import SuccessMonitor, checked_memory
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
@@ -255,9 +255,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     # What a task defines.
 
-    @abstractmethod
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         """The scene of a new episode."""
+        return draw_scene(self.np_random, self.layout, self.config, options)
 
     @abstractmethod
     def _begin(self) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from clutter_env.config import EnvConfig, check_choice, check_integer
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
-from clutter_env.envs.reset_options import ResetOptions, draw_scene
+from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
 
@@ -150,9 +150,6 @@ class ReachEnv(GoalEnv):
     def __init__(self, **keywords: Any) -> None:
         super().__init__(EnvConfig.from_keywords({"num_objects": 0, "control_mode": "ee", **keywords}))
 
-    def _draw_scene(self, options: ResetOptions) -> TableScene:
-        return draw_scene(self.np_random, self.layout, self.config, options)
-
     def _achieved(self) -> NDArray[np.float64]:
         return _clipped(self.data.site_xpos[self.world.index.tcp_site])
 
@@ -172,7 +169,7 @@ class PickEnv(GoalEnv):
         super().__init__(EnvConfig.from_keywords({"num_objects": 1, "control_mode": "ee", **keywords}))
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
-        scene = draw_scene(self.np_random, self.layout, self.config, options)
+        scene = super()._draw_scene(options)
         if options.objects is None and scene.num_objects == 1:
             x = self.np_random.uniform(*PICK_X)
             scene = replace(scene, positions=np.array([[x, scene.positions[0, 1]]]))

@@ -171,17 +171,6 @@ Vector = NDArray[np.float64]
 Observation = dict[str, NDArray[np.float32]]
 
 
-class BaseFrame(NamedTuple):
-    """The robot's base on the ground: x, y [m], cosine and sine of its yaw and of half of it."""
-
-    x: float
-    y: float
-    cosine: float
-    sine: float
-    half_cosine: float
-    half_sine: float
-
-
 class Observer:
     """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal"."""
 
@@ -228,8 +217,10 @@ class Observer:
         """
         base_x, base_y, yaw, *joints = world.data.qpos[world.index.drive_qpos].tolist()
         cosine, sine = math.cos(yaw), math.sin(yaw)
-        frame = BaseFrame(base_x, base_y, cosine, sine, math.cos(yaw / 2), math.sin(yaw / 2))
-        poses = _poses_in_base(frame, np.concatenate((_tcp_pose(world), measurements.poses)))
+        tcp, site = np.empty((1, 7)), world.index.tcp_site
+        tcp[0, :3] = world.data.site_xpos[site]
+        mujoco.mju_mat2Quat(tcp[0, 3:], world.data.site_xmat[site])
+        poses = _poses_in_base(base_x, base_y, yaw, np.concatenate((tcp, measurements.poses)))
         forward, sideways, *rates = world.data.qvel[world.index.drive_dof].tolist()
         ahead, left = cosine * forward + sine * sideways, cosine * sideways - sine * forward
         fingers, gap = world.data.qpos[world.index.finger_qpos].tolist(), world.robot.finger_gap_closed
@@ -270,24 +261,16 @@ class Observer:
         return self._constant
 
 
-def _tcp_pose(world: World) -> Vector:
-    """Position [m] and quaternion of the TCP in the world, (1, 7)."""
-    pose, site = np.empty((1, 7)), world.index.tcp_site
-    pose[0, :3] = world.data.site_xpos[site]
-    mujoco.mju_mat2Quat(pose[0, 3:], world.data.site_xmat[site])
-    return pose
-
-
-def _poses_in_base(frame: BaseFrame, poses: Vector) -> Vector:
-    """World poses (n, 7) relative to the base, (n, 7); quaternions get w >= 0.
+def _poses_in_base(x: float, y: float, yaw: float, poses: Vector) -> Vector:
+    """World poses (n, 7) relative to a base at x, y [m], yaw [rad], (n, 7); quaternions get w >= 0.
 
     A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it. Poses are columns
     here, because NumPy is faster on rows of one quantity.
     """
-    c, s, hc, hs = frame.cosine, frame.sine, frame.half_cosine, frame.half_sine
+    c, s, hc, hs = math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2)
     turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
     relative: Vector = turn @ poses.T
-    relative[0] -= c * frame.x + s * frame.y
-    relative[1] -= c * frame.y - s * frame.x
+    relative[0] -= c * x + s * y
+    relative[1] -= c * y - s * x
     relative[3:] *= np.copysign(1.0, relative[3])
     return relative.T

@@ -6,11 +6,9 @@ from typing import Any
 
 from clutter_env.config import EnvConfig, check_integer
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.scene.layout import TABLE
-from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
 
 
@@ -51,9 +49,6 @@ class RetrieveEnv(BaseEnv):
     def lift_height(self) -> float:
         """[m] between the support and the lowest point of the target from which the target counts as lifted."""
         return LIFT_HEIGHT
-
-    def _draw_scene(self, options: ResetOptions) -> TableScene:
-        return draw_scene(self.np_random, self.layout, self.config, options)
 
     def _begin(self) -> None:
         self._potential = self._measure_potential()

@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from clutter_env.envs.observation import OBSERVATION_LAYOUT, entry_slices
 
-NEAR_SCALES = (10.0, 50.0)
+_NEAR_SCALES = (10.0, 50.0)
 """[1/m] of the squashed copies of an offset."""
-SIN_YAW = OBSERVATION_LAYOUT["robot"].index("sin_yaw")
-COS_YAW = OBSERVATION_LAYOUT["robot"].index("cos_yaw")
-OBJECT_ROW = OBSERVATION_LAYOUT["objects"]
+_SIN_YAW = OBSERVATION_LAYOUT["robot"].index("sin_yaw")
+_COS_YAW = OBSERVATION_LAYOUT["robot"].index("cos_yaw")
+_OBJECT_ROW = OBSERVATION_LAYOUT["objects"]
 """Layout of the row of one object."""
 
 _ENTRIES = entry_slices(OBSERVATION_LAYOUT, ("robot", "tcp", "gripper", "objects"), num_objects=0)
 """The parts of a goal environment's vector, which begins with the entry "robot"."""
 _POSITION_IN_TCP = OBSERVATION_LAYOUT["tcp"]["position"]
-TCP_POSITION = slice(_ENTRIES["tcp"].start + _POSITION_IN_TCP.start, _ENTRIES["tcp"].start + _POSITION_IN_TCP.stop)
+_TCP_POSITION = slice(_ENTRIES["tcp"].start + _POSITION_IN_TCP.start, _ENTRIES["tcp"].start + _POSITION_IN_TCP.stop)
 """Where the vector of a goal environment holds the position of the TCP."""
-OBJECTS_FROM = _ENTRIES["objects"].start
+_OBJECTS_FROM = _ENTRIES["objects"].start
 """Where the vector of a goal environment holds the rows of the objects, up to its end."""
 
 _GOAL = OBSERVATION_LAYOUT["goal"]
@@ -46,15 +46,15 @@ def _goal_features(observation: Observation) -> NDArray[np.float32]:
     """The observation, and in the base's frame the offsets from achieved to desired goal and from TCP to target."""
     vector = np.asarray(observation["observation"], np.float64)
     offset = np.asarray(observation["desired_goal"] - observation["achieved_goal"], np.float64)
-    sine, cosine = vector[..., SIN_YAW], vector[..., COS_YAW]
+    sine, cosine = vector[..., _SIN_YAW], vector[..., _COS_YAW]
     ahead = cosine * offset[..., 0] + sine * offset[..., 1]
     left = cosine * offset[..., 1] - sine * offset[..., 0]
     parts = [vector, _near_and_far(np.stack((ahead, left, offset[..., 2]), axis=-1))]
-    objects = vector[..., OBJECTS_FROM:]
+    objects = vector[..., _OBJECTS_FROM:]
     if objects.shape[-1]:
-        rows = objects.reshape(*objects.shape[:-1], -1, OBJECT_ROW.size)
-        target = np.sum(rows[..., OBJECT_ROW["position"]] * rows[..., OBJECT_ROW["is_target"]], axis=-2)
-        parts.append(_near_and_far(target - vector[..., TCP_POSITION]))
+        rows = objects.reshape(*objects.shape[:-1], -1, _OBJECT_ROW.size)
+        target = np.sum(rows[..., _OBJECT_ROW["position"]] * rows[..., _OBJECT_ROW["is_target"]], axis=-2)
+        parts.append(_near_and_far(target - vector[..., _TCP_POSITION]))
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
@@ -71,15 +71,15 @@ def _retrieve_features(observation: Observation) -> NDArray[np.float32]:
 
 def _near_and_far(offset: NDArray[np.float64]) -> NDArray[np.float64]:
     """Offsets (..., n) as they are, then squashed so that decimetres and then centimetres are resolved: (..., 3 n)."""
-    return np.concatenate((2 * offset, *(np.tanh(scale * offset) for scale in NEAR_SCALES)), axis=-1)
+    return np.concatenate((2 * offset, *(np.tanh(scale * offset) for scale in _NEAR_SCALES)), axis=-1)
 
 
 def _sorted_objects(flat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows of objects (..., n * fields), sorted."""
-    rows = flat.reshape(*flat.shape[:-1], -1, OBJECT_ROW.size)
-    position, is_target = rows[..., OBJECT_ROW["position"]], rows[..., OBJECT_ROW["is_target"]]
+    rows = flat.reshape(*flat.shape[:-1], -1, _OBJECT_ROW.size)
+    position, is_target = rows[..., _OBJECT_ROW["position"]], rows[..., _OBJECT_ROW["is_target"]]
     target = np.sum(position * is_target, axis=-2, keepdims=True)
     distance = np.linalg.norm(position - target, axis=-1, keepdims=True)
-    key = np.where(is_target > 0, -1.0, distance + _FAR * (rows[..., OBJECT_ROW["present"]] == 0))
+    key = np.where(is_target > 0, -1.0, distance + _FAR * (rows[..., _OBJECT_ROW["present"]] == 0))
     order = np.argsort(key, axis=-2, kind="stable")
     return np.take_along_axis(rows, order, axis=-2).reshape(flat.shape)

@@ -110,21 +110,20 @@ class PlannedMotionPolicy:
         is_done: the motion has ended.
         has_failed: it could not be planned, or a deviation has stopped it.
         reason: why it has failed, "" if it has not.
-        refused: picks and places of this episode for which no motion was found; the robot did not move for them.
     """
 
     is_privileged = True
 
     def __init__(self) -> None:
-        self.is_done, self.has_failed, self.reason, self.refused = True, False, "", 0
+        self.is_done, self.has_failed, self.reason = True, False, ""
         self._executor: Executor | None = None
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
         self._env = controlled_env(env)
         self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, self._env.object_names)
-        self._executor, self.refused = None, 0
-        finger_position = _scene_of(self._env).state.finger_position
+        self._executor = None
+        finger_position = scene_of(self._env).state.finger_position
         self._last = Command(self._sensor.read().drive, self._env.robot.opening(finger_position))
         self._end("")
 
@@ -139,11 +138,11 @@ class PlannedMotionPolicy:
             layer = MotionLayer(PlanningContext.of(scene.robot, scene, grasps="side"), np.random.default_rng(0))
             found = plan_contact(layer, scene, contact)
         except SceneError as error:
-            self._refuse(f"the scene is not valid for planning: {error}")
+            self._end(f"the scene is not valid for planning: {error}")
             return
         if not isinstance(found, tuple):
             in_way = "" if isinstance(found, NoPath) else ", ".join(sorted(found.blockers))
-            self._refuse(found.reason if isinstance(found, NoPath) else f"{in_way} in the way")
+            self._end(found.reason if isinstance(found, NoPath) else f"{in_way} in the way")
             return
         self.is_done, self.has_failed, self.reason = False, False, ""
         self._executor = Executor(found, self._env.robot, self._sensor.names, self._sensor.read(), MonitorConfig())
@@ -157,18 +156,16 @@ class PlannedMotionPolicy:
                 self._end("" if deviation is None else str(deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))
 
-    def _refuse(self, reason: str) -> None:
-        self.refused += 1
-        self._end(reason)
-
     def _end(self, reason: str) -> None:
         self.is_done, self.has_failed, self.reason = True, bool(reason), reason
 
 
+def scene_of(env: Any, held: str = "") -> Scene:
+    """The planner's view of an environment as it is now, with exact poses."""
+    own = env.unwrapped
+    return Scene.from_mujoco(own.model, own.data, own.robot, held, movable=own.object_names, support=own.support_name)
+
+
 def _present_scene(env: Any) -> Scene:
-    """The scene as it is now, with what is in the gripper."""
-    return _scene_of(env, held_object(_scene_of(env)))
-
-
-def _scene_of(env: Any, held: str = "") -> Scene:
-    return Scene.from_mujoco(env.model, env.data, env.robot, held, movable=env.object_names, support=env.support_name)
+    """The scene with what the gripper holds."""
+    return scene_of(env, held_object(scene_of(env)))

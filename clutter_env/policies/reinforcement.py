@@ -21,14 +21,7 @@ from torch import nn
 
 from clutter_env.errors import LearningError
 from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy
-from clutter_env.policies.features import (
-    COS_YAW,
-    NEAR_SCALES,
-    OBJECT_ROW,
-    OBJECTS_FROM,
-    SIN_YAW,
-    TCP_POSITION,
-)
+from clutter_env.policies.features import feature_vector
 from clutter_env.policies.protocol import Policy
 from clutter_env.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 from clutter_env.policies.skill_network import SkillNetwork
@@ -37,7 +30,6 @@ from planners import DIRECTIONS
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
     {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
 )
-"""By name: the classes of `GOAL_ALGORITHMS` and `SKILL_ALGORITHMS`."""
 MODEL_FILE, BUFFER_FILE = "model.zip", "replay_buffer.pkl"
 
 BASE_SCALE, TURN_SCALE = 0.1, 0.2
@@ -62,10 +54,6 @@ class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
         """The environment's action for an action of the learner."""
         return action * self.scale
 
-    def reverse_action(self, action: Any) -> Any:
-        """The action of the learner for an action of the environment, clipped to its range."""
-        return np.clip(action / self.scale, -1.0, 1.0)
-
 
 def training_env(name: str, env: gym.Env) -> gym.Env:
     """The environment as a learner sees it: with the action scale of its algorithm."""
@@ -73,30 +61,14 @@ def training_env(name: str, env: gym.Env) -> gym.Env:
 
 
 class GoalFeatures(BaseFeaturesExtractor):
-    """`features.feature_vector` of a goal observation, for batches on torch."""
+    """`feature_vector` of goal observations, for batches on torch; it has no parameters."""
 
     def __init__(self, space: gym.spaces.Dict) -> None:
-        (size,) = space["observation"].shape or (0,)
-        offsets = 1 + (size > OBJECTS_FROM)
-        super().__init__(space, size + offsets * 3 * (1 + len(NEAR_SCALES)))
+        super().__init__(space, len(feature_vector({name: np.zeros(part.shape or ()) for name, part in space.items()})))
 
     def forward(self, observation: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """Features (k, f) of observations with entries (k, n)."""
-        vector = observation["observation"].float()
-        offset = (observation["desired_goal"] - observation["achieved_goal"]).float()
-        sine, cosine = vector[:, SIN_YAW], vector[:, COS_YAW]
-        ahead = cosine * offset[:, 0] + sine * offset[:, 1]
-        left = cosine * offset[:, 1] - sine * offset[:, 0]
-        parts = [vector, *_near_and_far(torch.stack((ahead, left, offset[:, 2]), dim=1))]
-        if vector.shape[1] > OBJECTS_FROM:
-            rows = vector[:, OBJECTS_FROM:].reshape(len(vector), -1, OBJECT_ROW.size)
-            target = (rows[:, :, OBJECT_ROW["position"]] * rows[:, :, OBJECT_ROW["is_target"]]).sum(1)
-            parts += _near_and_far(target - vector[:, TCP_POSITION])
-        return torch.cat(parts, dim=1)
-
-
-def _near_and_far(offset: torch.Tensor) -> list[torch.Tensor]:
-    return [2 * offset, *(torch.tanh(scale * offset) for scale in NEAR_SCALES)]
+        return torch.from_numpy(feature_vector({name: part.numpy() for name, part in observation.items()}))
 
 
 class _SkillPolicyMixin:

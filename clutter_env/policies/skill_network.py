@@ -67,20 +67,11 @@ class GraspScores(NamedTuple):
     blocks: torch.Tensor
 
 
-class SkillScores(NamedTuple):
-    """Predicted choices in k states; the order of skills is that of the actions of `Skill`.
-
-    Attributes:
-        logits: (k, m) of choosing each skill.
-        whole: (k, w) features of the state.
-    """
-
-    logits: torch.Tensor
-    whole: torch.Tensor
-
-
 class SkillNetwork(nn.Module):
-    """Predicts `SkillScores` from flat observations; a permutation of the objects permutes the logits."""
+    """Predicts choices from flat observations; a permutation of the objects permutes the logits.
+
+    The order of skills is that of the actions of `Skill`.
+    """
 
     def __init__(self, num_objects: int, width: int = _WIDTH) -> None:
         super().__init__()
@@ -112,9 +103,8 @@ class SkillNetwork(nn.Module):
         nn.init.constant_(self.take.bias, math.log(self.num_objects * DIRECTIONS))
 
     def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (k, m) and features for the value (k, w) of observations (k, f)."""
-        scores = self.scores(observation)
-        return scores.logits, scores.whole
+        """Logits (k, m) of choosing each skill, and features of the state (k, w), from observations (k, f)."""
+        return self.choose(observation, self.grasps(self._rows(observation)))
 
     def forward_actor(self, observation: torch.Tensor) -> torch.Tensor:
         """The logits."""
@@ -123,10 +113,6 @@ class SkillNetwork(nn.Module):
     def forward_critic(self, observation: torch.Tensor) -> torch.Tensor:
         """The value's features."""
         return self(observation)[1]
-
-    def scores(self, observation: torch.Tensor) -> SkillScores:
-        """Choices in observations (k, f)."""
-        return self.choose(observation, self.grasps(self._rows(observation)))
 
     def grasps(self, rows: torch.Tensor) -> GraspScores:
         """The grasps in scenes (k, n, f), whatever the target; of the columns those of bodies count."""
@@ -140,8 +126,8 @@ class SkillNetwork(nn.Module):
         )
         return GraspScores(self.reach(place)[..., 0], self.blocks(hidden)[..., 0])
 
-    def choose(self, observation: torch.Tensor, grasps: GraspScores) -> SkillScores:
-        """Choices in observations (k, f), given the grasps in their scenes."""
+    def choose(self, observation: torch.Tensor, grasps: GraspScores) -> tuple[torch.Tensor, torch.Tensor]:
+        """`forward`, given the grasps in the scenes."""
         rows, rest = self._rows(observation), observation[:, -_GLOBALS:]
         present, is_target = rows[..., _PRESENT], rows[..., _IS_TARGET]
         others = present[:, None] * (1 - torch.eye(self.num_objects, device=rows.device))
@@ -165,7 +151,7 @@ class SkillNetwork(nn.Module):
         each = torch.cat((of_skill, of_object.expand(-1, -1, DIRECTIONS, -1), of_state), dim=3)
         whole = self.whole(state)
         clears = self.clear(self.useful(each)).flatten(1)
-        return SkillScores(torch.cat((clears, self.take(whole)), dim=1), whole)
+        return torch.cat((clears, self.take(whole)), dim=1), whole
 
     def _rows(self, observation: torch.Tensor) -> torch.Tensor:
         """(k, n, f): a row for each object."""

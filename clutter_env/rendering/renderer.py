@@ -10,7 +10,7 @@ import importlib
 import os
 import sys
 import threading
-from typing import Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -29,22 +29,12 @@ _opened_by: set[int] = set()
 """Processes that have opened OpenGL: this one, or those from which it was forked."""
 
 
-class GLContext(Protocol):
-    """What MuJoCo's context classes have in common."""
-
-    def make_current(self) -> None:
-        """Make this the context of the thread's OpenGL calls."""
-
-    def free(self) -> None:
-        """Release the context."""
-
-
 def has_display() -> bool:
     """Whether a window could be opened."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def make_context(width: int, height: int) -> GLContext:
+def make_context(width: int, height: int) -> Any:
     """An off-screen context: the one that MUJOCO_GL names, else the first that works.
 
     Raises:
@@ -65,12 +55,12 @@ def make_context(width: int, height: int) -> GLContext:
     raise RenderingUnavailable(f"no OpenGL context ({'; '.join(failures)}); {_DEBIAN_PACKAGES}")
 
 
-def _open(backend: str, width: int, height: int) -> GLContext:
-    """A context of one backend. PyOpenGL's choice of platform is undone when the backend does not work."""
+def _open(backend: str, width: int, height: int) -> Any:
     _opened_by.add(os.getpid())
+    # PyOpenGL's choice of platform is undone when the backend does not work.
     before = os.environ.get("PYOPENGL_PLATFORM")
     try:
-        context: GLContext = importlib.import_module(backend).GLContext(width, height)
+        context = importlib.import_module(backend).GLContext(width, height)
         context.make_current()
     except Exception:
         if before is None:
@@ -103,7 +93,7 @@ class Renderer:
         buffer = model.vis.global_
         buffer.offwidth, buffer.offheight = max(buffer.offwidth, width), max(buffer.offheight, height)
         self._process, self._thread = os.getpid(), threading.get_ident()
-        self._context: GLContext | None = make_context(width, height)
+        self._context: Any = make_context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
@@ -148,7 +138,6 @@ class Renderer:
         picture: NDArray[np.uint8] | None,
         depth: NDArray[np.float32] | None,
     ) -> None:
-        assert self._context is not None
         self._check_owner()
         self._context.make_current()
         view = camera

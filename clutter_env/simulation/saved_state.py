@@ -62,7 +62,7 @@ def pack(saved: SavedState) -> bytes:
 
 
 def unpack(state: object, kind: dict[str, Any]) -> SavedState:
-    """The state in these bytes: its kind and its scene are checked, its physics and its memory have their entries.
+    """The state in these bytes: its kind and its scene are checked, its physics and its memory are not yet.
 
     Args:
         state: bytes from `pack`.
@@ -76,11 +76,8 @@ def unpack(state: object, kind: dict[str, Any]) -> SavedState:
     for name, value in kind.items():
         if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
             raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
-    memory = content["memory"]
-    further = [name for name in (*SEVERAL_ARMS, IK_FAILURES) if isinstance(memory, dict) and name in memory]
-    Fields(memory, "memory", (*MEMORY, *further))
     scene = _read_scene(content["scene"], kind["num_objects"])
-    return SavedState(kind, scene, content["physics"], memory)
+    return SavedState(kind, scene, content["physics"], content["memory"])
 
 
 def check_generator(generator: np.random.Generator, state: Any) -> None:

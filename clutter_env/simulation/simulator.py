@@ -154,7 +154,9 @@ class Simulator:
         """
         world = self._world_for(saved.scene)
         others = world.controller.num_grippers - 1
-        counts_failures = self._end_effector is not None and IK_FAILURES in saved.memory
+        counts_failures = (
+            self._end_effector is not None and isinstance(saved.memory, dict) and IK_FAILURES in saved.memory
+        )
         further = (*SEVERAL_ARMS * (others > 0), *(IK_FAILURES,) * counts_failures)
         memory = Fields(saved.memory, "memory", (*MEMORY, *further))
         wanted_tcp = None

@@ -18,8 +18,13 @@ from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.policies.weights import WeightsInfo, save_weights
 from clutter_env.training.descent import Report, RunLog, descend
-from clutter_env.training.high_level_examples import CandidateExamples, examples_of_scene
-from clutter_env.training.high_level_rollouts import initial_scenes, roll_out, visited_examples
+from clutter_env.training.high_level_examples import (
+    CandidateExamples,
+    examples_of_scene,
+    initial_scenes,
+    roll_out,
+    visited_examples,
+)
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Decisions, DecisionsDAgger
 

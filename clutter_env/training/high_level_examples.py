@@ -7,8 +7,9 @@ objects counts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,12 +17,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, object_rows
+from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, ObservedScene, object_rows
+from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
+from clutter_env.policies.planned import scene_of
 from irm import ArmChain
 from planners import (
     Body,
     CollisionWorld,
     ConfigurationGrid,
+    Contact,
     GripperPoses,
     HeldObject,
     Scene,
@@ -85,12 +89,6 @@ class CandidateExamples:
             return cls(**{field.name: content[field.name] for field in fields(cls)})
 
 
-def scene_of(env: gym.Env[Any, Any], held: str = "") -> Scene:
-    """The planner's view of an environment, with exact poses (privileged)."""
-    inner: Any = env.unwrapped
-    return Scene.from_mujoco(inner.model, inner.data, inner.robot, held)
-
-
 def pick_examples(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
     """A random share of the candidate picks of a scene's objects; nothing is held."""
     candidates, rows = rule.picks(scene.objects), object_rows(scene.objects)
@@ -124,10 +122,7 @@ def random_points(scene: Scene, radius: float, rng: np.random.Generator, count: 
 def examples_of_scene(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
     """Candidate picks of every object and, as if one of them were held, candidates for random places.
 
-    Args:
-        scene: nothing is held.
-        rule: the candidates.
-        rng: chooses the object, how it is held and the places.
+    Nothing is held in the scene; the object, how it is held and the places are drawn at random.
     """
     picks = rule.picks(scene.objects)
     parts = [pick_examples(scene, rule, rng)]
@@ -212,3 +207,114 @@ def _examples(
         is_reached=labels.is_reached,
         blockers=(labels.blockers[:, None] >> bits & np.uint64(1)).astype(np.bool_),
     )
+
+
+class Rollout(NamedTuple):
+    """An episode without physics.
+
+    Attributes:
+        failure: "" if the target is taken; else "pick: not reached", "pick: blocked", the same with "place", "gave up"
+            or "budget".
+        clearances: objects put aside.
+        scenes: the states in which a decision was made.
+        contacts: the decisions.
+    """
+
+    failure: str
+    clearances: int
+    scenes: tuple[Scene, ...]
+    contacts: tuple[Contact, ...]
+
+
+def initial_scenes(env: gym.Env[Any, Any], seeds: Sequence[int]) -> Iterator[tuple[Scene, str]]:
+    """The scenes of some seeds, and the names of their targets."""
+    for seed in seeds:
+        _, info = env.reset(seed=seed)
+        yield scene_of(env), str(info["target"])
+
+
+def roll_out(policy: LearnedHighLevelPolicy, scene: Scene, target: str, budget: int = 8) -> Rollout:
+    """Let a high-level policy decide in a scene, without physics.
+
+    A pick or place that is free by the planner's geometry is assumed to succeed: the object is then in the gripper, or
+    stands where it was to be put. Any other one ends the rollout, and so do `budget` clearances.
+    """
+    policy.reset()
+    scenes: list[Scene] = []
+    chosen: list[Contact] = []
+    failure = "budget"
+    while len(chosen) < 2 * budget + 1:
+        contact = policy.choose(as_observed(scene, target))
+        if contact is None:
+            failure = "gave up"
+            break
+        scenes.append(scene)
+        chosen.append(contact)
+        if problem := why_not_free(scene, contact):
+            failure = f"{contact.skill}: {problem}"
+            break
+        scene = after_contact(scene, contact)
+        if scene.held is not None and scene.held.name == target:
+            failure = ""
+            break
+    clearances = sum(contact.skill == "place" for contact in chosen) - failure.startswith("place")
+    return Rollout(failure, clearances, tuple(scenes), tuple(chosen))
+
+
+def visited_examples(
+    rollouts: Sequence[Rollout], rule: CandidateRule, rng: np.random.Generator
+) -> CandidateExamples | None:
+    """Examples from the states in which decisions were made; None if there were none.
+
+    Labelling the visited states is DAgger (Ross et al. 2011): choosing the best of many candidates finds those that the
+    network is wrong about. Beside the places that it chose random ones are labelled.
+    """
+    parts = []
+    for rollout in rollouts:
+        for scene, contact in zip(rollout.scenes, rollout.contacts, strict=True):
+            if scene.held is None:
+                parts.append(pick_examples(scene, rule, rng))
+            else:
+                body = placed_body(scene, contact)
+                points = np.concatenate((body.foot[None], random_points(scene, body.radius, rng)))
+                parts.append(place_examples(scene, rule, points, rng))
+    return CandidateExamples.joined(parts) if parts else None
+
+
+def as_observed(scene: Scene, target: str) -> ObservedScene:
+    """The scene as an observation would show it."""
+    held = -1 if scene.held is None else scene.index(scene.held.name)
+    return ObservedScene(np.array(scene.state.base), scene.objects, scene.index(target), scene.held, held)
+
+
+def why_not_free(scene: Scene, contact: Contact) -> str:
+    """Why a pick or place is not free, "not reached" or "blocked"; "" if it is."""
+    pitch = math.atan2(-contact.tcp[2, 0], contact.tcp[2, 2])
+    tcp = np.array([[*contact.tcp[:3, 3], contact.yaw, pitch]])
+    index = np.array([scene.index(contact.object) if contact.skill == "pick" else 0])
+    candidate = Candidates(index, tcp, contact.base[None], np.array([contact.yaw - contact.base[2]]))
+    world = CollisionWorld.from_scene(scene)
+    if contact.skill == "pick":
+        labels = label_picks(world, candidate)
+    else:
+        labels = label_places(world, candidate, placed_body(scene, contact).foot[None])
+    if not labels.is_reached[0]:
+        return "not reached"
+    return "" if labels.is_free[0] else "blocked"
+
+
+def after_contact(scene: Scene, contact: Contact) -> Scene:
+    """The scene after a pick or place that succeeds."""
+    state = replace(scene.state, base=contact.base)
+    if contact.skill == "pick":
+        T_tcp_object = np.linalg.inv(contact.tcp) @ scene.body(contact.object).pose
+        return scene.with_state(state).with_held(HeldObject(contact.object, T_tcp_object))
+    return scene.with_held(None).with_body(placed_body(scene, contact)).with_state(state)
+
+
+def placed_body(scene: Scene, contact: Contact) -> Body:
+    """The held object as it stands after a place."""
+    assert scene.held is not None
+    body = scene.body(scene.held.name)
+    position = (contact.tcp @ scene.held.T_tcp_object)[:3, 3]
+    return stand_at(body, np.array((*position[:2], scene.support.top)))

@@ -1,5 +1,8 @@
 """Examples for the keyframe network: situations of demonstrated motions, and the keyframes that belong to them.
 
+A motion is all steps that lead to one pick or place and away from it, of an episode or of a plan: without physics a
+plan is what a robot would show that follows it exactly.
+
 Under a shelf the planner's straight lines are drives of the base: from outside with the arm rigid, straight in
 ("enter"), then along the gripper to the contact ("reach"); then back along the gripper ("back") and straight out
 ("leave"). Such lines are cut at their corners into phases; see `planners.drive_out`.
@@ -19,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 
 from assets import RobotSpec
-from clutter_env.data.episode import CONTACT_SKILLS, Episode, StepLabels
+from clutter_env.data.episode import CONTACT_SKILLS, Episode
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.errors import DatasetError
 from clutter_env.policies.motion.arm import ArmKinematics, nearest_home
@@ -35,6 +38,7 @@ from clutter_env.policies.motion.network import (
 )
 from clutter_env.policies.motion.shelf_arm import demonstrated_row
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose, wrapped
+from clutter_env.policies.planned import scene_of
 from planners import (
     BACK,
     CONTROL_STEP,
@@ -42,7 +46,6 @@ from planners import (
     BoundAction,
     Contact,
     Planner,
-    Scene,
     SceneError,
     Solution,
     contact_of,
@@ -64,6 +67,9 @@ _MOVED = 0.005
 """[m] from the contact's base pose from which on the base is on a drive: a measured base is not exact."""
 _RIGID = 0.02
 """[m], [rad] by which torso and arm move at most on a drive with the arm rigid: measured ones are not exact."""
+_ROW = OBSERVATION_LAYOUT["objects"]
+_SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType({"all": ("all", "side", "tilted", "top", "all", "tilted")})
+"""Grasp sets of the plans that show a grasp set, in turn: among all grasps a plan takes level ones wherever it can."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,11 +247,6 @@ def _distance(motion: Motion, steps: slice) -> Array:
     return np.asarray(np.linalg.norm(motion.seen.base[steps, :2] - motion.contact.base[:2], axis=1))
 
 
-_ROW = OBSERVATION_LAYOUT["objects"]
-_SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType({"all": ("all", "side", "tilted", "top", "all", "tilted")})
-"""Grasp sets of the plans that show a grasp set, in turn: among all grasps a plan takes level ones wherever it can."""
-
-
 @dataclass(frozen=True, eq=False)
 class Motion:
     """T steps of a demonstration that belong to one pick or place.
@@ -254,7 +255,6 @@ class Motion:
         contact: the pick or place; its object is nameless.
         index: of the object's row in the observations.
         seen: the observations before the actions, and of the one after the last: (T + 1, ...).
-        actions: (T, 12) "joint" actions.
         phases: names (T).
         keyframes: (T, 12) base, torso and arm, finger position at the end of each step's phase.
     """
@@ -262,7 +262,6 @@ class Motion:
     contact: Contact
     index: int
     seen: ParsedObservation
-    actions: Array
     phases: tuple[str, ...]
     keyframes: Array
 
@@ -276,38 +275,27 @@ class Motion:
 
 
 def motions_of(episodes: Iterable[Episode]) -> Iterator[Motion]:
-    """The motions of demonstrations, in order."""
+    """The motions of demonstrations, in order; steps that belong to no pick or place are left out."""
     for episode in episodes:
-        yield from cut(episode.observations, episode.actions, episode.labels)
-
-
-def cut(observations: Mapping[str, NDArray[Any]], actions: NDArray[Any], labels: StepLabels) -> Iterator[Motion]:
-    """The motions of an episode of T steps; steps without a contact are left out.
-
-    Args:
-        observations: (T + 1, ...) by name.
-        actions: (T, 12).
-        labels: of the T actions.
-    """
-    keys = [
-        (int(skill), int(index), base.tobytes(), tcp.tobytes())
-        for skill, index, base, tcp in zip(
-            labels.skill, labels.object, labels.contact_base, labels.contact_tcp, strict=True
-        )
-    ]
-    start = 0
-    for (skill, index, *_), group in groupby(keys):
-        end = start + len(list(group))
-        if index >= 0:
-            yield Motion(
-                contact=Contact(CONTACT_SKILLS[skill], "", labels.contact_base[start], labels.contact_tcp[start]),
-                index=index,
-                seen=parse_observation({name: values[start : end + 1] for name, values in observations.items()}),
-                actions=np.asarray(actions[start:end], float),
-                phases=labels.phases[start:end],
-                keyframes=labels.keyframe[start:end],
-            )
-        start = end
+        labels, start = episode.labels, 0
+        columns = (labels.skill, labels.object, labels.contact_base, labels.contact_tcp)
+        keys = [tuple(value.tobytes() for value in row) for row in zip(*columns, strict=True)]
+        for _, group in groupby(keys):
+            steps = slice(start, start + len(list(group)))
+            if labels.object[start] >= 0:
+                observations = {
+                    name: values[steps.start : steps.stop + 1] for name, values in episode.observations.items()
+                }
+                yield Motion(
+                    contact=Contact(
+                        CONTACT_SKILLS[labels.skill[start]], "", labels.contact_base[start], labels.contact_tcp[start]
+                    ),
+                    index=int(labels.object[start]),
+                    seen=parse_observation(observations),
+                    phases=labels.phases[steps],
+                    keyframes=labels.keyframe[steps],
+                )
+            start = steps.stop
 
 
 def planned_motions(env: gym.Env[Any, Any], grasps: str, seeds: Iterable[int]) -> Iterator[Motion]:
@@ -322,19 +310,12 @@ def planned_motions(env: gym.Env[Any, Any], grasps: str, seeds: Iterable[int]) -
     planners = {name: Planner(robot, grasps=name, canonical=True) for name in _SHOWN.get(grasps, (grasps,))}
     for seed, name in zip(seeds, cycle(_SHOWN.get(grasps, (grasps,))), strict=False):
         try:
-            solution = planners[name].solve(*_drawn_scene(env, seed))
+            _, info = env.reset(seed=seed)
+            solution = planners[name].solve(scene_of(env), info["target"])
         except SceneError:
             continue
         if isinstance(solution, Solution):
             yield from motions_of_plan(solution)
-
-
-def _drawn_scene(env: gym.Env[Any, Any], seed: int) -> tuple[Scene, str]:
-    """The scene of a seed, and its target."""
-    _, info = env.reset(seed=seed)
-    own: Any = env.unwrapped
-    scene = Scene.from_mujoco(own.model, own.data, own.robot, movable=own.object_names, support=own.support_name)
-    return scene, str(info["target"])
 
 
 def motions_of_plan(solution: Solution) -> Iterator[Motion]:
@@ -369,7 +350,6 @@ def _motion(actions: Sequence[BoundAction], contact: Contact) -> Motion:
         contact=contact,
         index=0,
         seen=_observations(robot, np.array(states), scene.body(contact.object)),
-        actions=np.zeros((len(phases), 12)),
         phases=tuple(phases),
         keyframes=np.array(keyframes),
     )

@@ -154,14 +154,15 @@ def fit_motions(
 
     descend(torch.optim.Adam(network.parameters(), lr=_LEARNING_RATE), steps, total_loss, report, _MAX_GRADIENT)
     if network.is_under_shelf:
-        network.set_demonstrated(demonstrated_free_joints(robot, motions))
+        network.shown = torch.tensor(demonstrated_free_joints(robot, motions), dtype=torch.float32)
     drives = [
         motion.seen.base[steps.start : steps.stop + 1, :2]
         for motion in motions
         for phase, steps in motion.runs()
         if phase == "drive"
     ]
-    network.set_keep_out(keep_out_of_drives(drives))
+    region = keep_out_of_drives(drives)
+    network.closed = torch.from_numpy(np.stack((region.low, region.high)))
     return network
 
 

@@ -19,6 +19,19 @@ from clutter_env.training.skill_examples import MAX_CLEARANCES, LabelledScenes, 
 from planners import DIRECTIONS
 
 _SCENES_OF_A_FILE = 100
+_PRESENT, _IS_TARGET = BODY_FIELDS.index("present"), BODY_FIELDS.index("is_target")
+_OUT = -1e9
+"""Logit of a skill that is not worth trying."""
+_SCENES, _CHOICES = 16, 4
+"""Scenes in a gradient step, and choices of each of them."""
+_LEARNING_RATE = 2e-3
+_VALUE_WEIGHT = 0.5
+_SHARES = (0.2, 0.3, 0.3, 0.15, 0.05)
+"""Weights of all choices together that need 0, 1, … clearances, when choices are drawn within a scene."""
+_CHOICES_EVERY = 2
+"""Steps of which one also learns choices: most of what there is to learn is geometry, and cheap."""
+_REFUSALS = 2
+"""Skills of the network's own choice tried at most before the one that is learned: refusals are seen too."""
 
 
 def clone_skills(run: Run, settings: PPO, model: Any) -> None:
@@ -41,21 +54,6 @@ def clone_skills(run: Run, settings: PPO, model: Any) -> None:
     network, value = model.policy.mlp_extractor, model.policy.value_net
     with RunLog(run) as log:
         fit_skills(network, examples, settings.clone_steps, run.seed, value, log.loss)
-
-
-_PRESENT, _IS_TARGET = BODY_FIELDS.index("present"), BODY_FIELDS.index("is_target")
-_OUT = -1e9
-"""Logit of a skill that is not worth trying."""
-_SCENES, _CHOICES = 16, 4
-"""Scenes in a gradient step, and choices of each of them."""
-_LEARNING_RATE = 2e-3
-_VALUE_WEIGHT = 0.5
-_SHARES = (0.2, 0.3, 0.3, 0.15, 0.05)
-"""Weights of all choices together that need 0, 1, … clearances, when choices are drawn within a scene."""
-_CHOICES_EVERY = 2
-"""Steps of which one also learns choices: most of what there is to learn is geometry, and cheap."""
-_REFUSALS = 2
-"""Skills of the network's own choice tried at most before the one that is learned: refusals are seen too."""
 
 
 def fit_skills(
@@ -98,26 +96,15 @@ def fit_skills(
         of_choices = GraspScores(*(part.repeat_interleave(_CHOICES, dim=0) for part in grasps))
         states = _States(examples, rows, torch.from_numpy(_budget_left(examples.clearances[rows], rng)))
         states.try_skills(network, of_choices, torch.from_numpy(rng.integers(_REFUSALS + 1, size=len(rows))))
-        scores = network.choose(states.observation(), of_choices)
-        logits = scores.logits.masked_fill(~states.allowed, _OUT)
+        raw, whole = network.choose(states.observation(), of_choices)
+        logits = raw.masked_fill(~states.allowed, _OUT)
         chance = torch.logsumexp(logits.masked_fill(~states.good, _OUT), 1) - torch.logsumexp(logits, 1)
         loss = loss - chance.mean()
         if value is not None:
-            loss = loss + _VALUE_WEIGHT * nn.functional.mse_loss(value(scores.whole)[:, 0], states.returns)
+            loss = loss + _VALUE_WEIGHT * nn.functional.mse_loss(value(whole)[:, 0], states.returns)
         return loss
 
     descend(optimiser, steps, loss_at, report, max_gradient=1.0)
-
-
-@torch.no_grad()
-def choices_are_good(network: SkillNetwork, examples: SkillExamples, batch: int = 64) -> NDArray[np.bool_]:
-    """(k,) whether the most probable skill is a good one, before anything has been refused."""
-    right = []
-    for rows in np.array_split(np.arange(len(examples)), -(-len(examples) // batch)):
-        states = _States(examples, rows, torch.ones(len(rows)))
-        logits = network.scores(states.observation()).logits.masked_fill(~states.allowed, _OUT)
-        right.append(states.good.gather(1, logits.argmax(1, keepdim=True))[:, 0].numpy())
-    return np.concatenate(right)
 
 
 class _States:
@@ -149,7 +136,7 @@ class _States:
     def try_skills(self, network: SkillNetwork, grasps: GraspScores, counts: torch.Tensor) -> None:
         """Draw skills from the network, `counts` (k,) of them; those that are not free are refused."""
         for count in range(int(counts.max())):
-            logits = network.choose(self.observation(), grasps).logits.masked_fill(~self.allowed, _OUT)
+            logits = network.choose(self.observation(), grasps)[0].masked_fill(~self.allowed, _OUT)
             tried = torch.distributions.Categorical(logits=logits).sample()[:, None]
             is_refused = ~self._free.gather(1, tried)[:, 0] & (counts > count)
             refused = torch.zeros_like(self.allowed).scatter(1, tried, is_refused[:, None])

@@ -10,7 +10,7 @@ from functools import partial
 from clutter_env.errors import LearningError
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.training.run import Run
-from clutter_env.training.settings import BC, PPO, SAC, Keyframes
+from clutter_env.training.settings import BC, PPO, SAC, Keyframes, Settings
 
 History = list[dict[str, float]]
 
@@ -39,7 +39,8 @@ def train(run: Run, resume: bool = False) -> Trained:
     run.check(resume)
     try:
         run.write_record()
-        history = _learn(run, resume)
+        learn = _learner(run.settings, resume)
+        history = learn(run)
     except OSError as problem:
         raise LearningError(
             f"training had to stop: {problem}; the last complete checkpoint in {run.directory} stays, and --resume "
@@ -48,28 +49,28 @@ def train(run: Run, resume: bool = False) -> Trained:
     return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
 
 
-def _learn(run: Run, resume: bool) -> History:
-    """Train by the algorithm of the settings; all of them need torch, so they are imported here."""
+def _learner(settings: Settings, resume: bool) -> Callable[[Run], History]:
+    """The function that trains a run of an algorithm; it is imported here, since all of them need torch."""
     import torch
 
     # The networks are small: more threads are slower, and several runs share a machine.
     torch.set_num_threads(1)
-    match run.settings:
+    match settings:
         case SAC() | PPO():
             from clutter_env.training.reinforcement import reinforce
 
-            return reinforce(run, resume)
+            return partial(reinforce, resume=resume)
         case BC():
             from clutter_env.training.cloning import train_clone
 
-            return train_clone(run)
+            return train_clone
         case Keyframes():
             from clutter_env.training.motions import train_motions
 
-            return train_motions(run)
+            return train_motions
     from clutter_env.training.high_level import train_decisions
 
-    return train_decisions(run)
+    return train_decisions
 
 
 def train_all(

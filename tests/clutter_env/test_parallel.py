@@ -44,13 +44,9 @@ def add(first: int, second: int) -> int:
     return first + second
 
 
-def process_id(_: int) -> int:
-    return os.getpid()
-
-
 def test_jobs_that_crash_or_hang_do_not_stop_the_others(ray: str) -> None:
     jobs = ["one", "raise", "full", "die", "hang", "two"]
-    results = dict(run_jobs(behave, jobs, workers=2, limit_s=10.0, ray=ray))
+    results = dict(run_jobs(behave, jobs, workers=2, limit_s=4.0, ray=ray))
     assert (results["one"], results["two"]) == ("one", "two")
     assert isinstance(results["raise"], Crash)
     assert "RuntimeError: as told" in results["raise"].detail
@@ -60,7 +56,7 @@ def test_jobs_that_crash_or_hang_do_not_stop_the_others(ray: str) -> None:
     assert "No space left on device" in results["full"].summary
     assert isinstance(results["die"], Crash)
     assert not results["die"].is_final
-    assert results["hang"] == Killed(10.0)
+    assert results["hang"] == Killed(4.0)
 
 
 def test_how_a_process_ended_is_said_and_one_worker_is_replaced() -> None:
@@ -72,10 +68,6 @@ def test_how_a_process_ended_is_said_and_one_worker_is_replaced() -> None:
 
 def test_partial_functions_are_run(ray: str) -> None:
     assert sorted(run_jobs(partial(add, 10), range(3), workers=2, ray=ray)) == [(0, 10), (1, 11), (2, 12)]
-
-
-def test_a_process_serves_many_jobs() -> None:
-    assert len({result for _, result in run_jobs(process_id, range(5), workers=1)}) == 1
 
 
 def test_jobs_may_depend_on_results() -> None:

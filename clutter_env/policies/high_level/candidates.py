@@ -40,6 +40,11 @@ CLEARANCE = 0.08
 """[m] of clearance around a place that is enough."""
 _PLACING_YAWS = 24
 """Directions of the gripper at a place, evenly about the vertical."""
+OBJECT_COLUMNS = ("x", "y", "bottom", "radius", "height")
+"""Network input of an object: position of its axis, height of its lowest point, radius and height, all [m], world."""
+_ROW = OBSERVATION_LAYOUT["objects"]
+_OFF_TABLE = 0.02
+"""[m] An object whose lowest point is this far below the table top does not stand on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +161,6 @@ def crowding(points: Array, radius: float, others: NDArray[np.floating]) -> Arra
         return np.zeros(len(points))
     gaps = np.linalg.norm(points[:, None, :2] - others[None, :, :2], axis=2) - others[:, 3] - radius
     return np.asarray(np.clip(1.0 - gaps.min(axis=1) / CLEARANCE, 0.0, 1.0))
-
-
-OBJECT_COLUMNS = ("x", "y", "bottom", "radius", "height")
-"""Network input of an object: position of its axis, height of its lowest point, radius and height, all [m], world."""
-_ROW = OBSERVATION_LAYOUT["objects"]
-_OFF_TABLE = 0.02
-"""[m] An object whose lowest point is this far below the table top does not stand on it."""
 
 
 @dataclass(frozen=True, eq=False)

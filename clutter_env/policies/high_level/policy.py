@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,6 +52,12 @@ _CROWDING_COST = 0.5
 """[clearances] of a place without any clearance around it."""
 _MOVED = 0.01
 """[m] An object that is farther than this from where it was has moved."""
+MAX_COST = 12.0
+"""[clearances] Cost of an object that cannot be taken."""
+RISK = 10.0
+"""[clearances] Cost of a candidate that certainly fails."""
+_ROUNDS = 12
+"""Rounds at most: a chain of clearances is hardly ever longer."""
 
 
 class _Weighed(NamedTuple):
@@ -259,22 +264,10 @@ def _batch(candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[
     return CandidateBatch(*(torch.from_numpy(np.ascontiguousarray(array)) for array in arrays))
 
 
-MAX_COST = 12.0
-"""[clearances] Cost of an object that cannot be taken."""
-RISK = 10.0
-"""[clearances] Cost of a candidate that certainly fails."""
-_ROUNDS = 12
-"""Rounds at most: a chain of clearances is hardly ever longer."""
+class Costs(NamedTuple):
+    """Costs [clearances] in k variants of a scene: (k, n) of taking each object, and (k, m) of each candidate.
 
-
-@dataclass(frozen=True, eq=False)
-class Costs:
-    """Costs [clearances] in k variants of one scene.
-
-    Attributes:
-        objects: (k, n) of taking each object.
-        candidates: (k, m) of each candidate.
-        is_cleared: (k, m, n) whether an object that may be in the way of a candidate had better be cleared first.
+    `is_cleared` (k, m, n): whether an object that may be in the way of a candidate had better be cleared first.
     """
 
     objects: Array
@@ -283,7 +276,12 @@ class Costs:
 
 
 def clearing_costs(own: NDArray[np.int64], fixed: Array, blocks: Array, known: Array | None = None) -> Costs:
-    """Costs of m candidates of n objects.
+    """Costs of m candidates of n objects: the clearances that are left, by value iteration over the objects.
+
+    The cost of taking an object is that of its best candidate. At a candidate every object that may be in the way costs
+    the lesser of two: the risk of touching it, or clearing it first, one clearance and what it takes to take that
+    object. Costs start at `MAX_COST` and fall until they no longer change, as in Bellman-Ford. An object that stands in
+    the way of two others that are both cleared is counted twice: the values are upper bounds of the clearances.
 
     Args:
         own: (m,) index of the object of each candidate.

@@ -106,13 +106,8 @@ class GripperError:
         along = line / length
         return GripperError(self.shift - (self.shift @ along) * along, self.turn)
 
-    @property
-    def is_small(self) -> bool:
-        """Whether the gripper may go on along its line."""
-        return self.is_within(1.0)
-
-    def is_within(self, share: float) -> bool:
-        """Whether it is at most a share of the greatest small error."""
+    def is_small(self, share: float = 1.0) -> bool:
+        """Whether the gripper may go on along its line, or the error is at most a share of the greatest such error."""
         return bool(np.linalg.norm(self.shift) < share * _CLOSE and np.linalg.norm(self.turn) < share * _ALIGNED)
 
 

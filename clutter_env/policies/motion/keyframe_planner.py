@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,22 @@ AHEAD = 0.06
 """[m] On a straight line the robot goes to the configuration this far ahead, which keeps the gripper on the line."""
 _TUCKED = 0.4
 """[m], [rad] of the arm from its configuration for driving within which the base drives."""
+_TORSOS = (0.0, -0.05, 0.05, -0.1, 0.1)
+"""[m] from home."""
+_ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
+"""[rad] of the upper arm from home."""
+_GRID = np.array([(torso, roll) for torso in _TORSOS for roll in _ROLLS])
+_DISTANCES = np.array((0.0, 0.06, 0.12, 0.18))
+"""[m] from the contact on the straight line, at which the arm is compared with the objects."""
+_RADIUS, _CLEARANCE = 0.065, 0.02
+"""[m] of the forearm, and of clearance around it that is enough."""
+_TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
+"""Costs of a metre of the torso from home, of a metre by which the gripper misses the contact, and of a metre of
+clearance that is missing; that of a radian of the roll is 1."""
+_ELBOW, _WRIST = 4, 7
+"""Numbers of the joints between which the forearm and the wrist lie; the gripper beyond is where the contact says."""
+_SHARES = np.array((0.0, 0.5))
+"""Points on the links, as shares of their length."""
 
 
 class Keyframe(NamedTuple):
@@ -53,16 +69,6 @@ class Keyframe(NamedTuple):
     stops: int = 1
     length: float = 0.0
     slack: float = 1.0
-
-
-class KeyframePlanner(Protocol):
-    """Plans the keyframes of picks and places, one after the other."""
-
-    def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
-        """Choose the arm configuration at a contact of object `index`; the phases to go through, none if refused."""
-
-    def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
-        """The goal of a phase; the contact may have moved since."""
 
 
 class OpenKeyframePlanner:
@@ -89,7 +95,7 @@ class OpenKeyframePlanner:
         if phase in AWAY:
             length = float(self._predict(phase, contact, shifted, frame, here)[15])
             ahead = min(here + AHEAD, length)
-        elif phase in TOWARDS and gripper_error(phase, seen, expected, contact).is_small:
+        elif phase in TOWARDS and gripper_error(phase, seen, expected, contact).is_small():
             ahead = max(here - AHEAD, 0.0)
         predicted = self._predict(phase, contact, shifted, frame, ahead)
         base = base_from(contact.base, predicted[:3])
@@ -122,24 +128,6 @@ def drive_goal(seen: ParsedObservation, path: list[Array], q: Array) -> tuple[Ar
     if np.abs(q - seen.q).max() <= _TUCKED:
         return path[0], len(path)
     return seen.base, 1 + len(path)
-
-
-_TORSOS = (0.0, -0.05, 0.05, -0.1, 0.1)
-"""[m] from home."""
-_ROLLS = tuple(np.radians((0, 15, -15, 30, -30, 45, -45, 60, -60)))
-"""[rad] of the upper arm from home."""
-_GRID = np.array([(torso, roll) for torso in _TORSOS for roll in _ROLLS])
-_DISTANCES = np.array((0.0, 0.06, 0.12, 0.18))
-"""[m] from the contact on the straight line, at which the arm is compared with the objects."""
-_RADIUS, _CLEARANCE = 0.065, 0.02
-"""[m] of the forearm, and of clearance around it that is enough."""
-_TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
-"""Costs of a metre of the torso from home, of a metre by which the gripper misses the contact, and of a metre of
-clearance that is missing; that of a radian of the roll is 1."""
-_ELBOW, _WRIST = 4, 7
-"""Numbers of the joints between which the forearm and the wrist lie; the gripper beyond is where the contact says."""
-_SHARES = np.array((0.0, 0.5))
-"""Points on the links, as shares of their length."""
 
 
 def choose_free_joints(

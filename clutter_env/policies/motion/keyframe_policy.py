@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 import assets
 from clutter_env.policies.motion.control import GripperError, IntegralOffset, action_towards, error_to, stay
-from clutter_env.policies.motion.keyframe_planner import (
-    AHEAD,
-    Keyframe,
-    KeyframePlanner,
-    OpenKeyframePlanner,
-    gripper_error,
-)
+from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, OpenKeyframePlanner, gripper_error
 from clutter_env.policies.motion.network import AWAY, DRIVEN, FINGERS, TOWARDS, KeyframeNetwork, line_distance
 from clutter_env.policies.motion.shelf import ShelfKeyframePlanner
 from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation
@@ -84,7 +78,7 @@ class KeyframePolicy:
 
     def reset(self, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
-        self._planner: KeyframePlanner = (
+        self._planner: OpenKeyframePlanner | ShelfKeyframePlanner = (
             ShelfKeyframePlanner(self._network, self._robot, find_layout(self.info.layout))
             if self._network.is_under_shelf
             else OpenKeyframePlanner(self._network, self._robot)
@@ -183,7 +177,7 @@ class KeyframePolicy:
         if phase in DRIVEN:
             return bool((error[:3] < _AT_CORNER).all())
         if phase == "transit":
-            is_right = GripperError.between(seen.tcp, keyframe.expected).is_within(keyframe.slack)
+            is_right = GripperError.between(seen.tcp, keyframe.expected).is_small(keyframe.slack)
             return is_right and bool((error[3:] < _AT_ARM).all())
         return bool((error[3:] < _PASSING).all())
 
@@ -206,7 +200,7 @@ class KeyframePolicy:
             is_due = bool(np.abs(error_to(seen, keyframe.goal)[3:]).max() < _NEAR)
         else:
             is_near = bool(line_distance(seen, self._contact) < AHEAD)
-            is_due = phase in TOWARDS and (is_near or not error.is_small)
+            is_due = phase in TOWARDS and (is_near or not error.is_small())
         if is_due:
             self._offset.correct(error)
 

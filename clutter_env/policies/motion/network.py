@@ -21,6 +21,49 @@ _SIZES = (3, 8, 3, 1, 1)
 """Numbers in each part of a `Prediction`."""
 _FINGER, _LENGTH = 0.01, 0.05
 """[m] of finger position, and of offset and line length, that are one unit of an output."""
+Array = NDArray[np.float64]
+SKILLS = ("pick", "place")
+PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "pick": ("drive", "ready", "transit", "approach", "close", "lift", "retreat"),
+        "place": ("drive", "transit", "lower", "open", "rise", "retreat"),
+    }
+)
+"""Phases of a motion by skill, in their order, as the planner's trajectories name them."""
+DRIVEN = ("enter", "reach", "back", "leave")
+"""Straight drives of the base under a shelf and out again, the arm rigid: to where the gripper is about to reach around
+the object, along the gripper to the contact, and back."""
+SHELF_PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "pick": ("drive", "ready", "transit", "enter", "reach", "close", "lift", "back", "leave", "retreat"),
+        "place": ("drive", "transit", "enter", "reach", "lower", "open", "back", "leave", "retreat"),
+    }
+)
+"""The same under a shelf."""
+ELSEWHERE = ("transit", *DRIVEN)
+"""Phases under a shelf whose arm configuration is one of a straight line at the contact."""
+TOWARDS, AWAY = ("approach", "lower"), ("lift", "rise")
+LINES = (*TOWARDS, *AWAY)
+"""Straight lines of the gripper to a contact, and away from it."""
+FINGERS = ("ready", "close", "open")
+"""Only the fingers move."""
+_LEARNED = tuple((skill, phase) for skill in SKILLS for phase in PHASES[skill])
+NUM_PHASES = len(_LEARNED)
+CENTRE = np.array((0.75, 0.0, 0.85))
+"""[m] in the base's frame: near most contacts, so that features are about zero."""
+REACH = 0.15
+"""[m] of a contact's position that is one unit of a feature."""
+_NEAR = (10.0, 50.0)
+"""[1/m] of the squashed copies of the distance on a line."""
+POSE = slice(NUM_PHASES, NUM_PHASES + 9)
+"""Columns of the pose of the contact: position, and the gripper's x and y axes."""
+NUM_FEATURES = POSE.stop + 4 + 1 + len(_NEAR) + 2
+FREE = slice(NUM_FEATURES - 2, NUM_FEATURES)
+"""Columns of the free joints at the contact."""
+FREE_JOINTS = (0, 3)
+"""Numbers of the joints, torso lift and upper-arm roll, that are free where the gripper is given."""
+FREE_UNITS = (0.1, 0.5)
+"""[m], [rad] of the free joints that are one unit of a feature."""
 
 
 class Prediction(NamedTuple):
@@ -112,14 +155,6 @@ class KeyframeNetwork(nn.Module):
         """The region that the base keeps out of."""
         return KeepOutRegion(*self.closed.numpy())
 
-    def set_keep_out(self, region: KeepOutRegion) -> None:
-        """Set the region that the base keeps out of."""
-        self.closed = torch.from_numpy(np.stack((region.low, region.high)))
-
-    def set_demonstrated(self, shown: NDArray[np.float64]) -> None:
-        """Set contacts and free joints (m, 7) demonstrated under a shelf."""
-        self.shown = torch.tensor(shown, dtype=torch.float32)
-
     @classmethod
     def load(cls, path: Path) -> tuple[KeyframeNetwork, WeightsInfo]:
         """The network with the weights of a file, and what they are for; raises `PolicyError`, see `load_weights`."""
@@ -130,54 +165,6 @@ class KeyframeNetwork(nn.Module):
             network.shown = weights["shown"]
         network.load_state_dict(weights)
         return network, info
-
-
-Array = NDArray[np.float64]
-
-SKILLS = ("pick", "place")
-PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "pick": ("drive", "ready", "transit", "approach", "close", "lift", "retreat"),
-        "place": ("drive", "transit", "lower", "open", "rise", "retreat"),
-    }
-)
-"""Phases of a motion by skill, in their order, as the planner's trajectories name them."""
-DRIVEN = ("enter", "reach", "back", "leave")
-"""Straight drives of the base under a shelf and out again, the arm rigid: to where the gripper is about to reach around
-the object, along the gripper to the contact, and back."""
-SHELF_PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "pick": ("drive", "ready", "transit", "enter", "reach", "close", "lift", "back", "leave", "retreat"),
-        "place": ("drive", "transit", "enter", "reach", "lower", "open", "back", "leave", "retreat"),
-    }
-)
-"""The same under a shelf."""
-ELSEWHERE = ("transit", *DRIVEN)
-"""Phases under a shelf whose arm configuration is one of a straight line at the contact."""
-TOWARDS, AWAY = ("approach", "lower"), ("lift", "rise")
-LINES = (*TOWARDS, *AWAY)
-"""Straight lines of the gripper to a contact, and away from it."""
-FINGERS = ("ready", "close", "open")
-"""Only the fingers move."""
-
-_LEARNED = tuple((skill, phase) for skill in SKILLS for phase in PHASES[skill])
-NUM_PHASES = len(_LEARNED)
-
-CENTRE = np.array((0.75, 0.0, 0.85))
-"""[m] in the base's frame: near most contacts, so that features are about zero."""
-REACH = 0.15
-"""[m] of a contact's position that is one unit of a feature."""
-_NEAR = (10.0, 50.0)
-"""[1/m] of the squashed copies of the distance on a line."""
-POSE = slice(NUM_PHASES, NUM_PHASES + 9)
-"""Columns of the pose of the contact: position, and the gripper's x and y axes."""
-NUM_FEATURES = POSE.stop + 4 + 1 + len(_NEAR) + 2
-FREE = slice(NUM_FEATURES - 2, NUM_FEATURES)
-"""Columns of the free joints at the contact."""
-FREE_JOINTS = (0, 3)
-"""Numbers of the joints, torso lift and upper-arm roll, that are free where the gripper is given."""
-FREE_UNITS = (0.1, 0.5)
-"""[m], [rad] of the free joints that are one unit of a feature."""
 
 
 def phase_index(skill: str, phase: str) -> int | None:

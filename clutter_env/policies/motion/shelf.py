@@ -86,7 +86,7 @@ class ShelfKeyframePlanner:
             ahead = here
             if phase == "lift":
                 ahead = min(here + AHEAD, self._arm.height)
-            elif phase == "lower" and gripper_error(phase, seen, expected, contact).is_small:
+            elif phase == "lower" and gripper_error(phase, seen, expected, contact).is_small():
                 ahead = max(here - AHEAD, 0.0)
             q = self._q_at(contact, offset, ahead)
         q = shorter_turns(self._robot, seen.q, q)

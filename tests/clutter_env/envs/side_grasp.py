@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,14 +45,34 @@ def free_targets(env: RetrieveEnv) -> list[str]:
     return free
 
 
-class SideGrasp:
-    """Runs the script on a freshly reset environment in "ee" mode.
+def reset_to_free_target(env: RetrieveEnv, first_seed: int = 0, farthest: float = math.inf) -> int:
+    """Reset to the first scene that has a free target whose x is less than `farthest` [m]; its seed."""
+    for seed in range(first_seed, first_seed + 60):
+        env.reset(seed=seed)
+        x = dict(zip(env.world.names, env.world.scene.positions[:, 0], strict=True))
+        if near := [name for name in free_targets(env) if x[name] < farthest]:
+            env.reset(seed=seed, options={"target": near[seed % len(near)]})
+            return seed
+    raise AssertionError("no scene has a free target")
 
-    The base stops `standoff` [m] before the target, which is then `side` [m] to the left of its centre.
+
+class SideGrasp:
+    """Runs the script on a freshly reset environment in "ee" mode; `record` holds what its steps returned.
+
+    The base stops `standoff` [m] before the target, which is then `side` [m] to the left of its centre. The target is
+    lifted by `lift` [m], and driven back by `drive` [m].
     """
 
-    def __init__(self, env: RetrieveEnv, standoff: float = STANDOFF, side: float = 0.0) -> None:
-        self.env, self.standoff, self.side = env, standoff, side
+    def __init__(
+        self,
+        env: RetrieveEnv,
+        standoff: float = STANDOFF,
+        side: float = 0.0,
+        lift: float = LIFT,
+        drive: float = DRIVE,
+    ) -> None:
+        self.env, self.standoff, self.side, self.lift, self.drive = env, standoff, side, lift, drive
+        self.record: list[Any] = []
         self.controller = env.world.controller
         self.base = self.controller.state.target[:3].copy()
         self.point = env.data.site_xpos[env.world.index.tcp_site].copy()
@@ -71,9 +93,9 @@ class SideGrasp:
         self.width = CLOSED
         self.wait(1.0)
         before = self.object_in_gripper()
-        self.reach(grasp + (0, 0, LIFT))
+        self.reach(grasp + (0, 0, self.lift))
         lift = env.world.lowest_point(env.measurements, slot) - TABLE_HEIGHT
-        self.drive_to(self.base - (DRIVE, 0, 0))
+        self.drive_to(self.base - (self.drive, 0, 0))
         self.wait(0.5)
         slip = float(np.linalg.norm(self.object_in_gripper() - before))
         warnings = int(sum(w.number for w in env.data.warning))
@@ -113,7 +135,7 @@ class SideGrasp:
     def step(self) -> None:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = _rotation(self.yaw), self.point
-        self.env.step(self.env.ee_action(self.base, pose, self.width))
+        self.record.append(self.env.step(self.env.ee_action(self.base, pose, self.width)))
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:

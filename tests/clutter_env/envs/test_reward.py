@@ -12,8 +12,7 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.reward import DENSE_SCALES, POTENTIAL_TERMS, dense_reward, potential
 from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.policies.scripted import direct_approach
-from tests.clutter_env.envs import side_grasp
-from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
+from tests.clutter_env.envs.side_grasp import SideGrasp, reset_to_free_target
 
 DISCOUNTS = (0.95, 0.99, 1.0)
 LIMIT = gym.spec("clutter_env/Retrieve-o60-v0").max_episode_steps
@@ -93,37 +92,22 @@ def test_the_potential_is_at_most_one_and_less_than_a_disturbance_costs() -> Non
 # In the environment.
 
 
-def grasp(monkeypatch: pytest.MonkeyPatch, lift: float, steps: int) -> tuple[list[float], dict]:
+def grasp(lift: float, steps: int) -> tuple[list[float], dict]:
     """Rewards of a scripted grasp that lifts so far [m] and stays for so many steps, and the last info."""
     env = RetrieveEnv(num_objects=5, control_mode="ee", reward_mode="dense")
-    target = ""
-    for seed in range(50):
-        env.reset(seed=seed)
-        if free_targets(env):
-            target = free_targets(env)[0]
-            break
-    env.reset(seed=seed, options={"target": target})
-    monkeypatch.setattr(side_grasp, "LIFT", lift)
-    monkeypatch.setattr(side_grasp, "DRIVE", 0.0)
-    script, record = SideGrasp(env), []
-    step = env.step
-
-    def watched(action):
-        if not record or not record[-1][2]:
-            record.append(step(action))
-        return record[-1]
-
-    env.step = watched  # type: ignore[method-assign]  # the test watches the steps of the script
+    reset_to_free_target(env)
+    script = SideGrasp(env, lift=lift, drive=0.0)
     script.run()
-    while len(record) < steps and not record[-1][2]:
+    while len(script.record) < steps:
         script.step()
-    return [result[1] for result in record], record[-1][4]
+    ended = next((index for index, result in enumerate(script.record) if result[2]), len(script.record) - 1)
+    return [result[1] for result in script.record[: ended + 1]], script.record[ended][4]
 
 
-def test_hovering_in_physics_earns_less_than_finishing(monkeypatch: pytest.MonkeyPatch) -> None:
-    finished, info = grasp(monkeypatch, 0.155, 0)
+def test_hovering_in_physics_earns_less_than_finishing() -> None:
+    finished, info = grasp(0.155, 0)
     assert info["is_success"]
-    below, info = grasp(monkeypatch, 0.09, 1000)
+    below, info = grasp(0.09, 1000)
     assert not info["is_success"]
     assert info["held"] == info["target"]
     assert len(below) == 1000

@@ -172,7 +172,7 @@ def test_invalid_keywords_are_refused() -> None:
         SkillEnv(budget=0)
 
 
-@pytest.mark.parametrize("simulation", SIMULATIONS)
+@pytest.mark.parametrize("simulation", ["kinematic", pytest.param("physics", marks=pytest.mark.slow)])
 def test_gymnasium_checker_is_silent_without_a_display(simulation: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The checker renders in every mode that the environment lists; "human" needs a display."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -9,32 +9,22 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
-torch = pytest.importorskip("torch")
-
-from assets import FETCH  # noqa: E402
-from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
-from clutter_env.policies.motion.arm import (  # noqa: E402
-    ArmKinematics,
-    nearest_home,
-    shorter_turns,
-    with_wrist_flipped,
-)
-from clutter_env.policies.motion.keep_out import KeepOutRegion, keep_out_of_drives  # noqa: E402
-from clutter_env.policies.motion.keyframe_planner import choose_free_joints  # noqa: E402
-from clutter_env.policies.motion.keyframe_policy import KeyframePolicy  # noqa: E402
-from clutter_env.policies.motion.network import (  # noqa: E402
-    KeyframeNetwork,
-    network_input,
-    phase_index,
-)
-from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose  # noqa: E402
-from clutter_env.policies.protocol import begin_episode  # noqa: E402
-from clutter_env.policies.registry import load_policy  # noqa: E402
-from clutter_env.policies.weights import shipped_path  # noqa: E402
-from planners import Contact, tcp_pose  # noqa: E402
-from planners.scene import RobotState  # noqa: E402
+from assets import FETCH
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
+from clutter_env.policies.motion.arm import ArmKinematics, nearest_home, shorter_turns, with_wrist_flipped
+from clutter_env.policies.motion.keep_out import KeepOutRegion, keep_out_of_drives
+from clutter_env.policies.motion.keyframe_planner import choose_free_joints
+from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
+from clutter_env.policies.motion.network import KeyframeNetwork, network_input, phase_index
+from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
+from clutter_env.policies.protocol import begin_episode
+from clutter_env.policies.registry import load_policy
+from clutter_env.policies.weights import shipped_path
+from planners import Contact, tcp_pose
+from planners.scene import RobotState
 
 Array = NDArray[np.float64]
 _ROW = OBSERVATION_LAYOUT["objects"]
@@ -116,14 +106,6 @@ def test_paths_are_straight_or_go_round_the_region(
     np.testing.assert_allclose(path[-1], goal, atol=1e-9)
 
 
-def test_a_base_that_is_wanted_inside_the_region_is_driven_to() -> None:
-    start, goal = np.array((-1.2, 0.3, 0.0)), np.array((0.0, 1.2, -1.57))
-    path = FRONT.path(start, goal)
-    np.testing.assert_allclose(path[-1], goal)
-    assert depth(KeepOutRegion(FRONT.low, np.array((np.inf, 1.2))), start, path) < 1e-5
-    np.testing.assert_array_equal(FRONT.high, (np.inf, 1.4))
-
-
 def test_the_region_is_what_demonstrations_drive_round() -> None:
     def drive(*stops: tuple[float, float]) -> Array:
         return np.concatenate([np.linspace(one, other, 40) for one, other in pairwise(stops)])
@@ -156,17 +138,6 @@ def test_a_drive_to_the_side_of_a_counter_goes_round_its_corner(
     policy, reached = driven(env, observation, base)
     assert not policy.has_failed
     np.testing.assert_allclose(reached[:2], base[:2], atol=0.03)
-
-
-def test_the_base_drives_once_an_arm_that_was_out_is_tucked_in(env: gym.Env[Any, Any]) -> None:
-    observation, _ = env.reset(seed=5)
-    arm_out = np.zeros(12)
-    arm_out[4] = 1.0
-    for _ in range(20):
-        observation, *_ = env.step(arm_out)
-    policy, reached = driven(env, observation, (-0.8, 0.4, 0.0))
-    assert not policy.has_failed
-    np.testing.assert_allclose(reached[:2], (-0.8, 0.4), atol=0.03)
 
 
 def test_a_pick_moves_with_its_object_until_the_fingers_close(env: gym.Env[Any, Any]) -> None:

@@ -11,22 +11,21 @@ from typing import Any
 
 import gymnasium as gym
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from clutter_env.evaluation.score import DrawnScene, play_scene  # noqa: E402
-from clutter_env.policies.baselines import GreedyPolicy  # noqa: E402
-from clutter_env.policies.motion.keyframe_policy import KeyframePolicy  # noqa: E402
-from clutter_env.policies.motion.network import KeyframeNetwork  # noqa: E402
-from clutter_env.policies.protocol import PolicyError, begin_episode  # noqa: E402
-from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps  # noqa: E402
-from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE  # noqa: E402
-from clutter_env.policies.two_level import TwoLevelPolicy, join_levels  # noqa: E402
-from clutter_env.policies.weights import SHIPPED, WeightsInfo, load_weights, save_weights, shipped_path  # noqa: E402
-from clutter_env.scene.layout import Layout  # noqa: E402
-from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.run import Run  # noqa: E402
-from clutter_env.training.settings import Decisions, Keyframes  # noqa: E402
+from clutter_env.evaluation.score import DrawnScene, play_scene
+from clutter_env.policies.baselines import GreedyPolicy
+from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
+from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.protocol import PolicyError, begin_episode
+from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps
+from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE
+from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
+from clutter_env.policies.weights import SHIPPED, WeightsInfo, load_weights, save_weights, shipped_path
+from clutter_env.scene.layout import Layout
+from clutter_env.task import Task
+from clutter_env.training.run import Run
+from clutter_env.training.settings import Decisions, Keyframes
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:

@@ -8,40 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-
-from assets import FETCH  # noqa: E402
-from clutter_env.envs.observation import OBSERVATION_LAYOUT  # noqa: E402
-from clutter_env.policies.motion.arm import is_wrist_flipped, with_wrist_flipped  # noqa: E402
-from clutter_env.policies.motion.network import (  # noqa: E402
-    ELSEWHERE,
-    SHELF_PHASES,
-    KeyframeNetwork,
-    contact_in_base,
-)
-from clutter_env.policies.motion.shelf import (  # noqa: E402
-    ShelfKeyframePlanner,
-    base_waypoint,
-    drive_points,
-    table_of,
-)
-from clutter_env.policies.motion.shelf_arm import (  # noqa: E402
-    ArmBalls,
-    ArmPredictor,
-    GripperPoints,
-    ShelfArmChooser,
-    Surroundings,
-)
-from clutter_env.policies.parsed_observation import (  # noqa: E402
-    Cylinders,
-    ParsedObservation,
-    parse_observation,
-    planar_pose,
-)
-from clutter_env.policies.weights import shipped_path  # noqa: E402
-from clutter_env.scene.layout import find_layout  # noqa: E402
-from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.motion_examples import Motion, cut_at_corners, free_joints_of, planned_motions  # noqa: E402  # noqa: E402
+from assets import FETCH
+from clutter_env.envs.observation import OBSERVATION_LAYOUT
+from clutter_env.policies.motion.network import ELSEWHERE, SHELF_PHASES, KeyframeNetwork, contact_in_base
+from clutter_env.policies.motion.shelf import ShelfKeyframePlanner, base_waypoint, drive_points, table_of
+from clutter_env.policies.motion.shelf_arm import ArmBalls, ArmPredictor, ShelfArmChooser
+from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
+from clutter_env.policies.weights import shipped_path
+from clutter_env.scene.layout import find_layout
+from clutter_env.task import Task
+from clutter_env.training.motion_examples import Motion, cut_at_corners, free_joints_of, planned_motions
 
 SHELF = Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True})
 LAYOUT = find_layout("shelf")
@@ -100,34 +76,6 @@ def test_correction_leads_the_predicted_gripper_to_where_it_is_wanted(
     assert after.max() < 0.001 < before.max()
 
 
-def test_balls_move_with_the_arm_and_points_with_the_fingers() -> None:
-    balls, home = ArmBalls(FETCH), np.array(FETCH.home)
-    raised = home.copy()
-    raised[0] += 0.05
-    centres = balls.centres(np.stack((home, raised)))
-    np.testing.assert_allclose(centres[1] - centres[0], np.broadcast_to((0.0, 0.0, 0.05), centres[0].shape), atol=1e-6)
-    assert (balls.radius > 0.03).all()
-    gripper = GripperPoints(FETCH)
-    closed, opened = gripper.at(0.0), gripper.at(0.03)
-    moved = opened - closed
-    is_finger = np.abs(moved).max(axis=1) > 0
-    np.testing.assert_allclose(np.abs(moved[is_finger]), np.broadcast_to((0.0, 0.03, 0.0), moved[is_finger].shape))
-    assert (moved[is_finger][:, 1] * np.sign(closed[is_finger][:, 1].round(3)) >= 0).all()
-    assert closed[~is_finger][:, 0].max() < 0.0 < opened[is_finger][:, 0].max() < 0.05
-
-
-def test_distances_are_those_to_boxes_and_upright_cylinders() -> None:
-    """A box about the origin, and an object of radius 0.1 m, 0.05 m for certain, two metres ahead of it."""
-    found = Cylinders(np.array([[2.0, 0.0, 0.0]]), np.array([0.1]), height=np.array([0.2]), core=np.array([0.05]))
-    around = Surroundings(np.zeros((1, 3)), np.array([[0.5, 0.5, 0.1]]), found)
-    points = np.array([[0.0, 0.0, 0.05], [0.0, 0.8, 0.5], [2.0, 0.3, 0.0], [2.0, 0.0, 0.3]])
-    np.testing.assert_allclose(around.distance(points), [0.0, 0.5, 0.2, 0.1])
-    outside = np.array([[0.0, 0.0, 0.15], [2.07, 0.0, 0.0], [2.0, 0.0, 0.3]])
-    assert not around.contain(outside)
-    for inside in ([0.4, 0.0, 0.05], [2.04, 0.0, 0.1]):
-        assert around.contain(np.array([*outside, inside]))
-
-
 def test_the_chosen_arm_keeps_clear_of_what_stands_in_its_path(
     motions: list[Motion], network: KeyframeNetwork, seen: ParsedObservation
 ) -> None:
@@ -142,16 +90,6 @@ def test_the_chosen_arm_keeps_clear_of_what_stands_in_its_path(
     other = chooser.choose(contact, 0, with_object(seen, elbow, 0.01), drive)
     assert not other.is_blocked
     assert np.abs(other.low - free.low).max() > 0.04 or other.is_flipped != free.is_flipped
-
-
-def test_a_wrist_keeps_its_side_while_an_object_is_held(network: KeyframeNetwork, motions: list[Motion]) -> None:
-    place = next(motion for motion in motions if motion.contact.skill == "place")
-    names = [entry.name for entry in dataclasses.fields(ParsedObservation)]
-    held = ParsedObservation(**{name: getattr(place.seen, name)[0] for name in names})
-    chooser, drive = ShelfArmChooser(network, FETCH, LAYOUT), drive_points(TABLE, place.contact)
-    for q in (np.array(FETCH.home), with_wrist_flipped(FETCH, np.array(FETCH.home))):
-        arm = chooser.choose(place.contact, 0, dataclasses.replace(held, q=q), drive)
-        assert arm.is_flipped == is_wrist_flipped(FETCH, q)
 
 
 def test_a_pick_that_something_is_in_the_way_of_is_refused_at_first(

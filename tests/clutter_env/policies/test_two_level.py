@@ -38,14 +38,6 @@ def test_a_parsed_observation_is_the_state_of_the_simulation(env: Env) -> None:
         seen.index("cup")
 
 
-def test_the_observations_of_an_episode_are_parsed_as_each_of_its_steps(env: Env) -> None:
-    observations = [env.reset(seed=4)[0], *(env.step(np.full(12, 0.3))[0] for _ in range(3))]
-    together = parse_observation({name: np.stack([one[name] for one in observations]) for name in observations[0]})
-    for step, observation in enumerate(observations):
-        np.testing.assert_allclose(together.tcp[step], parse_observation(observation).tcp)
-        np.testing.assert_allclose(together.position(1)[step], parse_observation(observation).position(1))
-
-
 def test_a_keyframe_is_reached_on_a_straight_line_in_joint_space(env: Env) -> None:
     observation, _ = env.reset(seed=5)
     start = parse_observation(observation).whole_body
@@ -69,7 +61,7 @@ def test_an_integral_offset_leads_a_gripper_that_is_off_to_the_contact() -> None
     for _ in range(60):
         offset.correct(GripperError.between(offset.applied_to(contact) @ off, contact))
     error = GripperError.between(offset.applied_to(contact) @ off, contact)
-    assert error.is_small
+    assert error.is_small()
     assert np.linalg.norm(error.shift) < 1e-4
 
 
@@ -122,11 +114,6 @@ def test_picks_and_places_are_executed_in_turn_until_the_target_is_taken() -> No
     assert not policy.is_privileged
 
 
-def test_after_a_failed_pick_of_the_target_the_high_level_is_asked_again() -> None:
-    policy = played(Script([contact("pick", "target")] * 3, [True, True, False]))
-    assert (policy.started, policy.failed, policy.failure) == (3, 2, "")
-
-
 def test_a_policy_gives_up_with_its_high_level_or_after_many_actions() -> None:
     assert played(Script([contact("pick", "a"), None], [False])).failure == "nothing left"
     endless = played(Script([contact("pick", "a")], [True]), steps=2 * MAX_ACTIONS)
@@ -136,15 +123,14 @@ def test_a_policy_gives_up_with_its_high_level_or_after_many_actions() -> None:
 
 def test_both_levels_planned_retrieve_a_target_that_is_obstructed() -> None:
     env = gym.make("clutter_env/Retrieve-o5-v0", obstructed=True)
-    motion = PlannedMotionPolicy()
-    policy = TwoLevelPolicy(PlannedHighLevelPolicy(), motion)
+    policy = TwoLevelPolicy(PlannedHighLevelPolicy(), PlannedMotionPolicy())
     observation, info = env.reset(seed=11)
     begin_episode(policy, info, env)
     while not (policy.done or info["lifted"]):
         observation, _, _, _, info = env.step(policy.act(observation))
     assert info["is_success"]
     assert policy.started >= 3
-    assert (policy.failed, motion.refused) == (0, 0)
+    assert policy.failed == 0
 
 
 def test_a_pick_out_of_reach_is_refused_and_the_robot_stays(env: Env) -> None:
@@ -153,7 +139,7 @@ def test_a_pick_out_of_reach_is_refused_and_the_robot_stays(env: Env) -> None:
     motion.reset(info, env)
     tcp = planar_pose(np.array([3.0, 0.0, 0.0]))
     motion.start(Contact("pick", "object_00", np.array([-1.2, 0.0, 0.0]), tcp), observation)
-    assert (motion.is_done, motion.has_failed, motion.refused) == (True, True, 1)
+    assert (motion.is_done, motion.has_failed) == (True, True)
     assert motion.reason
     before = parse_observation(observation).whole_body
     for _ in range(5):

@@ -39,6 +39,9 @@ def test_a_closed_bar_is_closed_once(capsys: pytest.CaptureFixture[str]) -> None
 def test_compilation_is_shown_by_the_name_of_the_kernel(capsys: pytest.CaptureFixture[str]) -> None:
     logger = logging.getLogger("planners.warming")
     with shown_compilation():
+        pass
+    assert not capsys.readouterr().err, "nothing is compiled"
+    with shown_compilation():
         logger.warning("compiling the planner's kernels")
         logger.info("compiling a.b.first")
         logger.info("compiling a.b.second")
@@ -47,9 +50,3 @@ def test_compilation_is_shown_by_the_name_of_the_kernel(capsys: pytest.CaptureFi
     assert text.splitlines()[-1].startswith("compiling a.b.second (2 kernels")
     assert logger.propagate
     assert not logger.handlers
-
-
-def test_nothing_is_shown_where_nothing_is_compiled(capsys: pytest.CaptureFixture[str]) -> None:
-    with shown_compilation():
-        pass
-    assert not capsys.readouterr().err

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from itertools import product
 from typing import NamedTuple
 
 import gymnasium as gym
@@ -16,11 +17,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import clutter_env  # noqa: F401  registers the environments
+from assets import PR2, RobotSpec
 from clutter_env.envs.retrieve import RetrieveEnv
-from tests.clutter_env.envs.side_grasp import SideGrasp, free_targets
+from tests.clutter_env.envs.side_grasp import SideGrasp, reset_to_free_target
 from tests.clutter_env.simulation.test_saved_state import pushing_actions, run
 
-GRASPS, SEEDS, EPISODES = 2, 60, 10
+GRASPS, EPISODES = 2, 10
 
 
 class Stance(NamedTuple):
@@ -41,24 +43,27 @@ STANCES = {
 }
 OTHERS = pytest.mark.parametrize("robot", STANCES)
 MODES = pytest.mark.parametrize("mode", ["joint", "ee"])
+EACH_ROBOT_AND_MODE = pytest.mark.parametrize(
+    ("robot", "mode"),
+    [*product(STANCES, ("joint", "ee")), (PR2.with_all_arms(), "joint")],
+    ids=lambda value: getattr(value, "full_name", value),
+)
 
 
-def make(robot: str, count: int, **keywords):
+def make(robot: str | RobotSpec, count: int, **keywords):
     return gym.make(f"clutter_env/Retrieve-o{count}-v0", robot=robot, **keywords).unwrapped
 
 
-@OTHERS
-@MODES
-def test_gymnasium_checker_is_silent(robot: str, mode: str) -> None:
+@EACH_ROBOT_AND_MODE
+def test_gymnasium_checker_is_silent(robot: str | RobotSpec, mode: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for env_id in ("clutter_env/Retrieve-o5-v0", "clutter_env/Reach-v0"):
             check_env(gym.make(env_id, robot=robot, control_mode=mode).unwrapped, skip_render_check=True)
 
 
-@OTHERS
-@MODES
-def test_a_saved_state_continues_bit_for_bit(robot: str, mode: str) -> None:
+@EACH_ROBOT_AND_MODE
+def test_a_saved_state_continues_bit_for_bit(robot: str | RobotSpec, mode: str) -> None:
     env, other = (make(robot, 20, control_mode=mode) for _ in range(2))
     env.reset(seed=4)
     for action in pushing_actions(env, 100, 4):
@@ -74,17 +79,10 @@ def test_a_saved_state_continues_bit_for_bit(robot: str, mode: str) -> None:
 def test_side_grasps_hold(robot: str) -> None:
     stance = STANCES[robot]
     env = RetrieveEnv(num_objects=5, control_mode="ee", robot=robot)
-    results = []
-    for seed in range(SEEDS):
-        env.reset(seed=seed)
-        x = dict(zip(env.world.names, env.world.scene.positions[:, 0], strict=True))
-        near = [name for name in free_targets(env) if x[name] < stance.farthest]
-        if near:
-            env.reset(seed=seed, options={"target": near[0]})
-            results.append(SideGrasp(env, stance.standoff, stance.side).run())
-        if len(results) == GRASPS:
-            break
-    assert len(results) == GRASPS
+    results, seed = [], -1
+    for _ in range(GRASPS):
+        seed = reset_to_free_target(env, seed + 1, stance.farthest)
+        results.append(SideGrasp(env, stance.standoff, stance.side).run())
     assert all(r.lift >= 0.15 and r.is_held and r.slip < 0.002 and r.warnings == 0 for r in results), results
 
 

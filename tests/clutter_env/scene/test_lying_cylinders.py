@@ -12,7 +12,7 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH
-from clutter_env.errors import OptionError, StateError
+from clutter_env.errors import StateError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
 from clutter_env.scene.obstruction import count_blockers, side_approaches
 from tests.clutter_env.simulation.sealed import opened, seal
@@ -79,21 +79,6 @@ def test_they_have_toppled_when_they_stand_up_and_not_when_they_roll() -> None:
         env.reset(seed=1)
         place(env, cylinder, (x, y, TABLE_HEIGHT + 0.1), standing)
         assert idle(env, 1)["num_fallen"] == 1
-
-
-@pytest.mark.parametrize(
-    ("objects", "hint"),
-    [
-        ([{**LYING, "position": (0.0, 0.0), "lying": 1}], "True or False"),
-        ([{**BOX, "position": (0.0, 0.0), "lying": True}], "unknown key 'lying'"),
-        ([{**LYING, "position": (0.0, 0.0)}, {**LYING, "position": (0.1, 0.0)}], "overlap"),
-        ([{**LYING, "position": (0.30, 0.0)}], "edge"),
-    ],
-)
-def test_wrong_descriptions_are_refused(objects: list[dict[str, Any]], hint: str) -> None:
-    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
-    with pytest.raises(OptionError, match=hint):
-        env.reset(options={"objects": objects})
 
 
 def test_they_are_in_the_way_of_grasps_like_boxes_of_the_same_outline() -> None:

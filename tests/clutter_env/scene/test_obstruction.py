@@ -111,15 +111,11 @@ def test_boxes_are_in_the_way_as_far_as_they_reach() -> None:
             continue
         rotation = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         points = place + outline @ rotation.T
-        box = TableScene(
+        box = replace(
+            cylinders([(0.0, 0.0), tuple(place)]),
             half_extents=np.array([[0.03, 0.03, 0.08], [0.04, 0.015, 0.08]]),
             is_box=np.array([False, True]),
-            positions=np.array([(0.0, 0.0), place]),
             yaws=np.array([0.0, yaw]),
-            masses=np.full(2, 0.2),
-            base=np.array([-1.2, 0.0, 0.0]),
-            target=0,
-            is_lying=np.zeros(2, dtype=np.bool_),
         )
         dots = cylinders([(0.0, 0.0), *map(tuple, points)])
         half = dots.half_extents.copy()
@@ -131,10 +127,7 @@ def test_boxes_are_in_the_way_as_far_as_they_reach() -> None:
 
 def test_without_a_table_of_directions_the_front_is_open() -> None:
     own = Layout("own", depth=0.6, width=0.9)
-    points, yaws = (
-        np.zeros((YAWS, 2)),
-        np.arange(YAWS) * 2 * math.pi / YAWS,
-    )
+    points, yaws = np.zeros((YAWS, 2)), np.arange(YAWS) * 2 * math.pi / YAWS
     reached = FETCH_APPROACHES.is_reachable(own, points, yaws)
     assert reached[0]
     assert not reached[YAWS // 2]

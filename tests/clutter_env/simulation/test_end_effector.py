@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from assets import FETCH
-from clutter_env.config import EnvConfig
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.errors import ConfigError
 from clutter_env.simulation.control import CONTROL_STEP
 from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
 
@@ -75,15 +73,3 @@ def test_failures_of_the_inverse_kinematics_are_counted_saved_and_reset() -> Non
     assert env.reset(seed=1)[1]["ik_failures"] == 0
     env.restore_state(state)
     assert env.info["ik_failures"] == 3
-
-
-def test_without_failures_the_count_is_zero_in_both_modes() -> None:
-    for mode in ("joint", "ee"):
-        env = RetrieveEnv(num_objects=1, control_mode=mode)
-        env.reset(seed=0)
-        assert env.step(np.full(env.action_size, 0.3))[4]["ik_failures"] == 0
-
-
-def test_mink_is_the_one_route() -> None:
-    with pytest.raises(ConfigError, match="unknown keyword argument 'ik'"):
-        EnvConfig.from_keywords({"ik": "mink"})

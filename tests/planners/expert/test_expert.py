@@ -47,10 +47,7 @@ def run(seed: int, objects: int, mode: str = "joint", fault: Fault | None = None
 def test_an_episode_ends_in_success(mode: str) -> None:
     report, success, _ = run(seed=11, objects=5, mode=mode)
     assert success
-    assert report.planned
-    assert report.executed
-    assert report.scored
-    assert report.clean
+    assert all((report.planned, report.executed, report.scored, report.clean))
     assert report.failure == ""
     assert report.sim_s > 1.0
     assert report.planning_s > 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -204,9 +205,8 @@ def test_reset_begins_afresh_after_anything(env: gymnasium.Env) -> None:
     used.reset(info["target"])
     assert not used.done
     assert used.target == info["target"]
-    assert used.report == fresh_report(fresh, used)
+    assert replace(used.report, planning_s=0.0, sim_s=0.0) == replace(fresh.report, planning_s=0.0, sim_s=0.0)
     np.testing.assert_array_equal(used.act(), first)
-    assert used.solution is not None
     assert [str(action) for action in actions(used)] == [str(action) for action in actions(fresh)]
 
 
@@ -223,36 +223,24 @@ def test_an_episode_may_begin_with_the_target_in_the_gripper(env: gymnasium.Env)
     assert expert.report.scored
 
 
-def fresh_report(fresh: TampExpert, used: TampExpert) -> Any:
-    """The report of an expert at its first step, but for the time that planning took."""
-    report = fresh.report
-    return type(report)(**{**vars(report), "planning_s": used.report.planning_s, "sim_s": used.report.sim_s})
-
-
 def actions(expert: TampExpert) -> Any:
     assert isinstance(expert.solution, Solution)
     return expert.solution.actions
 
 
-class OwnPlanner:
-    """A planner as a user would write it."""
-
-    def __init__(self) -> None:
-        self.calls: list[tuple[str, Strategy]] = []
-
-    def solve(
-        self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, time_limit: float | None
-    ) -> Solution | Infeasible:
-        self.calls.append((target, strategy))
-        return Planner(scene.robot).solve(scene, target, strategy, rng, time_limit)
-
-
 def test_a_planner_and_a_strategy_of_the_users_own(env: gymnasium.Env) -> None:
+    calls = []
+
+    class Own:
+        def solve(self, scene: Scene, target: str, strategy: Strategy, *others: Any) -> Solution | Infeasible:
+            calls.append((target, strategy))
+            return Planner(scene.robot).solve(scene, target, strategy, *others)
+
     env.reset(seed=SEED)
-    planner, strategy = OwnPlanner(), Strategy("mine", grasps="greedy", region="none", locations="random")
-    expert = TampExpert(env, strategy, planner=planner)
+    strategy = Strategy("mine", grasps="greedy", region="none", locations="random")
+    expert = TampExpert(env, strategy, planner=Own())
     expert.reset()
-    assert planner.calls == [(expert.target, strategy)]
+    assert calls == [(expert.target, strategy)]
     assert actions(expert)[-1].target == expert.target
     assert expert.report.floor is not None
 
