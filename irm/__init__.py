@@ -16,14 +16,19 @@ from irm.classification import classify, decide, predict
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
+from irm.ik.solvers import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.kinematics import forward, link_origins
+from irm.kinematics import fk_frames, forward, link_origins
 from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
 from irm.robot_shape import SolidBoxes, robot_radius
 from irm.verification import NotVerified, SelfCollision, Verified, compare_with_model, tcp_poses, verify
 
 __all__ = [
+    "CLOSED_FORM",
+    "ITERATIVE",
+    "PARALLEL",
     "PRISMATIC",
+    "SPHERICAL",
     "ArmChain",
     "BasePlacement",
     "ClassicalInverseReachabilityMap",
@@ -38,18 +43,22 @@ __all__ = [
     "SolidBoxes",
     "Status",
     "Verified",
+    "arm_solutions",
     "cache_folder",
     "cached_map",
     "classify",
     "compare_with_model",
     "decide",
+    "fk_frames",
     "forward",
     "frames_of",
+    "free_angles",
     "is_map_at_hand",
     "link_origins",
     "pose_of",
     "predict",
     "robot_radius",
+    "solver_arrays",
     "tcp_poses",
     "verify",
 ]

@@ -17,9 +17,19 @@ from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
-from irm import ArmChain, forward, pose_of
-from irm.ik.solvers import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
-from irm.kinematics import fk_frames
+from irm import (
+    CLOSED_FORM,
+    ITERATIVE,
+    PARALLEL,
+    SPHERICAL,
+    ArmChain,
+    arm_solutions,
+    fk_frames,
+    forward,
+    free_angles,
+    pose_of,
+    solver_arrays,
+)
 from planners import (
     CYLINDER,
     CollisionWorld,
