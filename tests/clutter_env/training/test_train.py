@@ -62,7 +62,7 @@ def play(directory: Path, task: Task) -> int:
     """Steps of an episode of a run's policy."""
     env = task.make()
     try:
-        return play_scene(DrawnScene(held_out_seeds(1)[0]), env, load_policy(str(directory), 0), max_steps=20).steps
+        return play_scene(held_out_seeds(1)[0], env, load_policy(str(directory), 0), max_steps=20).steps
     finally:
         env.close()
 
