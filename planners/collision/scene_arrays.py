@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain, link_of_body
-from irm.ik.solutions import SolverArrays, solver_arrays
+from irm.ik.solvers import SolverArrays, solver_arrays
 from irm.kinematics import fk_frames
 from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle

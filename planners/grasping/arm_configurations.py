@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
-from irm.ik.solutions import free_angles, solver_arrays
+from irm.ik.solvers import free_angles, solver_arrays
 from planners.collision.driven_world import Drive, Extents
 from planners.collision.hit_kernels import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
-from irm.cache import cached_map
 from irm.chain import BASE, ArmChain
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
+from irm.reachability_map import cached_map
 from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.grasp_poses import wrap_to_pi
 from planners.scene import Scene, StaticObstacle

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irm.compilation import njit
 from irm.ik.closed_form import MAX_SOLUTIONS
-from irm.ik.solutions import CLOSED_FORM, arm_solutions
+from irm.ik.solvers import CLOSED_FORM, arm_solutions
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits
 from planners.collision.kernel_arguments import copy_row, leaf_kernel, pointer_to

@@ -10,7 +10,7 @@ import pytest
 import assets
 from assets.robots import FETCH, PR2
 from irm import ReachabilityMap, cached_map
-from irm.cache import cache_file, is_map_at_hand, shipped_file
+from irm.reachability_map import cache_file, is_map_at_hand, shipped_file
 from planners.context import map_placer
 from planners.grasping.base_placement import TURNED, facing_bases, farthest_reach, fits, inner_radius, map_parameters
 from tests.planners.scenes import cylinder, table_scene
