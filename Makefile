@@ -46,11 +46,12 @@ setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl
 demo: $(VENV)/.visuals
 	$(BIN)/clutter-env episode --objects $(OBJECTS)
 
+# One thread a worker: the networks are small, and more threads only wait for one another.
 test: $(VENV)/.dev $(VENV)/.rl
-	$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
 
 test-slow: $(VENV)/.dev $(VENV)/.rl
-	$(BIN)/python -m pytest -q -n $(WORKERS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS)
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check $(SOURCES)

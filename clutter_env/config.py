@@ -165,6 +165,6 @@ def check_choice(name: str, value: object, valid: Iterable[object]) -> None:
 def check_integer(name: str, value: object, lowest: int, highest: int | None = None) -> None:
     """Raise ConfigError unless `value` is an integer between `lowest` and `highest`, both included."""
     wanted = f"an integer of at least {lowest}" if highest is None else f"an integer from {lowest} to {highest}"
-    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
-    if not is_integer or not lowest <= value <= (math.inf if highest is None else highest):  # type: ignore[operator]
+    most = math.inf if highest is None else highest
+    if not isinstance(value, Integral) or isinstance(value, bool) or not lowest <= int(value) <= most:
         raise ConfigError(f"{name}={value!r} is not valid; it must be {wanted}")

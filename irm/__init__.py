@@ -10,20 +10,17 @@ Example:
     print(placement.status, placement.poses)
 """
 
-from irm.cache import cache_folder, cached_map, is_map_at_hand
+from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.chain import PRISMATIC, ArmChain, frames_of, pose_of
 from irm.classification import classify, decide, predict
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
-from irm.ik.solutions import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
+from irm.ik.solvers import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.kinematics import fk_frames, forward, link_origins
-from irm.placement import BasePlacement, PlacementBatch
-from irm.reachability_map import ReachabilityMap
-from irm.robot_outline import robot_radius
-from irm.solid_boxes import SolidBoxes
-from irm.status import Status
+from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
+from irm.robot_shape import SolidBoxes, robot_radius
 from irm.verification import NotVerified, SelfCollision, Verified, compare_with_model, tcp_poses, verify
 
 __all__ = [

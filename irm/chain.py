@@ -1,19 +1,19 @@
 """An arm on its base as arrays for kernels: from a robot, an MJCF or a URDF file.
 
-This module needs neither the simulator nor numba.
+Robots offer the data of `Robot`; irm knows none by name or by type. This module needs neither the simulator nor numba.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from irm.errors import ChainError
-from irm.robot import Joint, Robot
 from irm.rotations import frame_along
 
 if TYPE_CHECKING:
@@ -22,58 +22,114 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 PRISMATIC = 3
 """Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
-
-
-def pose_of(place: Floats) -> Floats:
-    """The pose (4, 4) of a row of `ArmChain`: an origin (3,), or with the nine entries of an orientation (12,)."""
-    T = np.eye(4)
-    T[:3, 3] = place[:3]
-    if place.size > 3:
-        T[:3, :3] = place[3:].reshape(3, 3)
-    return T
-
-
-def frames_of(robot: Robot) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
-
-    A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.
-    """
-    places, axes, before = [], [], np.eye(3)
-    for link in robot.chain:
-        number, own = _axis_and_frame(link)
-        places.append(_place(before, link.offset, link.rotation @ own))
-        axes.append(number + (PRISMATIC if link.prismatic else 0))
-        before = own
-    places.append(_place(before, robot.tcp_offset, robot.tcp_rotation))
-    rows = np.array(places)
-    if np.array_equal(rows[:, 3:], np.tile(np.eye(3).ravel(), (len(rows), 1))):
-        rows = rows[:, :3]
-    return rows[:-1].copy(), np.array(axes, dtype=np.int64), rows[-1].copy()
-
-
-def _axis_and_frame(link: Joint) -> tuple[int, Floats]:
-    """Number of a joint's axis, and the orientation (3, 3) in its frame of one that has this axis."""
-    direction = np.array(link.direction)
-    for number, axis in enumerate(np.eye(3)):
-        if np.array_equal(direction, axis):
-            return number, np.eye(3)
-    return 2, frame_along(direction / np.linalg.norm(direction))
-
-
-def _place(before: Floats, offset: ArrayLike, R: Floats) -> Floats:
-    """(12,) origin and orientation, row by row, of a frame whose parent was turned by `before` (3, 3)."""
-    return np.concatenate([before.T @ np.asarray(offset, dtype=float), (before.T @ R).ravel()])
-
-
 Integers = NDArray[np.int64]
 BASE = -1
 """Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
-
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 _FULL_TURN_ROUNDING = 1e-4
 """[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
 _ON_AXIS = 1e-4
 """[rad], [m] A TCP whose approach lies this close to the last joint's axis is turned about it, for the same reason."""
+
+
+class Joint(Protocol):
+    """One joint of the chain torso → arm, as `assets.ChainLink`; at zero its frame has `offset` [m] and `rotation`."""
+
+    @property
+    def joint(self) -> str:
+        """Name."""
+
+    @property
+    def offset(self) -> Sequence[float]:
+        """(3,) origin of the joint's frame in its parent's [m]."""
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """(3, 3) orientation of the joint's frame in its parent's."""
+
+    @property
+    def direction(self) -> Sequence[float]:
+        """(3,) unit vector of the axis in the joint's frame."""
+
+    @property
+    def lower(self) -> float:
+        """Lower limit [m] or [rad]."""
+
+    @property
+    def upper(self) -> float:
+        """Upper limit [m] or [rad]."""
+
+    @property
+    def prismatic(self) -> bool:
+        """Whether the joint slides along its axis."""
+
+
+class Robot(Hashable, Protocol):
+    """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+
+    @property
+    def full_name(self) -> str:
+        """Name of robot and active arm."""
+
+    @property
+    def chain(self) -> Sequence[Joint]:
+        """Joints of torso and arm."""
+
+    @property
+    def tcp_offset(self) -> Sequence[float]:
+        """(3,) origin of the TCP in the last link's frame [m]."""
+
+    @property
+    def tcp_rotation(self) -> NDArray[np.float64]:
+        """(3, 3) its orientation."""
+
+    @property
+    def home(self) -> Sequence[float]:
+        """(1 + n,) home configuration."""
+
+    @property
+    def plans_torso(self) -> bool:
+        """Whether the torso is free."""
+
+    @property
+    def closed_form_ik(self) -> str:
+        """Name of its closed form, or an empty string."""
+
+    @property
+    def map_folder(self) -> Path | None:
+        """Folder of maps that come with the robot, or None."""
+
+    @property
+    def mjcf_path(self) -> Path:
+        """Its MJCF file."""
+
+    @property
+    def base_body(self) -> str:
+        """Name of the base's body."""
+
+    @property
+    def torso_joint(self) -> str:
+        """Name of the lift's joint."""
+
+    @property
+    def arm_joints(self) -> tuple[str, ...]:
+        """Names of the arm's joints."""
+
+    @property
+    def tcp_site(self) -> str:
+        """Name of the TCP's site."""
+
+    @property
+    def finger_joints(self) -> tuple[str, ...]:
+        """Names of the fingers' joints."""
+
+    @property
+    def max_finger_position(self) -> float:
+        """Position of an open finger [m]."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +222,16 @@ class ArmChain:
             tuple(link.joint for link in robot.chain),
             home_torso=float(robot.home[0]),
         )
-        return _with_links(chain, _named_links(chain, robot.closed_form_ik))
+        if robot.closed_form_ik not in ("", "fetch"):
+            raise ChainError(f"{chain.robot}: no closed form {robot.closed_form_ik!r}; known: 'fetch', or '' for none")
+        links = _fetch_links(chain) if robot.closed_form_ik else np.empty(0)
+        if robot.closed_form_ik and not links.size:
+            raise ChainError(
+                f"{chain.robot}: the closed form 'fetch' needs a vertical slide, then axes z y x y x y x with every "
+                "offset after the shoulder along x and none to the side, symmetric limits of elbow and wrist flex, and "
+                "free rolls"
+            )
+        return _with_links(chain, links)
 
     @staticmethod
     def from_mjcf(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
@@ -235,21 +300,6 @@ def _with_links(chain: ArmChain, links: Floats) -> ArmChain:
     return replace(chain, links=links)
 
 
-def _named_links(chain: ArmChain, name: str) -> Floats:
-    """The lengths of the closed form that a robot names; empty if it names none."""
-    if name == "":
-        return np.empty(0)
-    if name != "fetch":
-        raise ChainError(f"{chain.robot}: no closed form {name!r}; known: 'fetch', or '' for none")
-    links = _fetch_links(chain)
-    if not links.size:
-        raise ChainError(
-            f"{chain.robot}: the closed form 'fetch' needs a vertical slide, then axes z y x y x y x with every offset "
-            "after the shoulder along x and none to the side, symmetric limits of elbow and wrist flex, and free rolls"
-        )
-    return links
-
-
 def _fetch_links(chain: ArmChain) -> Floats:
     """The seven lengths of `irm.ik.closed_form`; empty if the arm does not have the structure of Fetch's."""
     if tuple(chain.axes.tolist()) != FETCH_AXES or chain.tip.size > 3:
@@ -266,17 +316,9 @@ def _fetch_links(chain: ArmChain) -> Floats:
     )
     if not fits:
         return np.empty(0)
-    return np.array(
-        [
-            offset[0, 0] + offset[1, 0],
-            offset[0, 2] + offset[1, 2],
-            offset[2, 0],
-            offset[2, 2],
-            offset[3, 0] + offset[4, 0],
-            offset[5, 0] + offset[6, 0],
-            offset[7, 0] + chain.tip[0],
-        ]
-    )
+    pan, shoulder = offset[0, [0, 2]] + offset[1, [0, 2]], offset[2, [0, 2]]
+    x = along_x[:, 0]
+    return np.array([*pan, *shoulder, x[0] + x[1], x[2] + x[3], x[4] + x[5]])
 
 
 class ChainArrays(NamedTuple):
@@ -298,3 +340,37 @@ def chain_arrays(chain: ArmChain, torso_range: tuple[float, float] | None = None
     lower.setflags(write=False)
     upper.setflags(write=False)
     return ChainArrays(chain.offsets, chain.axes, chain.tip, lower, upper, chain.links)
+
+
+def pose_of(place: Floats) -> Floats:
+    """The pose (4, 4) of a row of `ArmChain`: an origin (3,), or with the nine entries of an orientation (12,)."""
+    T = np.eye(4)
+    T[:3, 3] = place[:3]
+    if place.size > 3:
+        T[:3, :3] = place[3:].reshape(3, 3)
+    return T
+
+
+def frames_of(robot: Robot) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
+
+    A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.
+    """
+
+    def place(offset: Sequence[float], R: Floats) -> Floats:
+        """(12,) origin and orientation, row by row, of a frame in its parent, which was turned by `before`."""
+        return np.concatenate([before.T @ np.asarray(offset, dtype=float), (before.T @ R).ravel()])
+
+    places, axes, before = [], [], np.eye(3)
+    for link in robot.chain:
+        direction = np.array(link.direction)
+        numbers = [k for k, axis in enumerate(np.eye(3)) if np.array_equal(direction, axis)]
+        number, own = (numbers[0], np.eye(3)) if numbers else (2, frame_along(direction / np.linalg.norm(direction)))
+        places.append(place(link.offset, link.rotation @ own))
+        axes.append(number + (PRISMATIC if link.prismatic else 0))
+        before = own
+    places.append(place(robot.tcp_offset, robot.tcp_rotation))
+    rows = np.array(places)
+    if np.array_equal(rows[:, 3:], np.tile(np.eye(3).ravel(), (len(rows), 1))):
+        rows = rows[:, :3]
+    return rows[:-1].copy(), np.array(axes, dtype=np.int64), rows[-1].copy()

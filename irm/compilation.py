@@ -16,8 +16,6 @@ from numba.core import config
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 
-__all__ = ["WITHOUT_REFERENCE_COUNTS", "njit"]
-
 _LOG = logging.getLogger(__name__)
 _NO_PLACE = "no locator available"
 """Part of numba's message when neither the package's folder nor the user's cache directory can be written."""
@@ -72,10 +70,32 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         _warn_once("neither the folder of this package nor the user's cache directory can be written")
         return numba.njit(**_OPTIONS, **{**options, "cache": False})(function)
     if options.get("cache"):
-        kernel._cache.save_overload = _saves_or_warns(kernel._cache.save_overload)
-        kernel._cache._cache_file._load_index = _reads_or_forgets(kernel._cache._cache_file._load_index)
+        _make_cache_tolerant(kernel._cache)
         kernel._cache._cache_file._version += f" {_digest_of_kernels(function.__module__.partition('.')[0])}"
     return kernel
+
+
+def _make_cache_tolerant(kept: Any) -> None:
+    """Let numba's cache of a kernel warn where the disk has no room, and count as empty where it cannot be read.
+
+    A kernel of this package may be kept for types of another one, whose modules have been renamed since.
+    """
+    save, read = kept.save_overload, kept._cache_file._load_index
+
+    def save_or_warn(*arguments: Any) -> None:
+        try:
+            save(*arguments)
+        except OSError as problem:
+            _warn_once(str(problem))
+
+    def read_or_forget() -> dict[Any, str]:
+        try:
+            kernels: dict[Any, str] = read()
+        except (ModuleNotFoundError, AttributeError):
+            return {}
+        return kernels
+
+    kept.save_overload, kept._cache_file._load_index = save_or_warn, read_or_forget
 
 
 @cache
@@ -94,35 +114,6 @@ def _digest_of_kernels(package: str) -> str:
             if b"njit" in source:
                 digest.update(path.name.encode() + b"\0" + source)
     return digest.hexdigest()
-
-
-def _saves_or_warns(save: Callable[..., None]) -> Callable[..., None]:
-    """The method of numba's cache that stores a compiled kernel, with a warning in place of an OSError."""
-
-    def save_or_warn(*arguments: Any) -> None:
-        """Store a compiled kernel if the disk has room for it."""
-        try:
-            save(*arguments)
-        except OSError as problem:
-            _warn_once(str(problem))
-
-    return save_or_warn
-
-
-def _reads_or_forgets(read: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """The method of numba's cache that reads which kernels are kept; none where it names types that are gone.
-
-    A kernel of this package may be kept for types of another one, whose modules have been renamed since.
-    """
-
-    def read_or_forget() -> dict[Any, str]:
-        """Read the index, or begin a new one."""
-        try:
-            return read()
-        except (ModuleNotFoundError, AttributeError):
-            return {}
-
-    return read_or_forget
 
 
 def _warn_once(reason: str) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["ChainError", "MapFileError", "MapMismatchError", "QueryError", "ReachabilityError"]
-
 
 class ReachabilityError(ValueError):
     """Base of every error this package raises for misuse."""

@@ -19,6 +19,12 @@ from irm.compilation import njit
 from irm.errors import QueryError
 
 Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+BLOCKED, FREE, MIXED = 0, 1, 2
+"""Kinds of cells."""
+DEFAULT_MARGIN = 2.0
+"""[m] of floor kept around the outlines when no bounds are given: more than any arm's reach."""
+_MAX_CELLS = 25_000_000
 _FAR = 1e12
 """Squared distance in cells where there is no seed."""
 
@@ -73,10 +79,6 @@ def distance_to_seeds(seeds: NDArray[np.bool_], resolution: float) -> NDArray[np
         for i in range(width):
             result[i, j] = sqrt(out[i]) * resolution
     return result
-
-
-Bytes = NDArray[np.uint8]
-BLOCKED, FREE, MIXED = 0, 1, 2
 
 
 class Raster(NamedTuple):
@@ -158,20 +160,6 @@ def are_outside(vertices: Floats, starts: NDArray[np.int64], radii: Floats, x: F
 
 
 @njit(cache=True, inline="always")
-def floor_kind(raster: Raster, x: float, y: float) -> int:
-    """BLOCKED, FREE or MIXED: the cell of a finite point, on a raster that has cells.
-
-    The function has no branch, so that numba does not count references to the arrays in a loop: that would take ten
-    times as long as the look-up itself.
-    """
-    inverse = 1.0 / raster.resolution
-    inside = (x >= raster.x0) & (x <= raster.x1) & (y >= raster.y0) & (y <= raster.y1)
-    i = min(max(int((x - raster.x0) * inverse), 0), raster.cells.shape[0] - 1)
-    j = min(max(int((y - raster.y0) * inverse), 0), raster.cells.shape[1] - 1)
-    return int(raster.cells[i, j] * inside)
-
-
-@njit(cache=True, inline="always")
 def point_is_free(raster: Raster, x: float, y: float) -> bool:
     """Whether the base's centre may be at a point."""
     free = False
@@ -214,16 +202,6 @@ def floor_gap(raster: Raster, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def _extent(vertices: Floats, first: int, last: int) -> tuple[float, float, float, float]:
-    """Smallest x and y, and largest x and y of a polygon [m]."""
-    low_x, low_y, high_x, high_y = inf, inf, -inf, -inf
-    for k in range(first, last):
-        low_x, high_x = min(low_x, vertices[k, 0]), max(high_x, vertices[k, 0])
-        low_y, high_y = min(low_y, vertices[k, 1]), max(high_y, vertices[k, 1])
-    return low_x, low_y, high_x, high_y
-
-
-@njit(cache=True)
 def classify_cells(
     cells: Bytes,
     x0: float,
@@ -240,7 +218,10 @@ def classify_cells(
     width, depth = cells.shape
     slack = 0.7072 * resolution
     for m in range(starts.shape[0] - 1):
-        low_x, low_y, high_x, high_y = _extent(vertices, starts[m], starts[m + 1])
+        low_x, low_y, high_x, high_y = inf, inf, -inf, -inf
+        for k in range(starts[m], starts[m + 1]):
+            low_x, high_x = min(low_x, vertices[k, 0]), max(high_x, vertices[k, 0])
+            low_y, high_y = min(low_y, vertices[k, 1]), max(high_y, vertices[k, 1])
         radius, grown = radii[m], radii[m] + resolution
         first_x = max(0, int((low_x - grown - x0) / resolution) - 1)
         last_x = min(width, int((high_x + grown - x0) / resolution) + 2)
@@ -257,11 +238,6 @@ def classify_cells(
                     cells[i, j] = BLOCKED
                 elif distance <= radius + slack:
                     cells[i, j] = MIXED
-
-
-DEFAULT_MARGIN = 2.0
-"""[m] of floor kept around the outlines when no bounds are given: more than any arm's reach."""
-_MAX_CELLS = 25_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +266,7 @@ class FreeSpace:
         Args:
             boxes: (k, 4) rows of centre x, y and size along x, y [m], or (k, 5) with a yaw [rad] last.
             radius: how far the base's centre must stay away from every outline [m], or (k,) from each of them. See
-                `irm.floor.robot_radius` for the radius that contains a robot at the heights of an obstacle.
+                `irm.robot_radius` for the radius that contains a robot at the heights of an obstacle.
             bounds: x_min, y_min, x_max, y_max of the floor the base's centre may be on; by default the boxes and
                 2 m around them.
             resolution: edge of the raster's cells [m]; no effect on the answers, only on the speed.
@@ -318,12 +294,20 @@ class FreeSpace:
         if any(outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 for outline in outlines):
             raise QueryError(shape_rule)
         vertices = np.concatenate([np.empty((0, 2)), *outlines])
-        radii = _radii(radius, len(outlines))
+        rule = f"radius is a finite number ≥ 0 [m], or one for each of {len(outlines)} outlines, not {radius!r}"
+        radii = _numbers(radius, rule)
+        if radii.shape not in ((), (len(outlines),)) or not np.isfinite(radii).all() or np.any(radii < 0):
+            raise QueryError(rule)
+        radii = np.array(np.broadcast_to(radii, (len(outlines),)))
         if not np.isfinite(vertices).all():
             raise QueryError("the corners of all outlines must be finite numbers")
         starts = np.cumsum([0] + [len(outline) for outline in outlines])
         x0, y0, x1, y1 = _bounds(vertices, float(radii.max(initial=0.0)), bounds)
-        resolution = _resolution(resolution)
+        rule = f"resolution must be a positive number [m], not {resolution!r}"
+        edge = _numbers(resolution, rule)
+        if edge.shape != () or not (np.isfinite(edge) and edge > 0):
+            raise QueryError(rule)
+        resolution = float(edge)
         shape = (int(np.ceil((x1 - x0) / resolution)), int(np.ceil((y1 - y0) / resolution)))
         if shape[0] * shape[1] > _MAX_CELLS:
             raise QueryError(
@@ -374,22 +358,6 @@ def _numbers(values: ArrayLike, rule: str) -> Floats:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise QueryError(rule) from None
-
-
-def _radii(radius: ArrayLike, outlines: int) -> Floats:
-    """(k,) how far the base must stay away from each outline [m]."""
-    radii = _numbers(radius, f"radius is a number ≥ 0 [m], or one for each outline, not {radius!r}")
-    if radii.shape not in ((), (outlines,)) or not np.isfinite(radii).all() or np.any(radii < 0):
-        raise QueryError(f"radius is a finite number ≥ 0 [m], or one for each of {outlines} outlines, not {radius!r}")
-    return np.array(np.broadcast_to(radii, (outlines,)))
-
-
-def _resolution(resolution: float) -> float:
-    """A positive number [m]."""
-    number = _numbers(resolution, f"resolution must be a positive number [m], not {resolution!r}")
-    if number.shape != () or not (np.isfinite(number) and number > 0):
-        raise QueryError(f"resolution must be a positive number [m], not {resolution!r}")
-    return float(number)
 
 
 def _box_corners(row: Floats) -> Floats:

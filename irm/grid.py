@@ -23,14 +23,16 @@ from irm.rotations import wrap_to_pi, yaw_pitch_roll
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
 _MAX_REFINEMENT = 24
 """m of the finest orientation set: 3.75 degrees."""
-
-
 _MAX_ROLLS = 96
 """Most roll samples: 3.75 degrees, as for the approach axes."""
-_COUNTS = ("orientations", "rolls", "samples", "seed")
+_ANGLE_ROUNDING = 1e-6
+"""[rad] Two angles closer than this are the same sample."""
+_BYTES_PER_CELL = 10
+"""Memory that building takes for each cell of the grid: μ, torso height, flags, and two masks."""
+MAX_BYTES = 6 * 2**30
+"""Memory that building a map may take. A finer map would take hours to build, and its cells have 32-bit numbers."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class MapParameters:
     def __post_init__(self) -> None:
         try:
             numbers = {name: float(getattr(self, name)) for name in ("voxel", "torso_margin")}
-            numbers |= {name: index(getattr(self, name)) for name in _COUNTS}
+            numbers |= {name: index(getattr(self, name)) for name in ("orientations", "rolls", "samples", "seed")}
             pairs = {name: tuple(float(v) for v in getattr(self, name)) for name in ("pitches", "heights")}
         except (TypeError, ValueError) as problem:
             raise ReachabilityError(f"parameters of a map are numbers, pitches and heights tuples: {self}") from problem
@@ -90,10 +92,6 @@ def refinement(orientations: int) -> int:
         known = ", ".join(map(str, counts))
         raise ReachabilityError(f"there is no set of {orientations!r} orientations; there are sets of {known}")
     return counts[orientations]
-
-
-_ANGLE_ROUNDING = 1e-6
-"""[rad] Two angles closer than this are the same sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,12 +238,6 @@ def orientation_neighbours(orientations: Orientations) -> Integers:
     return np.array([sorted(row) + [-1] * (width - len(row)) for row in rows], dtype=np.int64)
 
 
-_BYTES_PER_CELL = 10
-"""Memory that building takes for each cell of the grid: μ, torso height, flags, and two masks."""
-MAX_BYTES = 6 * 2**30
-"""Memory that building a map may take. A finer map would take hours to build, and its cells have 32-bit numbers."""
-
-
 @dataclass(frozen=True, eq=False)
 class MapGrid:
     """Voxels and orientations of one map, and the torso heights that were tried.
@@ -279,11 +271,33 @@ class MapGrid:
     cut_below: bool
     cut_above: bool
 
+    def __post_init__(self) -> None:
+        if self.size * _BYTES_PER_CELL > MAX_BYTES:
+            raise ReachabilityError(
+                f"this map has {self.size:.3g} cells and needs {self.size * _BYTES_PER_CELL / 2**30:.3g} GiB; at most "
+                f"{MAX_BYTES / 2**30:.0f} GiB are allowed: take larger voxels, fewer orientations, or some pitches and "
+                "heights only"
+            )
+
     @staticmethod
     def of(chain: ArmChain, parameters: MapParameters) -> MapGrid:
-        """The grid of all cells that the arm may reach within the heights of the parameters."""
+        """The grid of all cells that the arm may reach within the heights of the parameters.
+
+        Raises:
+            ReachabilityError: there are none, or more than memory should hold; the message gives their size.
+        """
         voxel = parameters.voxel
-        thickness, torsos = _torso_samples(chain, parameters)
+        lower, upper = float(chain.lower[0]), float(chain.upper[0])
+        torsos: tuple[float, ...] = (float(np.clip(chain.home_torso, lower, upper)),)
+        thickness = voxel
+        if parameters.lift:
+            # Layers are as thick as torso samples are apart, at most a voxel's edge, and the samples include both ends
+            # of the lift: so a lift by one sample moves the map of a fixed torso by one layer.
+            margin = min(parameters.torso_margin, (upper - lower) / 2)
+            low, high = lower + margin, upper - margin
+            steps = int(np.ceil((high - low) / voxel - 1e-9))
+            thickness = (high - low) / steps if steps else voxel
+            torsos = (*(low + k * thickness for k in range(steps)), high)
         reach, shoulder = chain.reach, chain.shoulder
         floor = max(0.0, float(shoulder[2] + torsos[0] - reach))
         ceiling = float(shoulder[2] + torsos[-1] + reach)
@@ -291,7 +305,7 @@ class MapGrid:
         highest = int(np.ceil(min(parameters.heights[1], ceiling) / thickness - 1e-9))
         if highest <= lowest:
             raise ReachabilityError(f"{chain.robot} reaches nothing at heights {parameters.heights} m")
-        grid = MapGrid(
+        return MapGrid(
             voxel=voxel,
             thickness=thickness,
             centre=(float(shoulder[0]), float(shoulder[1])),
@@ -299,12 +313,11 @@ class MapGrid:
             bottom=lowest * thickness,
             layers=highest - lowest,
             torsos=torsos,
-            torso_range=(float(chain.lower[0]), float(chain.upper[0])) if parameters.lift else (torsos[0], torsos[0]),
+            torso_range=(lower, upper) if parameters.lift else (torsos[0], torsos[0]),
             orientations=Orientations.sample(parameters, has_free_roll(chain)),
             cut_below=parameters.heights[0] > floor,
             cut_above=parameters.heights[1] < ceiling,
         )
-        return grid.checked()
 
     @staticmethod
     def around(positions: Floats, parameters: MapParameters) -> MapGrid:
@@ -321,7 +334,7 @@ class MapGrid:
         """The grid with the extent that `extent()` returned, for a map without an arm.
 
         Raises:
-            ReachabilityError: it is no such extent.
+            ReachabilityError: it is no such extent, or too large.
         """
         try:
             x, y = (float(value) for value in extent["centre"])
@@ -330,7 +343,7 @@ class MapGrid:
             raise ReachabilityError(f"{str(extent)[:100]} is no extent of a grid") from problem
         if not (np.isfinite((x, y, bottom)).all() and half > 0 and layers > 0):
             raise ReachabilityError(f"{extent} is no extent of a grid")
-        grid = MapGrid(
+        return MapGrid(
             voxel=parameters.voxel,
             thickness=parameters.voxel,
             centre=(x, y),
@@ -343,25 +356,10 @@ class MapGrid:
             cut_below=True,
             cut_above=True,
         )
-        return grid.checked()
 
     def extent(self) -> dict[str, Any]:
         """What does not follow from the parameters alone, for `of_extent`."""
         return {"centre": list(self.centre), "half": self.half, "bottom": self.bottom, "layers": self.layers}
-
-    def checked(self) -> MapGrid:
-        """The grid itself.
-
-        Raises:
-            ReachabilityError: it has more cells than memory should hold; the message gives its size.
-        """
-        if self.size * _BYTES_PER_CELL > MAX_BYTES:
-            raise ReachabilityError(
-                f"this map has {self.size:.3g} cells and needs {self.size * _BYTES_PER_CELL / 2**30:.3g} GiB; at most "
-                f"{MAX_BYTES / 2**30:.0f} GiB are allowed: take larger voxels, fewer orientations, or some pitches and "
-                "heights only"
-            )
-        return self
 
     @property
     def top(self) -> float:
@@ -397,19 +395,3 @@ class MapGrid:
     def z_edges(self) -> Floats:
         """(layers + 1,) borders of the layers [m]."""
         return np.asarray(self.bottom + np.arange(self.layers + 1) * self.thickness)
-
-
-def _torso_samples(chain: ArmChain, parameters: MapParameters) -> tuple[float, tuple[float, ...]]:
-    """Thickness of a layer, at most the voxel's edge, and torso heights that far apart.
-
-    They include both ends of the lift, but for the margin of the parameters. A lift by one sample moves the map of a
-    fixed torso by one layer.
-    """
-    lower, upper = float(chain.lower[0]), float(chain.upper[0])
-    if not parameters.lift:
-        return parameters.voxel, (float(np.clip(chain.home_torso, lower, upper)),)
-    margin = min(parameters.torso_margin, (upper - lower) / 2)
-    lower, upper = lower + margin, upper - margin
-    steps = int(np.ceil((upper - lower) / parameters.voxel - 1e-9))
-    thickness = (upper - lower) / steps if steps else parameters.voxel
-    return thickness, (*(lower + k * thickness for k in range(steps)), upper)

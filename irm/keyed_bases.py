@@ -10,18 +10,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.answers import NO, YES
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.grid import MapGrid
-from irm.ik.exact import ExactSolver, exact_solver
-from irm.inverse_table import Key, Tiles, flat_key, invert_map, linspace_angles, nearby_keys, outer_turns
-from irm.multi_target_kernel import GroupField, group_field
+from irm.ik.solvers import ExactSolver, exact_solver
+from irm.inverse_table import invert_map
 from irm.query_kernels import any_base_near, disc_meets_floor, turns_of
-from irm.query_options import QueryOptions
+from irm.query_keys import Key, QueryOptions, flat_key, linspace_angles, nearby_keys, outer_turns
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation
-from irm.status import NO, YES
+
+Floats = NDArray[np.float64]
+SPARE_BASES = 8
+"""Bases that are decided beyond the number wanted, in place of those that are dropped."""
+_OUTER_VOXELS = 1.5 * float(np.sqrt(2.0))
+"""Voxels by which the outer map extends beyond a reachable one: to the far corner of its diagonal neighbour."""
 
 
 class WristDisc(NamedTuple):
@@ -45,32 +49,33 @@ def wrist_disc(chain: ArmChain, torso_range: tuple[float, float], z: float, pitc
     """
     if chain.has_closed_form:
         pan_x, pan_z, shoulder_x, shoulder_z, upper_arm, forearm, gripper = chain.links.tolist()
-        return _disc(
-            gripper * cos(pitch),
-            abs(pan_x) + shoulder_x,
-            upper_arm + forearm,
-            torso_range,
-            z + gripper * sin(pitch) - pan_z - shoulder_z,
-        )
-    x, y, height = chain.shoulder.tolist()
-    return _disc(0.0, hypot(x, y), chain.reach, torso_range, z - height)
-
-
-def _disc(
-    level: float, inner: float, reach: float, torso_range: tuple[float, float], height: float
-) -> WristDisc | None:
-    """`inner`: horizontal distance from the base's centre to the joint from which the arm reaches `reach` far [m]."""
+        level, inner, reach = gripper * cos(pitch), abs(pan_x) + shoulder_x, upper_arm + forearm
+        height = z + gripper * sin(pitch) - pan_z - shoulder_z
+    else:
+        x, y, shoulder = chain.shoulder.tolist()
+        level, inner, reach, height = 0.0, hypot(x, y), chain.reach, z - shoulder
     above = max(torso_range[0] - height, height - torso_range[1], 0.0)
     return WristDisc(level, inner + sqrt(reach * reach - above * above)) if above <= reach else None
 
 
-Floats = NDArray[np.float64]
-SPARE_BASES = 8
-"""Bases that are decided beyond the number wanted, in place of those that are dropped."""
+class GroupField(NamedTuple):
+    """The map of one pitch and roll as dense arrays `mu` and `torso` (layer, yaw, x, y), for kernels.
+
+    `x0`, `y0`, `z0`: lowest corner of the grid in the base frame [m]; `voxel`: edge of its cells [m];
+    `thickness` of its layers [m].
+    """
+
+    mu: NDArray[np.float32]
+    torso: NDArray[np.float32]
+    x0: float
+    y0: float
+    z0: float
+    voxel: float
+    thickness: float
 
 
 class DecidedBases(NamedTuple):
-    """What exact inverse kinematics says of k bases and m TCP poses of each.
+    """Exact answers for k bases and m TCP poses of each.
 
     `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): all poses are reached; `torso`
     (k, m): torso height of a configuration that reaches, NaN where there is none [m].
@@ -81,29 +86,28 @@ class DecidedBases(NamedTuple):
     torso: Floats
 
 
-_OUTER_VOXELS = 1.5 * float(np.sqrt(2.0))
-"""Voxels by which the outer map extends beyond a reachable one: to the far corner of its diagonal neighbour."""
-
-
 class KeyedBases:
-    """The bases of equation 5, found by the key of a TCP pose.
-
-    Attributes:
-        reachability_map: the map that was inverted.
-        grid: its cells.
-        tiles: the bases.
-    """
+    """The bases of equation 5, found by the key of a TCP pose."""
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
-        self.grid: MapGrid = reachability_map.grid
-        self.tiles: Tiles = invert_map(reachability_map)
+        self.grid = reachability_map.grid
+        self.tiles = invert_map(reachability_map)
         self._fields: dict[int, GroupField] = {}
 
     def field(self, group: int) -> GroupField:
         """The map of one orientation group as a dense array, made at the first call."""
         if group not in self._fields:
-            self._fields[group] = group_field(self.reachability_map, group)
+            rm, grid, start = self.reachability_map, self.grid, self.grid.orientations.start
+            layers, _, width, depth = grid.shape
+            z, orientation, x, y = rm.indices()
+            mine = (orientation >= start[group]) & (orientation < start[group + 1])
+            place = z[mine], orientation[mine] - start[group], x[mine], y[mine]
+            shape = layers, int(start[group + 1] - start[group]), width, depth
+            mu, torso = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+            mu[place], torso[place] = rm.manipulability[mine], rm.torso[mine]
+            x0, y0 = (centre - grid.half * grid.voxel for centre in grid.centre)
+            self._fields[group] = GroupField(mu, torso, x0, y0, grid.bottom, grid.voxel, grid.thickness)
         return self._fields[group]
 
     def disc(self, z: float, pitch: float) -> WristDisc | None:
@@ -112,9 +116,7 @@ class KeyedBases:
         Without the arm's lengths, for the map of somebody else, it is everywhere.
         """
         chain = self.reachability_map.chain
-        if chain is None:
-            return WristDisc(0.0, np.inf)
-        return wrist_disc(chain, self.grid.torso_range, z, pitch)
+        return WristDisc(0.0, np.inf) if chain is None else wrist_disc(chain, self.grid.torso_range, z, pitch)
 
     def may_exist(
         self, point: Sequence[float], pitch: float, key: Key, yaw_range: tuple[float, float], space: FreeSpace
@@ -174,17 +176,15 @@ class KeyedBases:
             yaws: (k, m) approach yaws in the world [rad].
             options: with pitch and roll of the TCP.
         """
-        turn = yaws - bases[:, None, 2]
         T = np.zeros((*yaws.shape, 4, 4))
-        T[..., :3, :3] = _about_z(turn) @ rotation(0.0, options.pitch, options.roll)
+        T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
         offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
         T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
         T[..., 3, 3] = 1.0
         answers, configurations = self._solver.solve(T.reshape(-1, 4, 4))
         answers = answers.reshape(yaws.shape)
-        may_reach = np.all(answers != NO, axis=1)
-        certain = np.all(answers == YES, axis=1)
-        return DecidedBases(may_reach, certain, configurations[:, 0].reshape(yaws.shape))
+        torso = configurations[:, 0].reshape(yaws.shape)
+        return DecidedBases(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), torso)
 
     @cached_property
     def _solver(self) -> ExactSolver:

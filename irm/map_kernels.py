@@ -12,7 +12,7 @@ possible one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
@@ -29,8 +29,13 @@ from irm.rotations import rotation, wrap_to_pi
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
 PAN_SAMPLES = 144
 """Pan angles per turn, 2.5 degrees apart; a multiple of 4, so that quarter turns map samples to samples."""
+ATTEMPTS = 4
+"""Largest number of seeds per cell."""
+_BETTER = 1.1
+"""Another attempt is made only if μ of a neighbour exceeds that of the cell by this factor."""
 
 
 @njit(cache=True)
@@ -134,11 +139,16 @@ def closed_form_layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Itera
         yield layer
 
 
-Integers = NDArray[np.int64]
-ATTEMPTS = 4
-"""Largest number of seeds per cell."""
-_BETTER = 1.1
-"""Another attempt is made only if μ of a neighbour exceeds that of the cell by this factor."""
+@njit(cache=True)
+def tcp_frames(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
+    """Orientations (m, 3, 3) and positions (m, 3) of the TCP at many configurations."""
+    m, n = configurations.shape
+    out_R, out_p = np.empty((m, 3, 3)), np.empty((m, 3))
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for k in range(m):
+        fk_frames(offsets, axes, tip, configurations[k], R, p)
+        out_R[k], out_p[k] = R[n], p[n]
+    return out_R, out_p
 
 
 class _Layer(NamedTuple):
@@ -159,35 +169,30 @@ class _Cells(NamedTuple):
     neighbours: Integers
 
 
-def sampled_layers(parameters: MapParameters) -> Callable[[ArmChain, MapGrid, Floats], Iterator[Singles]]:
-    """The generator of layers for any arm; see `closed_form_layers`."""
-
-    def layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Iterator[Singles]:
-        """Best μ in each layer, one layer after the other."""
-        rng = np.random.default_rng(parameters.seed)
-        configurations = random_seeds(chain, parameters.samples, 0.0, rng)
-        configurations, cells = _sorted_by_layer(chain, grid, configurations, heights)
-        orientations = grid.orientations
-        R = np.array([rotation(*angles) for angles in orientations.angles])
-        neighbours = orientation_neighbours(orientations)
-        arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
-        below = np.zeros((*grid.shape[1:], chain.size), dtype=np.float32)
-        was_reached = np.zeros(grid.shape[1:], dtype=bool)
-        for k, height in enumerate(heights):
-            mine = slice(*np.searchsorted(cells[:, 0], [k, k + 1]))
-            layer = _Layer(
-                np.zeros(grid.shape[1:], dtype=np.float32),
-                np.zeros((*grid.shape[1:], chain.size), dtype=np.float32),
-                np.zeros(grid.shape[1:], dtype=np.uint8),
-            )
-            centres = _Cells(grid.axis(0), grid.axis(1), float(height), R, neighbours)
-            seeds = np.concatenate([configurations[mine], below[was_reached].astype(float)])
-            at = np.concatenate([cells[mine, 1:], np.argwhere(was_reached)])
-            _fill_layer(*arm, orientations.free_roll, centres, seeds, np.ascontiguousarray(at), layer)
-            below, was_reached = layer.configuration, layer.mu > 0
-            yield layer.mu
-
-    return layers
+def sampled_layers(chain: ArmChain, grid: MapGrid, heights: Floats, parameters: MapParameters) -> Iterator[Singles]:
+    """The same for any arm, by sampling as the parameters say; see `closed_form_layers`."""
+    rng = np.random.default_rng(parameters.seed)
+    configurations = random_seeds(chain, parameters.samples, 0.0, rng)
+    configurations, cells = _sorted_by_layer(chain, grid, configurations, heights)
+    orientations = grid.orientations
+    R = np.array([rotation(*angles) for angles in orientations.angles])
+    neighbours = orientation_neighbours(orientations)
+    arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
+    below = np.zeros((*grid.shape[1:], chain.size), dtype=np.float32)
+    was_reached = np.zeros(grid.shape[1:], dtype=bool)
+    for k, height in enumerate(heights):
+        mine = slice(*np.searchsorted(cells[:, 0], [k, k + 1]))
+        layer = _Layer(
+            np.zeros(grid.shape[1:], dtype=np.float32),
+            np.zeros((*grid.shape[1:], chain.size), dtype=np.float32),
+            np.zeros(grid.shape[1:], dtype=np.uint8),
+        )
+        centres = _Cells(grid.axis(0), grid.axis(1), float(height), R, neighbours)
+        seeds = np.concatenate([configurations[mine], below[was_reached].astype(float)])
+        at = np.concatenate([cells[mine, 1:], np.argwhere(was_reached)])
+        _fill_layer(*arm, orientations.free_roll, centres, seeds, np.ascontiguousarray(at), layer)
+        below, was_reached = layer.configuration, layer.mu > 0
+        yield layer.mu
 
 
 def _sorted_by_layer(
@@ -203,18 +208,6 @@ def _sorted_by_layer(
     cells = np.column_stack([layer, orientation, x, y])[inside]
     order = np.argsort(cells[:, 0], kind="stable")
     return configurations[inside][order], cells[order]
-
-
-@njit(cache=True)
-def tcp_frames(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
-    """Orientations (m, 3, 3) and positions (m, 3) of the TCP at many configurations."""
-    m, n = configurations.shape
-    out_R, out_p = np.empty((m, 3, 3)), np.empty((m, 3))
-    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    for k in range(m):
-        fk_frames(offsets, axes, tip, configurations[k], R, p)
-        out_R[k], out_p[k] = R[n], p[n]
-    return out_R, out_p
 
 
 @njit(cache=True)

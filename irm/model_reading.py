@@ -76,7 +76,9 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     name = ""
     if not isinstance(model, mujoco.MjModel):
         name, model = Path(model).stem, load_model(Path(model))
-    base_body = body_number(model, base)
+    base_body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base)
+    if base_body < 0:
+        raise ChainError(f"there is no body {base!r}; there are {_listed(model, mujoco.mjtObj.mjOBJ_BODY)}")
     numbers = _joints_between(model, base_body, _tip_body(model, tip), (base, tip))
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
@@ -87,8 +89,9 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     T_base_tip[:3, :3] = T_base_tip[:3, :3] @ _tool_rotation(approach)
     offsets, axes, tool = _frames(hinges, T_base_tip)
     joints = (lift, *hinges)
+    own_name = bytes(model.names).split(b"\0", 1)[0].decode()
     return ModelArm(
-        name=_model_name(model) or name or "arm",
+        name=own_name if own_name not in ("", _UNNAMED) else name or "arm",
         offsets=offsets,
         axes=axes,
         lower=np.array([joint.lower for joint in joints]),
@@ -122,30 +125,15 @@ def load_urdf(path: Path) -> mujoco.MjModel:
             for shape in [*link.findall("visual"), *link.findall("collision")]:
                 if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
                     link.remove(shape)
-        extension = (
-            robot.find("mujoco") if robot.find("mujoco") is not None else ElementTree.SubElement(robot, "mujoco")
-        )
-        assert extension is not None
+        extension = robot.find("mujoco")
+        if extension is None:
+            extension = ElementTree.SubElement(robot, "mujoco")
         # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
         bounds = {"fusestatic": "false", "boundmass": "1e-6", "boundinertia": "1e-9", "balanceinertia": "true"}
         ElementTree.SubElement(extension, "compiler", bounds)
         return mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
     except (ElementTree.ParseError, ValueError) as problem:
         raise ChainError(f"{path} cannot be read as a URDF file: {problem}") from problem
-
-
-def _model_name(model: mujoco.MjModel) -> str:
-    """The name that the file gives to the model; "" if it gives none."""
-    name = bytes(model.names).split(b"\0", 1)[0].decode()
-    return "" if name == _UNNAMED else name
-
-
-def body_number(model: mujoco.MjModel, name: str) -> int:
-    """The number of a body; raises `ChainError`, which lists the bodies, if there is none of that name."""
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-    if number < 0:
-        raise ChainError(f"there is no body {name!r}; there are {_listed(model, mujoco.mjtObj.mjOBJ_BODY)}")
-    return int(number)
 
 
 def _tip_body(model: mujoco.MjModel, name: str) -> int:
@@ -256,7 +244,8 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
 
 
 def _origins(hinges: list[_Joint]) -> list[Floats]:
-    """A point on each axis: on the first one that nearest to the second, then always that nearest to the last point.
+    """A point on each axis: on the first one that nearest to the second axis, then always that nearest to the last
+    point.
 
     The sum of their distances bounds the reach of the arm, so it should be small.
     """
@@ -264,15 +253,12 @@ def _origins(hinges: list[_Joint]) -> list[Floats]:
     normal = np.cross(first.axis, np.cross(first.axis, second.axis))
     slope = float(normal @ second.axis)
     along = float(normal @ (first.point - second.point)) / slope if abs(slope) > _PARALLEL else 0.0
-    points = [_nearest_on(first, second.point + along * second.axis)]
-    for joint in hinges[1:]:
-        points.append(_nearest_on(joint, points[-1]))
+    point = second.point + along * second.axis
+    points = []
+    for joint in hinges:
+        point = np.asarray(joint.point + joint.axis * float(joint.axis @ (point - joint.point)))
+        points.append(point)
     return points
-
-
-def _nearest_on(joint: _Joint, point: Floats) -> Floats:
-    """The point of a joint's axis that is nearest to a point."""
-    return np.asarray(joint.point + joint.axis * float(joint.axis @ (point - joint.point)))
 
 
 def tcp_pose_of_model(model: mujoco.MjModel, q: Mapping[str, float], base: str, tip: str, approach: str) -> Floats:
@@ -294,7 +280,11 @@ def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, s
     As in MuJoCo: by `contype` and `conaffinity`, not within one rigid body, not a body with its parent, and not a pair
     that the model excludes.
     """
-    robot = [body for body in range(model.nbody) if _is_below(model, body, base)]
+    below = {base}
+    for body in range(1, model.nbody):  # a parent has a lower number than its children
+        if int(model.body_parentid[body]) in below:
+            below.add(body)
+    robot = sorted(below)
     excluded = {tuple(sorted(divmod(int(pair), 1 << 16))) for pair in model.exclude_signature}
     pairs = []
     for k, first in enumerate(robot):
@@ -305,19 +295,9 @@ def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, s
             )
             kept = rigid[0] != rigid[1] and not (is_parent and rigid.all()) and (first, second) not in excluded
             if kept and _may_touch(model, first, second):
-                pairs.append((body_name(model, first), body_name(model, second)))
+                names = [str(model.body(body).name) or f"body {body}" for body in (first, second)]
+                pairs.append((names[0], names[1]))
     return tuple(pairs)
-
-
-def body_name(model: mujoco.MjModel, body: int) -> str:
-    """The name of a body, or its number if it has none."""
-    return str(model.body(body).name) or f"body {body}"
-
-
-def _is_below(model: mujoco.MjModel, body: int, base: int) -> bool:
-    while body not in (base, 0):
-        body = int(model.body_parentid[body])
-    return body == base
 
 
 def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:

@@ -16,11 +16,17 @@ from numpy.typing import NDArray
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.free_space import Raster, floor_distance, floor_gap, point_is_free
-from irm.inverse_table import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking, Tiles, YawWindow
+from irm.inverse_table import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking, Tiles
 from irm.kinematics import wrap
+from irm.query_keys import YawWindow
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+SAME_PLACE = 1e-6
+"""[m] Two bases closer than this are the same base."""
+_SAME_ANGLE = 1e-9
+"""[rad] As in `irm.query_keys`: rounding of a range of yaws."""
 ROUNDING = 1e-5
 """[m] added to distances that must not be underestimated: bases are stored in single precision."""
 SHORT = 0.999
@@ -48,6 +54,20 @@ class TcpPlace(NamedTuple):
     x: float
     y: float
     height_offset: float
+    exact: bool
+
+
+class PlaceQueries(NamedTuple):
+    """n TCP poses for kernels.
+
+    `keys` (n,): their numbers, -1 where the TCP is out of reach; `positions` (n, 3) of the TCP [m]; `height_offsets`
+    (n,) [m]; `ranges` (n, 2): lowest and highest turn of each [rad]; `exact` as in `TcpPlace`, for all.
+    """
+
+    keys: Integers
+    positions: Floats
+    height_offsets: Floats
+    ranges: Floats
     exact: bool
 
 
@@ -220,27 +240,6 @@ def next_in_order(
     return rank, turn
 
 
-Integers = NDArray[np.int64]
-SAME_PLACE = 1e-6
-"""[m] Two bases closer than this are the same base."""
-_SAME_ANGLE = 1e-9
-"""[rad] As in `irm.query_options`: rounding of a range of yaws."""
-
-
-class PlaceQueries(NamedTuple):
-    """n TCP poses for kernels.
-
-    `keys` (n,): their numbers, -1 where the TCP is out of reach; `positions` (n, 3) of the TCP [m]; `height_offsets`
-    (n,) [m]; `ranges` (n, 2): lowest and highest turn of each [rad]; `exact` as in `TcpPlace`, for all.
-    """
-
-    keys: Integers
-    positions: Floats
-    height_offsets: Floats
-    ranges: Floats
-    exact: bool
-
-
 @njit(cache=True)
 def turns_of(yaws: Floats) -> Floats:
     """(n, 2) cosines and sines."""
@@ -259,7 +258,7 @@ def _outward(k: int, count: int) -> int:
 
 @njit(cache=True)
 def lay_out_turns(window: YawWindow) -> Turns:
-    """The turns of a window, as `irm.inverse_table.base_turns` lays them out.
+    """The turns of a window, as `irm.query_keys.base_turns` lays them out.
 
     Those nearest to the middle of the window come first. Turns that cover all yaws are equally good.
     """
@@ -431,9 +430,9 @@ def best_bases_batch(
 def disc_meets_floor(
     px: float, py: float, level: float, radius: float, turns: Floats, half_turn: float, raster: Raster
 ) -> bool:
-    """Whether any free floor lies within `radius` of the wrist centre at any approach yaw.
+    """Whether any free floor lies within `radius` of the wrist centre, `level` behind the TCP [m], at any approach yaw.
 
-    The wrist centre is `level` behind the TCP [m]. `turns` (n,) are approach yaws, `2 half_turn` apart [rad].
+    `turns` (n,) are approach yaws, `2 half_turn` apart [rad].
     """
     if raster.cells.size == 0:
         return True

@@ -1,92 +1,51 @@
-"""The reachability map: TCP poses in reach, in the base frame, and their manipulability (equations 1 to 3)."""
+"""The reachability map: TCP poses in reach, in the base frame, and their manipulability (equations 1 to 3).
+
+A map is kept in one `.npz` file, which is written whole or not at all and validated on load. Numbers of cells are
+stored as differences from one cell to the next, which are small and compress well. `cached_map` loads the file that
+comes with a robot, or builds the map at the first call and keeps it in the user's cache directory.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
+import logging
+import os
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 from numpy.typing import ArrayLike, NDArray
 
-from irm.chain import ArmChain
+from irm.chain import ArmChain, Robot
 from irm.equations import reachability_index, reachability_map
-from irm.errors import ReachabilityError
+from irm.errors import MapFileError, MapMismatchError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
-from irm.map_file import StoredMap, content_key, load_map, map_key, save_map
 from irm.map_kernels import closed_form_layers, sampled_layers
-from irm.robot import Robot
 from irm.rotations import as_poses, wrap_to_pi
 
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Bools = NDArray[np.bool_]
 ProgressBar = Callable[..., Iterable[Any]]
 """Called with items, `desc=` (what is being done) and `total=`; yields the same items. For example `tqdm.tqdm`."""
-
-
-def watched(items: Iterable[Any], name: str, total: int, progress: ProgressBar | None) -> Iterable[Any]:
-    """The items, shown by `progress` if there is one.
-
-    Raises:
-        ReachabilityError: `progress` is neither None nor a function.
-    """
-    if progress is None:
-        return items
-    if not callable(progress):
-        raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
-    return progress(items, desc=name, total=total)
-
-
-Bools = NDArray[np.bool_]
 CERTAIN_IN_HEIGHT = 1
 """Bit of `flags`: the cells above and below are reachable too."""
 CERTAIN_IN_PITCH = 2
 """Bit of `flags`: the neighbouring pitches (and rolls), and the cells above and below these, are reachable too."""
-
-
-def certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:
-    """Flags of every cell (layers, orientations, x, y), given which are in reach."""
-    upright = _with_neighbours(reachable)
-    flags = upright.astype(np.uint8) * np.uint8(CERTAIN_IN_HEIGHT)
-    for group in range(len(orientations.pitch)):
-        beside = _neighbouring_groups(orientations, group)
-        if not beside:
-            continue
-        first, last = orientations.start[group : group + 2]
-        certain = upright[:, first:last].copy()
-        for other in beside:
-            start, end = orientations.start[other : other + 2]
-            block = upright[:, start:end]
-            certain &= block if end - start == last - first else block.all(axis=1, keepdims=True)
-        flags[:, first:last] |= certain.astype(np.uint8) * np.uint8(CERTAIN_IN_PITCH)
-    return flags
-
-
-def _with_neighbours(reachable: Bools) -> Bools:
-    """Whether a cell and those above and below it are reachable; false in the outermost layers."""
-    inside = np.zeros_like(reachable)
-    inside[1:-1] = reachable[1:-1] & reachable[:-2] & reachable[2:]
-    return inside
-
-
-def _neighbouring_groups(orientations: Orientations, group: int) -> list[int]:
-    """Groups within one step of pitch and roll; empty if the map lacks the ring on one side."""
-    pitch, roll = orientations.pitch, orientations.roll
-    near_pitch = np.abs(pitch - pitch[group]) < orientations.step * 1.01
-    sides = np.unique(np.sign(np.round((pitch[near_pitch] - pitch[group]) / orientations.step)))
-    if len(sides) < (2 if orientations.is_pole(group) else 3):
-        return []
-    poles = np.array([orientations.is_pole(k) for k in range(len(pitch))])
-    apart = np.abs(wrap_to_pi(roll - roll[group]))
-    rolls = len(np.unique(roll))
-    near_roll = poles | poles[group] | (apart < 2 * np.pi / rolls * 1.01)
-    return [int(k) for k in np.flatnonzero(near_pitch & near_roll)]
-
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
+FORMAT = "reachability map 4"
+"""Changed whenever the numbers of a map, or their meaning, change."""
+_COLUMNS = {"cells": np.uint32, "manipulability": np.float32, "torso_index": np.uint8, "flags": np.uint8}
+_ALL_FLAGS = CERTAIN_IN_HEIGHT | CERTAIN_IN_PITCH
 _ROUNDING = 1e-9
 """Part of a voxel by which rounding may move a pose."""
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -132,14 +91,17 @@ class ReachabilityMap:
         Raises:
             ReachabilityError: the robot or the parameters make no sense.
         """
-        wanted = MapParameters(**parameters)
-        chain = ArmChain.of(robot)
+        wanted, chain = MapParameters(**parameters), ArmChain.of(robot)
         grid = MapGrid.of(chain, wanted)
-        heights = _heights_without_torso(grid)
-        field = closed_form_layers if chain.has_closed_form else sampled_layers(wanted)
-        layers = iter(watched(field(chain, grid, heights), "reachability map", heights.size, progress))
-        best, torso = _merge_torso_heights(layers, grid)
-        columns = _columns(best, torso, grid.orientations)
+        # Heights of the layers' middles above each torso sample; samples are one layer apart, so most coincide.
+        lowest, count = grid.layer_height(0) - grid.torsos[-1], grid.layers + len(grid.torsos) - 1
+        heights = np.asarray(lowest + np.arange(count) * grid.thickness)
+        if chain.has_closed_form:
+            layers = closed_form_layers(chain, grid, heights)
+        else:
+            layers = sampled_layers(chain, grid, heights, wanted)
+        layers = iter(watched(layers, "reachability map", count, progress))
+        columns = _columns(*_merge_torso_heights(layers, grid), grid.orientations)
         return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)
 
     @staticmethod
@@ -173,20 +135,39 @@ class ReachabilityMap:
         above = T[:, 2, 3] >= 0.0
         if not above.any():
             raise ReachabilityError("a map needs at least one pose above the floor")
-        grid = MapGrid.around(T[above, :3, 3], wanted)
-        best = _best_of_cells(grid, T[above], mu[above])
+        T, mu = T[above], mu[above]
+        grid = MapGrid.around(T[:, :3, 3], wanted)
+        x, y, z = np.floor((T[:, :3, 3] - (*grid.centre, grid.bottom)) / grid.voxel + _ROUNDING).astype(np.int64).T
+        orientation = nearest_orientation(grid.orientations, T[:, :3, :3])
+        best, on_ring = np.zeros(grid.shape, dtype=np.float32), orientation >= 0
+        cells = tuple(index[on_ring] for index in (z, orientation, x + grid.half, y + grid.half))
+        np.maximum.at(best, cells, mu[on_ring])
         columns = _columns(best, np.zeros(grid.shape, dtype=np.uint8), grid.orientations)
         if not len(columns["cells"]):
             raise ReachabilityError("none of the poses has one of these pitches")
-        return ReachabilityMap(robot, content_key(columns), wanted, grid, **columns)
+        digest = hashlib.sha256(FORMAT.encode())
+        for name in _COLUMNS:
+            digest.update(columns[name].tobytes())
+        return ReachabilityMap(robot, f"poses{digest.hexdigest()[:16]}", wanted, grid, **columns)
 
     def save(self, path: str | Path) -> None:
-        """Write the map to one `.npz` file.
+        """Write the map to one `.npz` file; it replaces an old one only when it is complete.
 
         Raises:
-            OSError: the disk is full or cannot be written; an old file of that name stays.
+            OSError: the disk is full or cannot be written; the error names the file, and nothing is left behind.
         """
-        save_map(Path(path), StoredMap(self.robot, self.key, self.parameters, self.grid, self._stored, self.chain))
+        about: dict[str, Any] = {"format": FORMAT, "robot": self.robot, "key": self.key}
+        about |= {"parameters": asdict(self.parameters)}
+        if self.chain is None:
+            about |= {"grid": self.grid.extent()}
+        columns = {**self._stored, "cells": np.diff(self.cells, prepend=np.uint32(0))}
+        content = io.BytesIO()
+        np.savez_compressed(content, allow_pickle=False, about=np.array(json.dumps(about)), **columns)
+        try:
+            _write(Path(path), content.getbuffer())
+        except OSError as problem:
+            reason = f"{problem.strerror or problem}, the map cannot be saved"
+            raise OSError(problem.errno, reason, str(path)) from problem
 
     @staticmethod
     def load(path: str | Path, robot: Robot | ArmChain | None = None) -> ReachabilityMap:
@@ -201,15 +182,38 @@ class ReachabilityMap:
             MapFileError: the file is damaged or is no map.
             MapMismatchError: it is the map of another robot, or of this robot before it was changed.
         """
-        stored = load_map(Path(path), None if robot is None else ArmChain.of(robot))
-        columns: dict[str, Any] = stored.columns
-        about = stored.robot, stored.key, stored.parameters, stored.grid
-        return ReachabilityMap(*about, **columns, chain=stored.chain)
+        chain = None if robot is None else ArmChain.of(robot)
+        about, columns = _read(Path(path))
+        name, key, extent = about.get("robot"), about.get("key"), about.get("grid")
+        try:
+            fields: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in about["parameters"].items()}
+            parameters = MapParameters(**fields)
+        except (KeyError, TypeError, AttributeError, ReachabilityError) as error:
+            raise MapFileError(f"{path} has no valid parameters ({error}); build it again") from error
+        if not isinstance(name, str) or not isinstance(key, str):
+            raise MapFileError(f"{path} does not name its robot; build it again")
+        if chain is not None and extent is not None:
+            raise MapMismatchError(f"{path} is a map of poses that no arm is known of; load it without a robot")
+        if chain is None and extent is None:
+            raise MapMismatchError(
+                f"{path} is a map of the robot {name!r}; load it together with that RobotSpec or ArmChain"
+            )
+        if chain is not None and name != chain.robot:
+            raise MapMismatchError(f"{path} is a map of robot {name!r}, not of {chain.robot!r}")
+        if chain is not None and key.split("-")[0] != map_key(chain, parameters):
+            raise MapMismatchError(
+                f"{path} was built for {name!r} with other joints, limits or lengths; build it again"
+            )
+        try:
+            grid = MapGrid.of_extent(parameters, extent) if chain is None else MapGrid.of(chain, parameters)
+        except ReachabilityError as error:
+            raise MapFileError(f"{path} has no valid grid ({error}); build it again") from error
+        return ReachabilityMap(name, key, parameters, grid, **_checked(path, columns, grid), chain=chain)
 
     @property
     def _stored(self) -> dict[str, NDArray[Any]]:
         """The columns that a file holds."""
-        return {name: getattr(self, name) for name in ("cells", "manipulability", "torso_index", "flags")}
+        return {name: getattr(self, name) for name in _COLUMNS}
 
     def __len__(self) -> int:
         return self.cells.size
@@ -264,6 +268,130 @@ class ReachabilityMap:
         return _read_only(dense.reshape(self.grid.shape))
 
 
+def cache_folder() -> Path:
+    """The directory `CLUTTER_ENV_CACHE` if set, else the user's cache directory."""
+    return Path(os.environ.get("CLUTTER_ENV_CACHE") or platformdirs.user_cache_dir("clutter-env"))
+
+
+def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
+    """The file of a robot's map in the cache.
+
+    Its name contains the digest of all that a map depends on: after a change of the robot, the parameters or the format
+    the file has another name, and the old one is no longer used.
+    """
+    chain = ArmChain.of(robot)
+    return cache_folder() / f"{chain.robot}-{map_key(chain, MapParameters(**parameters))}.npz"
+
+
+def shipped_file(robot: Robot | ArmChain, **parameters: Any) -> Path | None:
+    """The map that comes with a robot, in its `map_folder` under the same name; None if there is none."""
+    folder = None if isinstance(robot, ArmChain) else robot.map_folder
+    file = folder and folder / cache_file(robot, **parameters).name
+    return file if file and file.exists() else None
+
+
+def is_map_at_hand(robot: Robot | ArmChain, **parameters: Any) -> bool:
+    """Whether `cached_map` has a file to load, so that it need not build the map."""
+    return shipped_file(robot, **parameters) is not None or cache_file(robot, **parameters).exists()
+
+
+def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, **parameters: Any) -> ReachabilityMap:
+    """The map of a robot: the one that comes with it, or the one in the cache, or built and kept there.
+
+    A damaged file in the cache, or one of another robot, is replaced.
+
+    Args:
+        robot: see `ReachabilityMap.build`.
+        progress: shows how far building is, such as `tqdm.tqdm`.
+        **parameters: the fields of `MapParameters`.
+    """
+    file = cache_file(robot, **parameters)
+    for found in (shipped_file(robot, **parameters), file):
+        if found is not None and found.exists():
+            try:
+                return ReachabilityMap.load(found, robot)
+            except (MapFileError, MapMismatchError) as error:
+                _LOG.warning("%s; the map is built again", error)
+    built = ReachabilityMap.build(robot, progress=progress, **parameters)
+    try:
+        built.save(file)
+    except OSError as error:
+        _LOG.warning("the map could not be kept in %s: %s", file, error)
+    return built
+
+
+def watched(items: Iterable[Any], name: str, total: int, progress: ProgressBar | None) -> Iterable[Any]:
+    """The items, shown by `progress` if there is one.
+
+    Raises:
+        ReachabilityError: `progress` is neither None nor a function.
+    """
+    if progress is None:
+        return items
+    if not callable(progress):
+        raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
+    return progress(items, desc=name, total=total)
+
+
+def map_key(chain: ArmChain, parameters: MapParameters) -> str:
+    """Digest of everything a map depends on: format, kinematics, parameters."""
+    digest = hashlib.sha256(FORMAT.encode())
+    for array in (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, chain.links):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    digest.update(json.dumps(asdict(parameters), sort_keys=True).encode())
+    return digest.hexdigest()[:16]
+
+
+def _write(path: Path, content: memoryview) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(draft, path)
+    except BaseException:
+        os.unlink(draft)
+        raise
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The description and the columns in a file of this format."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            about = json.loads(str(file["about"][()]))
+            columns = {name: np.asarray(file[name]) for name in _COLUMNS}
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # zipfile and NumPy raise a dozen kinds for damaged bytes, MemoryError among them
+        raise MapFileError(f"{path} is damaged or is no map file ({error}); build it again") from error
+    if not isinstance(about, dict):
+        raise MapFileError(f"{path} is no map file; build it again")
+    if about.get("format") != FORMAT:
+        raise MapFileError(f"{path} is no {FORMAT!r} but {about.get('format')!r}; build it again")
+    return about, columns
+
+
+def _checked(path: str | Path, columns: dict[str, Any], grid: MapGrid) -> dict[str, Any]:
+    """The columns of a file with the numbers of the cells, read-only."""
+    count = columns["cells"].shape
+    for name, kind in _COLUMNS.items():
+        if columns[name].dtype != kind or columns[name].shape != count or len(count) != 1:
+            raise MapFileError(f"{path}: {name} has the wrong type or shape; build the map again")
+        columns[name].setflags(write=False)
+    steps, mu = columns["cells"], columns["manipulability"]
+    cells = np.cumsum(steps, dtype=np.uint64)
+    if np.any(steps[1:] == 0) or not np.all((mu > 0) & (mu <= 1)):
+        raise MapFileError(f"{path} has values that are impossible in a map; build it again")
+    if len(cells) and int(cells[-1]) >= grid.size:
+        raise MapFileError(f"{path} has cells outside its grid; build it again")
+    for name, limit in {"torso_index": len(grid.torsos) - 1, "flags": _ALL_FLAGS}.items():
+        if columns[name].size and int(columns[name].max()) > limit:
+            raise MapFileError(f"{path} has {name} outside its grid; build it again")
+    return columns | {"cells": _read_only(cells.astype(np.uint32))}
+
+
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     array.setflags(write=False)
     return array
@@ -272,26 +400,10 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 def _columns(best: Singles, torso: NDArray[np.uint8], orientations: Orientations) -> dict[str, Any]:
     """The columns of a map, given μ and torso height of every cell."""
     cells, mu = reachability_map(best)
-    flags = certainty(best > 0, orientations)
+    flags = _certainty(best > 0, orientations)
     columns: dict[str, NDArray[Any]] = {"cells": cells.astype(np.uint32), "manipulability": mu}
     columns |= {"torso_index": torso.reshape(-1)[cells], "flags": flags.reshape(-1)[cells]}
     return {name: _read_only(column) for name, column in columns.items()}
-
-
-def _best_of_cells(grid: MapGrid, T: Floats, mu: Singles) -> Singles:
-    """Best μ of the poses (n, 4, 4) in each cell, 0 where there is none."""
-    origin = np.array([*grid.centre, grid.bottom])
-    x, y, z = np.floor((T[:, :3, 3] - origin) / grid.voxel + _ROUNDING).astype(np.int64).T
-    orientation = nearest_orientation(grid.orientations, T[:, :3, :3])
-    best, on_ring = np.zeros(grid.shape, dtype=np.float32), orientation >= 0
-    np.maximum.at(best, tuple(index[on_ring] for index in (z, orientation, x + grid.half, y + grid.half)), mu[on_ring])
-    return best
-
-
-def _heights_without_torso(grid: MapGrid) -> Floats:
-    """Every height of a layer's middle above a torso sample; samples are one layer apart, so most heights coincide."""
-    lowest = grid.layer_height(0) - grid.torsos[-1]
-    return np.asarray(lowest + np.arange(grid.layers + len(grid.torsos) - 1) * grid.thickness)
 
 
 def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:
@@ -307,3 +419,36 @@ def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Sing
                 best[z][better] = layer[better]
                 torso[z][better] = k
     return best, torso
+
+
+def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:
+    """Flags of every cell (layers, orientations, x, y), given which are in reach."""
+    upright = np.zeros_like(reachable)  # with the cells above and below; false in the outermost layers
+    upright[1:-1] = reachable[1:-1] & reachable[:-2] & reachable[2:]
+    flags = upright.astype(np.uint8) * np.uint8(CERTAIN_IN_HEIGHT)
+    for group in range(len(orientations.pitch)):
+        beside = _neighbouring_groups(orientations, group)
+        if not beside:
+            continue
+        first, last = orientations.start[group : group + 2]
+        certain = upright[:, first:last].copy()
+        for other in beside:
+            start, end = orientations.start[other : other + 2]
+            block = upright[:, start:end]
+            certain &= block if end - start == last - first else block.all(axis=1, keepdims=True)
+        flags[:, first:last] |= certain.astype(np.uint8) * np.uint8(CERTAIN_IN_PITCH)
+    return flags
+
+
+def _neighbouring_groups(orientations: Orientations, group: int) -> list[int]:
+    """Groups within one step of pitch and roll; empty if the map lacks the ring on one side."""
+    pitch, roll = orientations.pitch, orientations.roll
+    near_pitch = np.abs(pitch - pitch[group]) < orientations.step * 1.01
+    sides = np.unique(np.sign(np.round((pitch[near_pitch] - pitch[group]) / orientations.step)))
+    if len(sides) < (2 if orientations.is_pole(group) else 3):
+        return []
+    poles = np.array([orientations.is_pole(k) for k in range(len(pitch))])
+    apart = np.abs(wrap_to_pi(roll - roll[group]))
+    rolls = len(np.unique(roll))
+    near_roll = poles | poles[group] | (apart < 2 * np.pi / rolls * 1.01)
+    return [int(k) for k in np.flatnonzero(near_pitch & near_roll)]

@@ -59,6 +59,14 @@ def _rows(cy: Any, sy: Any, cp: Any, sp: Any, cr: Any, sr: Any) -> list[list[Any
     ]
 
 
+def world_to_base(base: Floats) -> Floats:
+    """T_base_world (4, 4) of a base pose x, y [m], yaw [rad]."""
+    T = np.eye(4)
+    T[:3, :3] = rotation(-float(base[2]), 0.0, 0.0)
+    T[:2, 3] = -T[:2, :2] @ base[:2]
+    return T
+
+
 def yaw_pitch_roll(R: Floats) -> Floats:
     """(n, 3) angles of rotations (n, 3, 3); at the poles the yaw is 0, and the roll is the whole turn."""
     horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])

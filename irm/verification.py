@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irm.answers import BasePlacement
 from irm.chain import PRISMATIC, ArmChain
 from irm.compilation import njit
 from irm.errors import ChainError, QueryError
 from irm.ik.closed_form import inverse
 from irm.ik.numerical import random_seeds, solve
 from irm.kinematics import forward
-from irm.placement import BasePlacement
-from irm.query_options import as_positions
-from irm.rotations import rotation
+from irm.query_keys import as_positions
+from irm.rotations import rotation, world_to_base
 
 if TYPE_CHECKING:
     import mujoco
@@ -31,32 +31,19 @@ Floats = NDArray[np.float64]
 _COMPARED = 200
 """Random configurations of `compare_with_model`."""
 
+_TORSOS = 8
+"""Torso heights that are tried, evenly over the range."""
+_ROLLS = 36
+"""Upper-arm rolls that are tried per turn, for arms with a closed form."""
+_SEEDS = 12
+"""Random starting configurations per torso height, for all other arms."""
+LARGEST_STEP, LARGEST_LIFT = 0.35, 0.06
+"""Largest motion of an arm joint [rad] and of the torso [m] between consecutive TCP poses."""
 _SAME = 1e-6
 """[m], and the same number for entries of rotation matrices: two correct chains differ by rounding only."""
 
 IsFree = Callable[[Floats, Floats], bool]
 """Whether a base pose (3,) with a configuration (1 + n,) is free of collisions."""
-
-
-@dataclass(frozen=True)
-class ConfigurationSearch:
-    """How the free parameters of the arm are searched.
-
-    Attributes:
-        torsos: number of torso heights that are tried, evenly over the range.
-        rolls: number of upper-arm rolls that are tried per turn, for arms with a closed form.
-        seeds: number of random starting configurations per torso height, for all other arms.
-        seed: random seed of these configurations.
-        largest_step: largest motion of an arm joint between consecutive TCP poses [rad].
-        largest_lift: largest motion of the torso between consecutive TCP poses [m].
-    """
-
-    torsos: int = 8
-    rolls: int = 36
-    seeds: int = 12
-    seed: int = 0
-    largest_step: float = 0.35
-    largest_lift: float = 0.06
 
 
 @dataclass(frozen=True)
@@ -104,15 +91,14 @@ def tcp_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float 
     return T
 
 
-def configurations(chain: ArmChain, T_base_tcp: ArrayLike, search: ConfigurationSearch | None = None) -> Floats:
+def configurations(chain: ArmChain, T_base_tcp: ArrayLike) -> Floats:
     """(k, 1 + n) configurations that reach a pose (4, 4), over the arm's free parameters."""
-    how = search or ConfigurationSearch()
     low, high = float(chain.lower[0]), float(chain.upper[0])
-    torsos = np.linspace(low, high, how.torsos) if high > low else np.array([low])
+    torsos = np.linspace(low, high, _TORSOS) if high > low else np.array([low])
     if chain.has_closed_form:
-        return inverse(chain, T_base_tcp, torsos, np.linspace(-np.pi, np.pi, how.rolls, endpoint=False))
-    rng = np.random.default_rng(how.seed)
-    return solve(chain, T_base_tcp, np.concatenate([random_seeds(chain, how.seeds, torso, rng) for torso in torsos]))
+        return inverse(chain, T_base_tcp, torsos, np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False))
+    rng = np.random.default_rng(0)
+    return solve(chain, T_base_tcp, np.concatenate([random_seeds(chain, _SEEDS, torso, rng) for torso in torsos]))
 
 
 def verify(
@@ -122,7 +108,6 @@ def verify(
     is_free: IsFree | None = None,
     *,
     limit: int = 5,
-    search: ConfigurationSearch | None = None,
 ) -> Verified | NotVerified:
     """The first of the best bases from which the arm reaches every TCP pose free of collisions.
 
@@ -132,7 +117,6 @@ def verify(
         poses_of: from the rank of a base to its T_world_tcp (m, 4, 4); bases may differ in their approach yaw.
         is_free: whether a configuration is free of collisions; None accepts every configuration.
         limit: number of bases to test at most.
-        search: resolution of the search for configurations.
 
     Raises:
         QueryError: `poses_of` returns anything but an array (m, 4, 4) with m ≥ 1.
@@ -143,42 +127,33 @@ def verify(
         match verify(chain, placement, path, is_free):
             case Verified(base=base, configurations=q): ...
     """
-    how = search or ConfigurationSearch()
     reached = []
     for rank in range(min(limit, len(placement))):
         T_world_tcp = np.asarray(poses_of(rank), dtype=float)
         if T_world_tcp.ndim != 3 or T_world_tcp.shape[1:] != (4, 4) or len(T_world_tcp) == 0:
             raise QueryError(f"TCP poses of one base are an array (m, 4, 4) with m ≥ 1, not {T_world_tcp.shape}")
         base = placement.poses[rank]
-        path = _configuration_path(chain, base, _world_to_base(base) @ T_world_tcp, is_free, how)
+        path = _configuration_path(chain, base, world_to_base(base) @ T_world_tcp, is_free)
         if len(path) == len(T_world_tcp):
             return Verified(rank, base, path)
         reached.append(len(path))
     return NotVerified(tuple(reached))
 
 
-def _world_to_base(base: Floats) -> Floats:
-    """T_base_world of a base pose (3,)."""
-    T = np.eye(4)
-    T[:3, :3] = rotation(-base[2], 0.0, 0.0)
-    T[:2, 3] = -T[:2, :2] @ base[:2]
-    return T
-
-
-def _configuration_path(
-    chain: ArmChain, base: Floats, T_base_tcp: Floats, is_free: IsFree | None, how: ConfigurationSearch
-) -> Floats:
+def _configuration_path(chain: ArmChain, base: Floats, T_base_tcp: Floats, is_free: IsFree | None) -> Floats:
     """One configuration per TCP pose, each within a step of the one before, up to the last pose that has one."""
+    limits = np.full(chain.size, LARGEST_STEP)
+    limits[0] = LARGEST_LIFT
+    # Angles of joints that turn without limit count modulo a turn.
+    turning = (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
     layers: list[Floats] = []
     parents: list[NDArray[np.int64]] = []
     for T in T_base_tcp:
-        found = configurations(chain, T, how)
+        found = configurations(chain, T)
+        parent = np.zeros(len(found), dtype=np.int64)
         if layers and len(found):
-            limits, turning = _step_limits(chain, how)
             parent = _nearest_parents(found, layers[-1], limits, turning)
             found, parent = found[parent >= 0], parent[parent >= 0]
-        else:
-            parent = np.zeros(len(found), dtype=np.int64)
         if is_free is not None:
             free = np.array([is_free(base, q) for q in found], dtype=bool)
             found, parent = found[free], parent[free]
@@ -186,14 +161,12 @@ def _configuration_path(
             break
         layers.append(found)
         parents.append(parent)
-    return _backwards(chain, layers, parents)
-
-
-def _step_limits(chain: ArmChain, how: ConfigurationSearch) -> tuple[Floats, NDArray[np.bool_]]:
-    """(1 + n,) largest step of each joint, and which joints turn without limit, so that angles count modulo a turn."""
-    limits = np.full(chain.size, how.largest_step)
-    limits[0] = how.largest_lift
-    return limits, (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
+    path: list[Floats] = []
+    index = 0
+    for found, parent in zip(reversed(layers), reversed(parents), strict=True):
+        path.append(found[index])
+        index = int(parent[index])
+    return np.array(path[::-1]).reshape(-1, chain.size)
 
 
 @njit(cache=True)
@@ -216,16 +189,6 @@ def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDA
                 nearest = widest
                 parents[i] = j
     return parents
-
-
-def _backwards(chain: ArmChain, layers: list[Floats], parents: list[NDArray[np.int64]]) -> Floats:
-    """The path from the first layer to the first configuration of the last layer."""
-    path: list[Floats] = []
-    index = 0
-    for layer, parent in zip(reversed(layers), reversed(parents), strict=True):
-        path.append(layer[index])
-        index = int(parent[index])
-    return np.array(path[::-1]).reshape(-1, chain.size)
 
 
 class SelfCollision:

@@ -12,7 +12,7 @@ import numpy as np
 from numba.core import event
 
 from assets.robots import RobotSpec
-from irm.cache import cache_file, is_map_at_hand
+from irm.reachability_map import cache_file, is_map_at_hand
 from planners.clock import NO_DEADLINE, Deadline
 from planners.grasping.base_placement import map_parameters
 from planners.scene import Body, RobotState, Scene, StaticObstacle

@@ -22,7 +22,7 @@ import tyro
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.score import DrawnScene, held_out_seeds, play_scene
+from clutter_env.evaluation.score import held_out_seeds, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.two_level import TwoLevelPolicy
@@ -111,7 +111,7 @@ def train_and_play(point: Point) -> list[bool]:
     network = fit_motions(env.get_wrapper_attr("robot"), motions, point.steps, point.seed)
     info = WeightsInfo.of_env("motions", env, high_level.grasps)
     policy = TwoLevelPolicy(high_level, KeyframePolicy(network, info))
-    successes = [play_scene(DrawnScene(seed), env, policy).clean for seed in held_out_seeds(point.scenes)]
+    successes = [play_scene(seed, env, policy).clean for seed in held_out_seeds(point.scenes)]
     env.close()
     return successes
 

@@ -20,7 +20,7 @@ from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from irm import ArmChain, Status, cached_map, classify, decide, predict
-from irm.ik.exact import exact_solver
+from irm.ik.solvers import exact_solver
 
 Floats = NDArray[np.float64]
 NO, UNKNOWN, YES = (answer.value for answer in (Status.NO, Status.UNKNOWN, Status.YES))

@@ -28,14 +28,12 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
 from clutter_env.simulation.model import add_meshes, has_visuals
-from irm.cache import cached_map
 from irm.chain import ArmChain
 from irm.equations import inverse_reachability, inverse_reachability_on_floor
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
-from irm.inverse_table import base_turns, find_key, flat_key
-from irm.query_options import YAW_STEP
-from irm.reachability_map import ReachabilityMap
+from irm.query_keys import YAW_STEP, base_turns, find_key, flat_key
+from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import rotation
 from irm.verification import Verified, tcp_poses, verify
 from planners import CollisionWorld, Scene

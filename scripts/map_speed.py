@@ -22,15 +22,12 @@ from assets.robots import RobotSpec
 from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
-from irm.cache import cached_map
+from irm.answers import BasePlacement, Status
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.inverse_table import base_turns, find_key, flat_key
-from irm.placement import BasePlacement
-from irm.query_options import FULL_TURN, YAW_STEP, as_position, as_yaw_range
-from irm.reachability_map import ReachabilityMap
+from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, base_turns, find_key, flat_key
+from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import wrap_to_pi
-from irm.status import Status
 
 
 def full_scan(

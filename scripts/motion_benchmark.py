@@ -18,7 +18,7 @@ from tqdm import tqdm
 from clutter_env.envs.retrieve import RetrieveEnv
 from planners import CollisionWorld, PlanningContext, Scene
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.motion.timing import pick_trajectory
 
 CHECKS = 4_000
@@ -84,7 +84,7 @@ def measure(
         times["check [µs]"][-1] /= CHECKS
         motion = timed("pick [ms]", plan_pick, world, grasp.base, home, grasp.q, grasp.object, rng=rng)
         outcomes[type(motion).__name__] += 1
-        if isinstance(motion, PickMotion):
+        if isinstance(motion, PickPlaceMotion):
             trajectory = timed("timing [ms]", pick_trajectory, scene.robot, motion, scene.state)
             timed("MuJoCo's check [ms]", checker.deepest_penetration, trajectory)
 

@@ -18,7 +18,7 @@ GL = ("OpenGL", "OpenGL.GL", "mujoco.egl", "mujoco.osmesa")
 LEARNING = ("torch", "stable_baselines3", "ray", "minari")
 CASES = [
     ("assets", ("mujoco", "gymnasium", "numba", *LEARNING)),
-    ("irm", ("gymnasium", "matplotlib", *GL, *LEARNING)),
+    ("irm", ("mujoco", "mink", "gymnasium", "matplotlib", *GL, *LEARNING)),
     ("planners", ("gymnasium", "matplotlib", *GL, *LEARNING)),
     ("clutter_env", ("numba", "planners", "irm", *GL, *LEARNING)),
     ("clutter_env.envs.retrieve", ("numba", "planners", "irm", *GL, *LEARNING)),

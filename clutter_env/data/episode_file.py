@@ -31,6 +31,21 @@ from clutter_env.task import Task
 _COMPRESSION: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 _NUMBERS = "fiub"
 """NumPy's kinds of numbers: floating, signed, unsigned, bool."""
+_STATES = (
+    ("infos/is_success", "is_success", 1, "b"),
+    ("infos/num_fallen", "num_fallen", 1, "iu"),
+    ("infos/num_disturbed", "num_disturbed", 1, "iu"),
+    ("infos/state", "states", 2, "f"),
+)
+"""Arrays with a row for each state: name in the file, attribute of `Episode`, dimensions, NumPy's kinds of numbers."""
+_LABELS = (
+    ("infos/contact_skill", "skill", 1, "i", 0),
+    ("infos/contact_object", "object", 1, "i", -1),
+    ("infos/contact_base", "contact_base", 2, "f", np.nan),
+    ("infos/contact_tcp", "contact_tcp", 3, "f", np.nan),
+    ("infos/keyframe", "keyframe", 2, "f", np.nan),
+)
+"""Arrays with a row for each action: the same, of `StepLabels`; and the value in the row of the last state."""
 _TEXT = h5py.string_dtype(encoding="utf-8")
 
 
@@ -69,16 +84,12 @@ def episode_arrays(episode: Episode) -> dict[str, NDArray[Any]]:
     ends[:, -1] = episode.terminated, episode.truncated
     arrays: dict[str, NDArray[Any]] = {f"observations/{name}": value for name, value in episode.observations.items()}
     arrays |= {"actions": episode.actions, "rewards": episode.rewards, "terminations": ends[0], "truncations": ends[1]}
-    arrays["infos/is_success"] = episode.is_success
-    arrays["infos/num_fallen"] = episode.num_fallen
-    arrays["infos/num_disturbed"] = episode.num_disturbed
-    arrays["infos/state"] = episode.states
+    arrays |= {name: getattr(episode, attribute) for name, attribute, *_ in _STATES}
     for name, names in (("infos/skill", episode.skills), ("infos/phase", episode.labels.phases)):
         known = sorted(set(names))
         arrays[name] = _with_last_row(np.array([known.index(entry) for entry in names], np.int64), -1)
-    for name, values, *_ in _label_arrays(episode.labels):
-        none = np.nan if values.dtype.kind == "f" else 0 if name == "infos/contact_skill" else -1
-        arrays[name] = _with_last_row(values, none)
+    for name, attribute, _, _, none in _LABELS:
+        arrays[name] = _with_last_row(getattr(episode.labels, attribute), none)
     return arrays
 
 
@@ -121,18 +132,11 @@ def _read(file: h5py.File) -> Episode:
         rewards=_array(file["rewards"]),
         terminated=_last_flag(file["terminations"]),
         truncated=_last_flag(file["truncations"]),
-        is_success=_array(file["infos/is_success"]),
-        num_fallen=_array(file["infos/num_fallen"]),
-        num_disturbed=_array(file["infos/num_disturbed"]),
-        states=_array(file["infos/state"]),
+        **{attribute: _array(file[name]) for name, attribute, *_ in _STATES},
         skills=_names(file, "expert/skills", "infos/skill"),
         labels=StepLabels(
             _names(file, "expert/phases", "infos/phase"),
-            _array(file["infos/contact_skill"])[:-1],
-            _array(file["infos/contact_object"])[:-1],
-            _array(file["infos/contact_base"])[:-1],
-            _array(file["infos/contact_tcp"])[:-1],
-            _array(file["infos/keyframe"])[:-1],
+            **{attribute: _array(file[name])[:-1] for name, attribute, *_ in _LABELS},
         ),
         columns=_read_columns(file),
         plan=file["expert/plan"][()].decode(),
@@ -148,11 +152,8 @@ def _wrong_entry(episode: Episode) -> str:
     expected: list[tuple[str, NDArray[Any], int, int, str]] = [
         ("actions", episode.actions, steps, 2, "f"),
         ("rewards", episode.rewards, steps, 1, "f"),
-        ("infos/is_success", episode.is_success, steps + 1, 1, "b"),
-        ("infos/num_fallen", episode.num_fallen, steps + 1, 1, "iu"),
-        ("infos/num_disturbed", episode.num_disturbed, steps + 1, 1, "iu"),
-        ("infos/state", episode.states, steps + 1, 2, "f"),
-        *((name, array, steps, ndim, kind) for name, array, ndim, kind in _label_arrays(episode.labels)),
+        *((name, getattr(episode, of), steps + 1, ndim, kinds) for name, of, ndim, kinds in _STATES),
+        *((name, getattr(episode.labels, of), steps, ndim, kinds) for name, of, ndim, kinds, _ in _LABELS),
     ]
     for name, array, length, dimensions, kinds in expected:
         if array.ndim != dimensions or len(array) != length or array.dtype.kind not in kinds:
@@ -166,17 +167,6 @@ def _wrong_entry(episode: Episode) -> str:
     if not np.isin(episode.labels.skill, np.arange(len(CONTACT_SKILLS))).all():
         return f"infos/contact_skill has numbers other than 0 to {len(CONTACT_SKILLS) - 1}"
     return ""
-
-
-def _label_arrays(labels: StepLabels) -> list[tuple[str, NDArray[Any], int, str]]:
-    """The arrays of labels but the phases: name in the file, a row for each action, number of dimensions, kind."""
-    return [
-        ("infos/contact_skill", labels.skill, 1, "i"),
-        ("infos/contact_object", labels.object, 1, "i"),
-        ("infos/contact_base", labels.contact_base, 2, "f"),
-        ("infos/contact_tcp", labels.contact_tcp, 3, "f"),
-        ("infos/keyframe", labels.keyframe, 2, "f"),
-    ]
 
 
 def _with_last_row(rows: NDArray[Any], none: float) -> NDArray[Any]:

@@ -100,7 +100,7 @@ class SceneSet:
     @property
     def num_objects(self) -> int:
         """Number of objects on the table."""
-        return _task(self.scenes[0]).num_objects
+        return Task(self.scenes[0].env_id, self.scenes[0].keywords).num_objects
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
@@ -130,13 +130,9 @@ def skill_scene(scene: Scene, feasibility: str) -> Scene:
         return scene
     if family(scene.env_id) != "retrieve":
         raise LearningError(f"there are no skills in {scene.env_id}")
-    count = _task(scene).num_objects
+    count = Task(scene.env_id, scene.keywords).num_objects
     keywords = {**scene.keywords, "num_objects": count, "feasibility": feasibility}
     return replace(scene, env_id=_SKILL_ENV, keywords=keywords, max_steps=skill_budget(count))
-
-
-def _task(scene: Scene) -> Task:
-    return Task(scene.env_id, scene.keywords)
 
 
 def find_floor(scene: Scene, grasps: str) -> Floor:

@@ -67,7 +67,8 @@ def play_scene(
     In Reach and Pick an episode ends with its time alone.
 
     Args:
-        scene: says how the episode begins: `seed`, and `reset(env)`.
+        scene: one with a `seed` and a `reset(env)`, see `clutter_env.evaluation.scenes`; or the seed with which the
+            environment draws it.
         env: an environment of that scene.
         policy: that plays it.
         max_steps: after which the episode is cut off, if the environment does not end it before.
@@ -78,7 +79,7 @@ def play_scene(
         PolicyError: the policy is not made for this environment.
     """
     started = time.perf_counter()
-    observation, info = scene.reset(env)
+    observation, info = env.reset(seed=scene) if isinstance(scene, int) else scene.reset(env)
     physics_env: Any = getattr(env.unwrapped, "physics_env", env.unwrapped)  # Skill contains one
     is_retrieval = isinstance(physics_env, RetrieveEnv)
     positions = _positions(physics_env)
@@ -103,7 +104,7 @@ def play_scene(
     lifted = bool(info["lifted"])
     clean = lifted and not info["num_fallen"] and not info["num_disturbed"] if is_retrieval else info["is_success"]
     return Score(
-        seed=scene.seed,
+        seed=scene if isinstance(scene, int) else scene.seed,
         clean=bool(clean),
         lifted=lifted,
         steps=steps,
@@ -118,17 +119,6 @@ def play_scene(
     )
 
 
-@dataclass(frozen=True)
-class DrawnScene:
-    """The scene that an environment draws for a seed."""
-
-    seed: int
-
-    def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
-        """Start the episode; observation and info."""
-        return env.reset(seed=self.seed)
-
-
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
     """Seeds on which nothing is trained."""
     return range(first, first + count)
@@ -136,11 +126,10 @@ def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
 
 def success_rate(env: gym.Env, policy: AnyPolicy, seeds: Sequence[int], max_steps: int | None = None) -> float:
     """Share of the episodes on the scenes of some seeds that succeed, within `max_steps` each."""
-    return float(np.mean([play_scene(DrawnScene(seed), env, policy, max_steps).clean for seed in seeds]))
+    return float(np.mean([play_scene(seed, env, policy, max_steps).clean for seed in seeds]))
 
 
 def _ending(env: gym.Env, physics_env: Any, terminated: bool) -> str:
-    """The reason why an episode is over whose target was not lifted."""
     if physics_env.target_slot >= 0 and physics_env.measurements.is_off[physics_env.target_slot]:
         return "target lost"
     if not terminated:

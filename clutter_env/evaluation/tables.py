@@ -126,7 +126,7 @@ def markdown_by_floor(rows: Sequence[Row]) -> str:
         [
             row.scene_set,
             row.policy,
-            *(_stratum_text(row.by_floor[name]) if name in row.by_floor else NOTHING for name in strata),
+            *(f"{row.by_floor[n].clean} of {row.by_floor[n].scenes}" if n in row.by_floor else NOTHING for n in strata),
         ]
         for row in known
     ]
@@ -150,10 +150,6 @@ def _cells(row: Row) -> list[str]:
         number_text(row.wall_s.mean, "{:.1f}"),
         causes or "none",
     ]
-
-
-def _stratum_text(rate: StratumRate) -> str:
-    return f"{rate.clean} of {rate.scenes}"
 
 
 def _rate(runs: Sequence[Sequence[Score]], name: str, rng: np.random.Generator) -> Interval:

@@ -110,20 +110,19 @@ class PlannedMotionPolicy:
         is_done: the motion has ended.
         has_failed: it could not be planned, or a deviation has stopped it.
         reason: why it has failed, "" if it has not.
-        refused: picks and places of this episode for which no motion was found; the robot did not move for them.
     """
 
     is_privileged = True
 
     def __init__(self) -> None:
-        self.is_done, self.has_failed, self.reason, self.refused = True, False, "", 0
+        self.is_done, self.has_failed, self.reason = True, False, ""
         self._executor: Executor | None = None
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
         self._env = controlled_env(env)
         self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, self._env.object_names)
-        self._executor, self.refused = None, 0
+        self._executor = None
         finger_position = scene_of(self._env).state.finger_position
         self._last = Command(self._sensor.read().drive, self._env.robot.opening(finger_position))
         self._end("")
@@ -139,11 +138,11 @@ class PlannedMotionPolicy:
             layer = MotionLayer(PlanningContext.of(scene.robot, scene, grasps="side"), np.random.default_rng(0))
             found = plan_contact(layer, scene, contact)
         except SceneError as error:
-            self._refuse(f"the scene is not valid for planning: {error}")
+            self._end(f"the scene is not valid for planning: {error}")
             return
         if not isinstance(found, tuple):
             in_way = "" if isinstance(found, NoPath) else ", ".join(sorted(found.blockers))
-            self._refuse(found.reason if isinstance(found, NoPath) else f"{in_way} in the way")
+            self._end(found.reason if isinstance(found, NoPath) else f"{in_way} in the way")
             return
         self.is_done, self.has_failed, self.reason = False, False, ""
         self._executor = Executor(found, self._env.robot, self._sensor.names, self._sensor.read(), MonitorConfig())
@@ -156,10 +155,6 @@ class PlannedMotionPolicy:
                 deviation, self._executor = self._executor.deviation, None
                 self._end("" if deviation is None else str(deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))
-
-    def _refuse(self, reason: str) -> None:
-        self.refused += 1
-        self._end(reason)
 
     def _end(self, reason: str) -> None:
         self.is_done, self.has_failed, self.reason = True, bool(reason), reason

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -65,7 +65,11 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
 
         return shipped_policy(*_SHIPPED[name])
     if directories := run_directories(name):
-        return _policy_of_runs(directories)
+        if len(directories) == 1 and load_run(directories[0])["algorithm"] not in TWO_LEVEL_LEARNERS:
+            return RunPolicy(directories[0])
+        from clutter_env.policies.two_level import two_level_policy  # needs torch
+
+        return two_level_policy(directories)
     module, _, attribute = name.partition(":")
     if not attribute:
         raise PolicyError(
@@ -137,15 +141,6 @@ def policy_families(name: str) -> tuple[str, ...]:
         own = family(load_run(directories[0])["task"]["env_id"])
         return ("retrieve" if own == "skill" else own,)
     return ("retrieve",) if name in BUILT_IN and name != "random" else every
-
-
-def _policy_of_runs(directories: Sequence[Path]) -> AnyPolicy:
-    """The policy of a training run, or of two."""
-    if len(directories) > 1 or load_run(directories[0])["algorithm"] in TWO_LEVEL_LEARNERS:
-        from clutter_env.policies.two_level import two_level_policy  # needs torch
-
-        return two_level_policy(directories)
-    return RunPolicy(directories[0])
 
 
 class RunPolicy:

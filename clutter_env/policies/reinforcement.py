@@ -30,7 +30,6 @@ from planners import DIRECTIONS
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
     {"sac": SAC, "tqc": TQC, "ppo": PPO, "maskable_ppo": MaskablePPO}
 )
-"""By name: the classes of `GOAL_ALGORITHMS` and `SKILL_ALGORITHMS`."""
 MODEL_FILE, BUFFER_FILE = "model.zip", "replay_buffer.pkl"
 
 BASE_SCALE, TURN_SCALE = 0.1, 0.2
@@ -54,10 +53,6 @@ class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
     def action(self, action: Any) -> Any:
         """The environment's action for an action of the learner."""
         return action * self.scale
-
-    def reverse_action(self, action: Any) -> Any:
-        """The action of the learner for an action of the environment, clipped to its range."""
-        return np.clip(action / self.scale, -1.0, 1.0)
 
 
 def training_env(name: str, env: gym.Env) -> gym.Env:

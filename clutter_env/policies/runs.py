@@ -15,8 +15,6 @@ HISTORY_FILE = "history.json"
 """Success on held-out scenes as a run went on, in its directory."""
 GOAL_ALGORITHMS = ("sac", "tqc")
 """Learn the goal environments from rewards, with hindsight."""
-SKILL_ALGORITHMS = ("ppo", "maskable_ppo")
-"""Learn the Skill environments from rewards."""
 CLONERS = ("bc", "dagger")
 """Learn from an expert."""
 MOTION_LEARNERS = ("keyframes",)

@@ -122,10 +122,7 @@ def random_points(scene: Scene, radius: float, rng: np.random.Generator, count: 
 def examples_of_scene(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
     """Candidate picks of every object and, as if one of them were held, candidates for random places.
 
-    Args:
-        scene: nothing is held.
-        rule: the candidates.
-        rng: chooses the object, how it is held and the places.
+    Nothing is held in the scene; the object, how it is held and the places are drawn at random.
     """
     picks = rule.picks(scene.objects)
     parts = [pick_examples(scene, rule, rng)]
@@ -240,13 +237,7 @@ def roll_out(policy: LearnedHighLevelPolicy, scene: Scene, target: str, budget: 
     """Let a high-level policy decide in a scene, without physics.
 
     A pick or place that is free by the planner's geometry is assumed to succeed: the object is then in the gripper, or
-    stands where it was to be put. Any other one ends the rollout.
-
-    Args:
-        policy: it decides.
-        scene: at the start; nothing is held.
-        target: name of the object wanted.
-        budget: clearances at most.
+    stands where it was to be put. Any other one ends the rollout, and so do `budget` clearances.
     """
     policy.reset()
     scenes: list[Scene] = []
@@ -276,12 +267,7 @@ def visited_examples(
     """Examples from the states in which decisions were made; None if there were none.
 
     Labelling the visited states is DAgger (Ross et al. 2011): choosing the best of many candidates finds those that the
-    network is wrong about.
-
-    Args:
-        rollouts: of the learner.
-        rule: the candidates that are labelled.
-        rng: for more places beside those that it chose.
+    network is wrong about. Beside the places that it chose random ones are labelled.
     """
     parts = []
     for rollout in rollouts:

@@ -98,14 +98,9 @@ def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
 def make_model(
     name: str, env: gym.Env, seed: int, log: Path | None = None, improves_clone: bool = False
 ) -> BaseAlgorithm:
-    """A new model for an environment from `training_env`.
+    """A new model of an algorithm for an environment from `training_env`; it logs to the directory of a run.
 
-    Args:
-        name: of the algorithm.
-        env: where it will learn.
-        seed: random seed.
-        log: directory for TensorBoard.
-        improves_clone: whether PPO and MaskablePPO learn in smaller steps, for a network that is fitted first.
+    PPO and MaskablePPO that improve a clone learn in smaller steps.
     """
     options: Mapping[str, Any] = _OFF_POLICY
     if name not in GOAL_ALGORITHMS:

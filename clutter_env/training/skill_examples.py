@@ -61,13 +61,7 @@ class LabelledScenes:
 
 
 def collect_scenes(env: gym.Env[Any, Any], seeds: Sequence[int], rng: np.random.Generator) -> LabelledScenes:
-    """One scene for every seed: as it is drawn, or after some of its objects have been cleared.
-
-    Args:
-        env: a Skill environment on the kinematic model.
-        seeds: of the scenes.
-        rng: chooses how many skills are tried, and which.
-    """
+    """One scene for every seed of a kinematic Skill environment: as drawn, or after some random clearing skills."""
     skills: Any = env.unwrapped
     bodies: list[NDArray[np.float32]] = []
     grasps: list[tuple[NDArray[np.bool_], NDArray[np.int64]]] = []
@@ -192,26 +186,19 @@ def clearances_left(in_the_way: Sequence[set[int]], target: int, most: int = MAX
         -1 and 0 if more than `most` are needed, or if none frees it.
     """
     matters = _matter(in_the_way, target)
-    reached = {0: 0}
+    reached = {0: 0}  # what can be gone after `count` clearances, and the objects with which this can begin
     for count in range(most + 1):
         firsts = [first for gone, first in reached.items() if any(not mask & ~gone for mask in in_the_way[target])]
         if firsts:
             return count, _union(firsts)
-        reached = _after_one_more(in_the_way, matters, reached, is_first=count == 0)
+        after: dict[int, int] = {}
+        for gone, first in reached.items():
+            for i in matters:
+                bit = 1 << i
+                if not gone & bit and any(not mask & ~gone for mask in in_the_way[i]):
+                    after[gone | bit] = after.get(gone | bit, 0) | (first if count else bit)
+        reached = after
     return -1, 0
-
-
-def _after_one_more(
-    in_the_way: Sequence[set[int]], matters: Sequence[int], reached: dict[int, int], is_first: bool
-) -> dict[int, int]:
-    """What can be gone after one more clearance, and the objects with which this can begin."""
-    found: dict[int, int] = {}
-    for gone, first in reached.items():
-        for i in matters:
-            bit = 1 << i
-            if not gone & bit and any(not mask & ~gone for mask in in_the_way[i]):
-                found[gone | bit] = found.get(gone | bit, 0) | (bit if is_first else first)
-    return found
 
 
 def _matter(in_the_way: Sequence[set[int]], target: int) -> list[int]:

@@ -107,17 +107,6 @@ def fit_skills(
     descend(optimiser, steps, loss_at, report, max_gradient=1.0)
 
 
-@torch.no_grad()
-def choices_are_good(network: SkillNetwork, examples: SkillExamples, batch: int = 64) -> NDArray[np.bool_]:
-    """(k,) whether the most probable skill is a good one, before anything has been refused."""
-    right = []
-    for rows in np.array_split(np.arange(len(examples)), -(-len(examples) // batch)):
-        states = _States(examples, rows, torch.ones(len(rows)))
-        logits = network(states.observation())[0].masked_fill(~states.allowed, _OUT)
-        right.append(states.good.gather(1, logits.argmax(1, keepdim=True))[:, 0].numpy())
-    return np.concatenate(right)
-
-
 class _States:
     """States of choices, in which skills are refused.
 

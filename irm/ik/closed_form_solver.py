@@ -22,11 +22,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, chain_arrays
 from irm.compilation import njit
 from irm.ik.closed_form import ik_pan
 from irm.kinematics import fk_frames, wrap
-from irm.status import NO, UNKNOWN, YES
+
+Floats = NDArray[np.float64]
+SLACK = 1e-9
+"""[m], [m²] or [rad] by which a bound must be violated, so that rounding cannot exclude a solution."""
+MAX_RECTANGLES = 4000
+"""Rectangles examined before a pose stays open. Most poses need fewer than 30."""
 
 
 @njit(cache=True)
@@ -60,11 +66,6 @@ def products(a0: float, a1: float, b0: float, b1: float) -> tuple[float, float]:
     """Smallest and largest product of two intervals."""
     p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
     return min(p, q, r, s), max(p, q, r, s)
-
-
-Floats = NDArray[np.float64]
-SLACK = 1e-9
-"""[m], [m²] or [rad] by which a bound must be violated, so that rounding cannot exclude a solution."""
 
 
 class WristBox(NamedTuple):
@@ -136,10 +137,6 @@ def lift_of_branch(bounds: LiftBounds, branch: int) -> tuple[float, float]:
     return bounds.bend0 - bounds.bearing1, bounds.bend1 - bounds.bearing0
 
 
-MAX_RECTANGLES = 4000
-"""Rectangles examined before a pose stays open. Most poses need fewer than 30."""
-
-
 class _Pose(NamedTuple):
     """A pose relative to the arm: `rho`, `bearing` of the wrist centre about the pan axis [m], [rad]; its `height`
     above the lift axis with the torso at 0 [m]; the approach axis as `level` (its horizontal length), `yaw` [rad] and
@@ -154,20 +151,6 @@ class _Pose(NamedTuple):
     inner: float
 
 
-class ClosedFormSolver:
-    """Exact answers for an arm with a closed form; see `irm.arm.exact.ExactSolver`."""
-
-    def __init__(self, chain: ArmChain, torso_range: tuple[float, float]) -> None:
-        self._arm = chain_arrays(chain, torso_range)
-
-    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
-        """Answers for poses (n, 4, 4), and a configuration for each pose in reach; the wrist's roll is exact too."""
-        count = len(T_base_tcp)
-        answers, configurations = np.empty(count, dtype=np.int8), np.full((count, self._arm.axes.size), np.nan)
-        _solve(self._arm, np.ascontiguousarray(T_base_tcp, dtype=float), answers, configurations)
-        return answers, configurations
-
-
 @njit(cache=True)
 def _relative_pose(links: Floats, T: Floats) -> _Pose:
     """A TCP pose (4, 4) in the base frame, relative to the arm."""
@@ -175,6 +158,20 @@ def _relative_pose(links: Floats, T: Floats) -> _Pose:
     wx, wy = T[0, 3] - links[6] * ax - links[0], T[1, 3] - links[6] * ay
     wz = T[2, 3] - links[6] * az - links[1] - links[3]
     return _Pose(hypot(wx, wy), atan2(wy, wx), wz, hypot(ax, ay), atan2(ay, ax), az, wx * ax + wy * ay)
+
+
+class ClosedFormSolver:
+    """Exact answers for an arm with a closed form; see `irm.ik.solvers.ExactSolver`."""
+
+    def __init__(self, chain: ArmChain, torso_range: tuple[float, float]) -> None:
+        self._arm = chain_arrays(chain, torso_range)
+
+    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+        """See `ExactSolver`; the wrist's roll is exact too."""
+        count = len(T_base_tcp)
+        answers, configurations = np.empty(count, dtype=np.int8), np.full((count, self._arm.axes.size), np.nan)
+        _solve(self._arm, np.ascontiguousarray(T_base_tcp, dtype=float), answers, configurations)
+        return answers, configurations
 
 
 @njit(cache=True)

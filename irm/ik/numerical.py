@@ -7,7 +7,7 @@ from math import acos, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irm.chain import ArmChain, has_free_roll
+from irm.chain import ArmChain, ChainArrays, has_free_roll
 from irm.compilation import njit
 from irm.errors import ChainError
 from irm.kinematics import arm_jacobian, fk_frames
@@ -136,6 +136,17 @@ def approach_pose(
         for k in range(n - 1):
             q[k + 1] = min(upper[k + 1], max(lower[k + 1], q[k + 1] + scale * step[k]))
     return False
+
+
+@njit(cache=True)
+def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
+    """Whether the configuration `q` (n,), refined in place, reaches a TCP pose within the limits."""
+    n = chain.axes.shape[0]
+    frames, origins, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
+    for joint in range(1, n):
+        q[joint] = min(chain.upper[joint], max(chain.lower[joint], q[joint]))
+    limits = chain.lower, chain.upper
+    return approach_pose(chain.offsets, chain.axes, chain.tip, *limits, R, p, False, q, frames, origins, J)
 
 
 def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:

@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ChainArrays
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
-from irm.ik.numerical import approach_pose
+from irm.ik.numerical import refine
 from irm.ik.structure import SphericalArm
 from irm.ik.subproblems import (
     Vector,
@@ -36,7 +37,6 @@ from irm.ik.subproblems import (
     row,
     subtract,
 )
-from irm.status import NO, UNKNOWN, YES
 
 Floats = NDArray[np.float64]
 _LENGTH_WEIGHT = 4.0
@@ -47,6 +47,15 @@ _ANY = 1e9
 """[rad] More than any excess."""
 _NONE = np.int64(0)
 """No solution yet; a literal 0 would compile what takes it twice."""
+COARSE_STEP = 2.5 * pi / 180.0
+"""[rad] Largest step of the first grid."""
+HALVINGS = 9
+"""How often an interval is halved before it is called open: down to 0.005 degrees."""
+SLOPE = 20.0
+"""Largest slope of the excess that is assumed, measured: with it no reachable pose was called out of reach, see
+docs/irm.md."""
+_CAPACITY = 4096
+"""Intervals that are kept for halving at a time."""
 
 
 class SphericalGoal(NamedTuple):
@@ -218,17 +227,6 @@ def _with_wrist(
     return count, enough
 
 
-COARSE_STEP = 2.5 * pi / 180.0
-"""[rad] Largest step of the first grid."""
-HALVINGS = 9
-"""How often an interval is halved before it is called open: down to 0.005 degrees."""
-SLOPE = 20.0
-"""Largest slope of the excess that is assumed, measured: with it no reachable pose was called out of reach, see
-docs/irm.md."""
-_CAPACITY = 4096
-"""Intervals that are kept for halving at a time."""
-
-
 class _Trial(NamedTuple):
     """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso, and
     `angles` (1, 7) in the order of solving."""
@@ -240,17 +238,6 @@ class _Trial(NamedTuple):
     p: Floats
     q: Floats
     angles: Floats
-
-
-@njit(cache=True)
-def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
-    """Whether the configuration `q` (n,), refined in place, reaches a TCP pose within the limits."""
-    n = chain.axes.shape[0]
-    frames, origins, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
-    for joint in range(1, n):
-        q[joint] = min(chain.upper[joint], max(chain.lower[joint], q[joint]))
-    limits = chain.lower, chain.upper
-    return approach_pose(chain.offsets, chain.axes, chain.tip, *limits, R, p, False, q, frames, origins, J)
 
 
 @njit(cache=True)

@@ -88,16 +88,13 @@ def find_structure(chain: ArmChain) -> SphericalArm | ParallelArm | None:
     if np.any(chain.axes[1:] >= PRISMATIC):
         return None
     lines = [_Line(p[k], R[k][:, chain.axes[k] % PRISMATIC]) for k in range(1, n)]
+    # Seen from the TCP the joints come in the opposite order, and each one turns the other way.
+    from_tcp = [_Line(R[n].T @ (line.point - p[n]), -(R[n].T @ line.axis)) for line in reversed(lines)]
     return (
         _spherical(chain, lines, R[n], p[n], False)
-        or _spherical(chain, _seen_from(lines, R[n], p[n])[::-1], R[n].T, -R[n].T @ p[n], True)
+        or _spherical(chain, from_tcp, R[n].T, -R[n].T @ p[n], True)
         or _parallel(chain, lines, R[n], p[n])
     )
-
-
-def _seen_from(lines: list[_Line], R: Floats, p: Floats) -> list[_Line]:
-    """The same joints in the frame of the TCP: seen from there, each one turns the other way."""
-    return [_Line(R.T @ (line.point - p), -(R.T @ line.axis)) for line in lines]
 
 
 def _spherical(

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,6 @@ from planners.placing.placements import PlacementSearch
 from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.cover import drive_out
 from planners.strategies import Strategy
-
-Volume: TypeAlias = Callable[[GraspCandidate], int]
-"""Space that a grasp sweeps, as bits: one for each of a number of cells."""
 
 
 @dataclass(frozen=True)
@@ -70,17 +66,9 @@ class ClearingProblem:
     """Inputs of the choice of commitments.
 
     Attributes:
-        context: what does not depend on where the objects stand.
-        candidates: the grasps known so far in this state.
-        placements: finds where to put objects.
-        scene: where everything is.
-        target: the object wanted.
-        strategy: how to commit, and what locations must keep clear of.
-        rng: for variations and finer grids of locations.
         is_usable: whether a grasp in a scene can be used at all: whether the gripper can leave again. It is asked
             about few, before placements are looked for.
         order_by_task_plan: puts the objects to clear in the order in which a task plan clears them.
-        deadline: when to give up.
         left_alone: objects that stay where they are: no grasp of them is offered.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
     """
@@ -182,7 +170,9 @@ def smallest_commitments(problem: ClearingProblem) -> Iterator[Commitments | NoC
         yield Commitments(target, found.objects, MappingProxyType(grasps))
 
 
-def varied_commitments(problem: ClearingProblem, commitments: Commitments, volume: Volume) -> Commitments:
+def varied_commitments(
+    problem: ClearingProblem, commitments: Commitments, swept_cells: Callable[[GraspCandidate], int]
+) -> Commitments:
     """The same objects to clear, in another order drawn at random, through grasps that together sweep little space.
 
     From the target backwards each object takes, of the grasps free by its turn, the one that adds the fewest cells to
@@ -194,10 +184,10 @@ def varied_commitments(problem: ClearingProblem, commitments: Commitments, volum
     for turn in reversed(range(len(order))):
         removed = sum(1 << index for index in order[:turn])
         free = problem.free_grasps(names[order[turn]], removed)
-        added = [(swept | volume(option)).bit_count() for option in free]
+        added = [(swept | swept_cells(option)).bit_count() for option in free]
         best = min(range(len(free)), key=lambda j: (added[j], -free[j].quality))
         grasps[names[order[turn]]] = free[best]
-        swept |= volume(free[best])
+        swept |= swept_cells(free[best])
     return Commitments(commitments.target, tuple(names[i] for i in order[:-1]), MappingProxyType(grasps))
 
 

@@ -68,34 +68,29 @@ class Extents:
         across the drive the answer is conservative; they are checked where the robot is, too. So is the object
         `left_standing`.
         """
-        static = self._static_swept(drive)
+        down, along = np.array([0.0, 0.0, 0.5 * drive.rise]), np.array([0.5 * drive.distance, 0.0, 0.0])
+        standing, size = self.static
+        # Where the robot is and on the drive, the rise included.
+        centre = np.concatenate((standing, self._middle_of_drive(standing, drive))) - down
+        half = np.concatenate((size, size + along)) + down
         if left_standing is not None:
-            static = _joined(static, self._swept(_boxes_around([left_standing], self.R), drive))
-        highest_first = np.argsort(-(static[0] + static[1])[:, 2], kind="stable")
-        solids = _solids(static[0][highest_first], static[1][highest_first], self.R)
+            more = self._swept(_boxes_around([left_standing], self.R), drive)
+            centre, half = np.concatenate((centre, more[0])), np.concatenate((half, more[1]))
+        highest_first = np.argsort(-(centre + half)[:, 2], kind="stable")
+        solids = _solids(centre[highest_first], half[highest_first], self.R)
         objects = _solids(*self._swept(self.objects, drive), self.R)
         radius, height, half = np.hypot(objects.half[:, 0], objects.half[:, 1]), objects.position[:, 2], objects.half
         upright, extent = (radius, height - half[:, 2], height + half[:, 2]), solids.half @ np.abs(self.R).T
         return replace(self.world, obstacles=Obstacles.of(objects, upright, solids, extent))
 
-    def _static_swept(self, drive: Drive) -> tuple[Array, Array]:
-        """Boxes around all that static obstacles sweep, where the robot is and on the drive, the rise included."""
-        centre, half = self.static
-        down = np.array([0.0, 0.0, 0.5 * drive.rise])
-        along = np.array([0.5 * drive.distance, 0.0, 0.0])
-        on_drive = centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0]
-        return np.concatenate((centre, on_drive)) - down, np.concatenate((half, half + along)) + down
+    def _middle_of_drive(self, centre: Array, drive: Drive) -> Array:
+        return np.asarray(centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0])
 
     def _swept(self, boxes: tuple[Array, Array], drive: Drive) -> tuple[Array, Array]:
         """Boxes that objects sweep from their axes on, against the drive."""
         centre, half = boxes
         along = np.full(len(half), 0.5 * drive.distance)
-        behind = centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0]
-        return behind, np.column_stack((along, half[:, 1:]))
-
-
-def _joined(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
-    return np.concatenate((one[0], other[0])), np.concatenate((one[1], other[1]))
+        return self._middle_of_drive(centre, drive), np.column_stack((along, half[:, 1:]))
 
 
 def _boxes_around(solids: Sequence[Body] | Sequence[StaticObstacle], R: Array) -> tuple[Array, Array]:
@@ -114,6 +109,4 @@ def _solids(centre: Array, half: Array, R: Array) -> Solids:
         bound=np.linalg.norm(half, axis=1),
         position=centre,
         rotation=np.tile(R, (count, 1, 1)),
-        vertices=np.zeros((0, 3)),
-        first=np.zeros(0, dtype=np.int64),
     )

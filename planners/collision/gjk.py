@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from planners.collision.leaf_kernels import inlined_kernel, leaf_kernel
+from planners.collision.kernel_arguments import inlined_kernel, leaf_kernel
 
 Array = NDArray[np.float64]
+_NO_VERTICES, _NO_HULLS = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
 
 BOX, CYLINDER, ELLIPSOID, HULL = 0, 1, 2, 3
 """Kinds of cores. Half extents (3,) are those of a box, (radius, radius, half height) of a cylinder along its z axis,
@@ -54,8 +55,8 @@ class Solids(NamedTuple):
     bound: Array
     position: Array
     rotation: Array
-    vertices: Array
-    first: NDArray[np.int64]
+    vertices: Array = _NO_VERTICES
+    first: NDArray[np.int64] = _NO_HULLS
 
 
 Support: TypeAlias = Callable[[Solids, int, float, float, float], tuple[float, float, float]]
@@ -63,12 +64,31 @@ Support: TypeAlias = Callable[[Solids, int, float, float, float], tuple[float, f
 
 
 @inlined_kernel
+def _along_axes(R: Array, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The components of a world vector along the axes of solid i."""
+    return (
+        R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z,
+        R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z,
+        R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z,
+    )
+
+
+@inlined_kernel
+def _in_world(solids: Solids, i: int, a: float, b: float, c: float) -> tuple[float, float, float]:
+    """The point in the world that is at (a, b, c) in the frame of solid i."""
+    R = solids.rotation
+    return (
+        solids.position[i, 0] + R[i, 0, 0] * a + R[i, 0, 1] * b + R[i, 0, 2] * c,
+        solids.position[i, 1] + R[i, 1, 0] * a + R[i, 1, 1] * b + R[i, 1, 2] * c,
+        solids.position[i, 2] + R[i, 2, 0] * a + R[i, 2, 1] * b + R[i, 2, 2] * c,
+    )
+
+
+@inlined_kernel
 def _support(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The farthest point of core i, a box or cylinder, in the direction (x, y, z)."""
-    half, R = solids.half, solids.rotation
-    a = R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z
-    b = R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z
-    c = R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z
+    half = solids.half
+    a, b, c = _along_axes(solids.rotation, i, x, y, z)
     if solids.core[i] == BOX:
         a = half[i, 0] if a > 0.0 else -half[i, 0]
         b = half[i, 1] if b > 0.0 else -half[i, 1]
@@ -78,11 +98,7 @@ def _support(solids: Solids, i: int, x: float, y: float, z: float) -> tuple[floa
         a *= scale
         b *= scale
     c = half[i, 2] if c > 0.0 else -half[i, 2]
-    return (
-        solids.position[i, 0] + R[i, 0, 0] * a + R[i, 0, 1] * b + R[i, 0, 2] * c,
-        solids.position[i, 1] + R[i, 1, 0] * a + R[i, 1, 1] * b + R[i, 1, 2] * c,
-        solids.position[i, 2] + R[i, 2, 0] * a + R[i, 2, 1] * b + R[i, 2, 2] * c,
-    )
+    return _in_world(solids, i, a, b, c)
 
 
 @leaf_kernel
@@ -90,10 +106,8 @@ def _farthest_point(solids: Solids, i: int, x: float, y: float, z: float) -> tup
     """The farthest point of core i, of any kind, in the direction (x, y, z)."""
     if solids.core[i] <= CYLINDER:
         return _support(solids, i, x, y, z)
-    half, R, vertices, best = solids.half, solids.rotation, solids.vertices, solids.first[i]
-    a = R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z
-    b = R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z
-    c = R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z
+    half, vertices, best = solids.half, solids.vertices, solids.first[i]
+    a, b, c = _along_axes(solids.rotation, i, x, y, z)
     if solids.core[i] == ELLIPSOID:
         a, b, c = half[i, 0] * a, half[i, 1] * b, half[i, 2] * c
         norm = math.sqrt(a * a + b * b + c * c)
@@ -106,11 +120,7 @@ def _farthest_point(solids: Solids, i: int, x: float, y: float, z: float) -> tup
             if along > farthest:
                 farthest, best = along, k
         a, b, c = vertices[best, 0], vertices[best, 1], vertices[best, 2]
-    return (
-        solids.position[i, 0] + R[i, 0, 0] * a + R[i, 0, 1] * b + R[i, 0, 2] * c,
-        solids.position[i, 1] + R[i, 1, 0] * a + R[i, 1, 1] * b + R[i, 1, 2] * c,
-        solids.position[i, 2] + R[i, 2, 0] * a + R[i, 2, 1] * b + R[i, 2, 2] * c,
-    )
+    return _in_world(solids, i, a, b, c)
 
 
 @leaf_kernel
@@ -128,11 +138,10 @@ def height(solids: Solids, i: int) -> float:
 @leaf_kernel
 def core_distance(solids: Solids, i: int, x: float, y: float, z: float) -> float:
     """[m] from a point to the oriented box around core i: a lower bound of the distance to the core."""
-    half, R = solids.half, solids.rotation
+    half = solids.half
     x, y, z = x - solids.position[i, 0], y - solids.position[i, 1], z - solids.position[i, 2]
-    a = max(abs(R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z) - half[i, 0], 0.0)
-    b = max(abs(R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z) - half[i, 1], 0.0)
-    c = max(abs(R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z) - half[i, 2], 0.0)
+    a, b, c = _along_axes(solids.rotation, i, x, y, z)
+    a, b, c = max(abs(a) - half[i, 0], 0.0), max(abs(b) - half[i, 1], 0.0), max(abs(c) - half[i, 2], 0.0)
     return math.sqrt(a * a + b * b + c * c)
 
 
@@ -198,18 +207,6 @@ def _reduce_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
 
 
 @leaf_kernel
-def _keep(simplex: Array, count: int, used: int) -> int:
-    """Drop the vertices whose bits are not set; how many remain."""
-    kept = 0
-    for i in range(count):
-        if used >> i & 1:
-            for axis in range(3):
-                simplex[kept, axis] = simplex[i, axis]
-            kept += 1
-    return kept
-
-
-@leaf_kernel
 def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tuple[float, float, float, int]:
     """Add a vertex to a simplex of `count` vertices, and drop those that do not span its closest point to the origin.
 
@@ -226,7 +223,13 @@ def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tup
         x, y, z, used = _reduce_tetrahedron(simplex)
         if used == 15:
             return 0.0, 0.0, 0.0, 0
-    return x, y, z, _keep(simplex, count + 1, used)
+    kept = 0
+    for i in range(count + 1):
+        if used >> i & 1:
+            for axis in range(3):
+                simplex[kept, axis] = simplex[i, axis]
+            kept += 1
+    return x, y, z, kept
 
 
 @njit(inline="always")

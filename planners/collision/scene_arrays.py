@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -12,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain, link_of_body
-from irm.ik.solutions import SolverArrays, solver_arrays
+from irm.ik.solvers import SolverArrays, solver_arrays
 from irm.kinematics import fk_frames
 from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
 Array = NDArray[np.float64]
 
-_CORES = {"box": BOX, "cylinder": CYLINDER, "capsule": BOX, "sphere": BOX, "ellipsoid": ELLIPSOID, "hull": HULL}
+CORES = {"box": BOX, "cylinder": CYLINDER, "capsule": BOX, "sphere": BOX, "ellipsoid": ELLIPSOID, "hull": HULL}
 """A capsule is a segment, a sphere a point, both boxes without width, grown by their radius."""
 _ROBOT_SHAPES = {
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
@@ -110,14 +111,12 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
     static = sorted(scene.static_obstacles, key=lambda obstacle: -(obstacle.position[2] + obstacle.extent[2]))
     return Obstacles.of(
         objects=Solids(
-            core=np.array([body_core(body) for body in bodies], dtype=np.int64),
+            core=np.array([CORES[body.shape] for body in bodies], dtype=np.int64),
             half=_rows([body.half_extents for body in bodies]),
             radius=np.zeros(len(bodies)),
             bound=np.array([body_bound(body) for body in bodies], dtype=float),
             position=_rows([body.position for body in bodies]),
             rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
-            vertices=np.zeros((0, 3)),
-            first=np.zeros(0, dtype=np.int64),
         ),
         upright=(upright[0], upright[1], upright[2]),
         static=_static_solids(static),
@@ -136,7 +135,7 @@ def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
 
     solids = obstacles.objects
     objects = solids._replace(
-        core=put(solids.core, body_core(body)),
+        core=put(solids.core, CORES[body.shape]),
         half=put(solids.half, body.half_extents),
         bound=put(solids.bound, body_bound(body)),
         position=put(solids.position, body.position),
@@ -144,11 +143,6 @@ def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
     )
     upright = put(obstacles.radius, body.radius), put(obstacles.bottom, body.bottom), put(obstacles.top, body.top)
     return Obstacles.of(objects, upright, obstacles.static, obstacles.extent)
-
-
-def body_core(body: Body) -> int:
-    """BOX or CYLINDER."""
-    return _CORES[body.shape]
 
 
 def body_bound(body: Body) -> float:
@@ -164,7 +158,7 @@ def _static_solids(obstacles: Sequence[StaticObstacle]) -> Solids:
     segment = np.column_stack((np.zeros((len(half), 2)), half[:, 2] - half[:, 0]))
     half = np.where(is_round[:, None], segment, half)
     return Solids(
-        core=np.array([_CORES[obstacle.shape] for obstacle in obstacles], dtype=np.int64),
+        core=np.array([CORES[obstacle.shape] for obstacle in obstacles], dtype=np.int64),
         half=half,
         radius=radius,
         bound=np.linalg.norm(half, axis=1) + radius,
@@ -202,7 +196,7 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
     reach = arrays.reach.copy()
     reach[2] = max(reach[2], float(np.linalg.norm((p[-1] + R[-1] @ T[:3, 3])[:2])) + bound)
     return arrays._replace(
-        core=np.append(arrays.core, body_core(body)),
+        core=np.append(arrays.core, CORES[body.shape]),
         half=np.vstack((arrays.half, body.half_extents)),
         radius=np.append(arrays.radius, 0.0),
         bound=np.append(arrays.bound, bound),
@@ -247,8 +241,13 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     position = np.array([R[k].T @ (data.geom_xpos[geom] - p[k]) for geom, k in zip(geoms, link, strict=True)])
     rotation = np.array([R[k].T @ data.geom_xmat[geom].reshape(3, 3) for geom, k in zip(geoms, link, strict=True)])
     core, half, radius, bound = _shapes(model, geoms)
-    slide = _finger_directions(model, data, robot, geoms, R[chain.size - 1])
+    fingers = {int(model.jnt_bodyid[joint]): joint for joint in (model.joint(f).id for f in robot.finger_joints)}
+    slide = np.zeros((len(geoms), 3))
+    for row, geom in enumerate(geoms):
+        if (body := int(model.geom_bodyid[geom])) in fingers:
+            slide[row] = R[chain.size - 1].T @ data.xaxis[fingers[body]]
     slides = (slide != 0).any(axis=1)
+    distant = [(i, j) for i, j in itertools.combinations(range(len(link)), 2) if abs(link[i] - link[j]) > 1]
     return RobotArrays(
         offsets=chain.offsets,
         axes=chain.axes,
@@ -267,7 +266,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         slide=slide,
         gap=robot.finger_gap_closed,
         slide_end=robot.max_finger_position,
-        self_pairs=_pairs_of_distant_links(link),
+        self_pairs=np.array(distant, dtype=np.int64).reshape(-1, 2),
         held_from=int(np.argmax(link < chain.size - 1)),
         reach=_reach(chain, link, position, bound + robot.max_finger_position * slides),
         tip_reach=_reach(chain, np.array([chain.size - 1]), chain.tip[None, :3], np.zeros(1)),
@@ -300,34 +299,12 @@ def _shapes(model: mujoco.MjModel, geoms: Iterable[int]) -> tuple[NDArray[np.int
             raise GeometryError(f"geom {model.geom(geom).name!r} is none of {known}")
         shape = _ROBOT_SHAPES[kind]
         is_round = shape in ("capsule", "sphere")
-        core.append(_CORES[shape])
+        core.append(CORES[shape])
         radius.append(size[0] if is_round else 0.0)
         half.append([0.0, 0.0, size[1]] if is_round else size[[0, 0, 1]] if shape == "cylinder" else size)
     cores, halves, radii = np.array(core, dtype=np.int64), np.array(half), np.array(radius)
     diagonal = np.where(cores == CYLINDER, np.hypot(halves[:, 0], halves[:, 2]), np.linalg.norm(halves, axis=1))
     return cores, halves, radii, diagonal + radii
-
-
-def _finger_directions(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, geoms: Sequence[int], gripper: Array
-) -> Array:
-    """Motion of each geom in the last link per metre of the finger joint, (p, 3); 0 for geoms not on a finger.
-
-    `gripper` (3, 3) is the orientation of the last link.
-    """
-    joints = {int(model.jnt_bodyid[joint]): joint for joint in (model.joint(name).id for name in robot.finger_joints)}
-    slide = np.zeros((len(geoms), 3))
-    for row, geom in enumerate(geoms):
-        body = int(model.geom_bodyid[geom])
-        if body in joints:
-            slide[row] = gripper.T @ data.xaxis[joints[body]]
-    return slide
-
-
-def _pairs_of_distant_links(link: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs of solids that are neither on the same link nor on neighbouring links."""
-    pairs = [(i, j) for i in range(len(link)) for j in range(i + 1, len(link)) if abs(link[i] - link[j]) > 1]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Array) -> Array:

@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.compilation import njit
 from irm.kinematics import arm_jacobian, fk_frames
-from planners.collision.leaf_kernels import copy_row, leaf_kernel
+from planners.collision.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import RobotArrays
-from planners.collision.struct_pointers import pointer_to
 from planners.collision.world import CollisionWorld
 
 Array = NDArray[np.float64]
@@ -103,10 +102,18 @@ def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q
 def track_line(
     robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
 ) -> Array:
+    """`follow_line`, called from Python: of a robot that comes by value."""
+    return follow_line(pointer_to(robot), q_start, direction, distance, step, jump, speed)
+
+
+@njit(cache=True)
+def follow_line(
+    robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
+) -> Array:
     """Configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` included.
 
     Args:
-        robot: whose chain it is.
+        robot: whose chain it is, by reference.
         q_start: (n,).
         direction: (3,) unit vector in the base frame.
         distance: [m].
@@ -117,14 +124,6 @@ def track_line(
     Returns:
         the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
     """
-    return follow_line(pointer_to(robot), q_start, direction, distance, step, jump, speed)
-
-
-@njit(cache=True)
-def follow_line(
-    robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
-) -> Array:
-    """As `track_line`, of a robot that comes by reference."""
     n = q_start.shape[0]
     parts = max(1, math.ceil(distance / step - 1e-9))
     path = np.empty((parts + 1, n))

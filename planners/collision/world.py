@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.gjk import BOX, are_within
-from planners.collision.hit_kernels import CollisionQuery, many_hits, path_hits
-from planners.collision.robot_pose_kernel import Attached, Scratch, make_scratch
+from planners.collision.hit_kernels import Attached, CollisionQuery, Scratch, make_scratch, many_hits, path_hits
 from planners.collision.scene_arrays import (
+    CORES,
     Obstacles,
     RobotArrays,
     body_bound,
-    body_core,
     obstacle_arrays,
     robot_of,
     with_object,
@@ -49,19 +48,12 @@ OVERLAP = 0.002
 
 
 class _Carried(NamedTuple):
-    """What checks need to know of a held object, or of none.
+    """A held object, or none, prepared for checks."""
 
-    Attributes:
-        held: the object; kept, so that its id stays its own.
-        attached: the same for kernels.
-        width: [m] between the fingers; 0 without an object.
-        scratch: memory of the checks. Kernels hold the interpreter's lock, so that no two write to it at once.
-    """
-
-    held: HeldObject | None
+    held: HeldObject | None  # kept, so that its id, by which it is remembered, stays its own
     attached: Attached
-    width: float
-    scratch: Scratch
+    width: float  # [m] between the fingers; 0 without an object
+    scratch: Scratch  # kernels hold the interpreter's lock, so that no two write to it at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +126,11 @@ class CollisionWorld:
 
     def _carry(self, held: HeldObject | None) -> _Carried:
         """What is computed once for each held object, and for none."""
-        known = self._carried.get(id(held))
-        if known is None:
+        if id(held) not in self._carried:
             width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
             attached = self._attach(held)
-            known = _Carried(held, attached, width, make_scratch(self.robot, attached))
-            self._carried[id(held)] = known
-        return known
+            self._carried[id(held)] = _Carried(held, attached, width, make_scratch(self.robot, attached))
+        return self._carried[id(held)]
 
     def _attach(self, held: HeldObject | None) -> Attached:
         """Two solids for kernels: the held object, and a copy with its bottom raised; see `Attached`."""
@@ -153,7 +143,7 @@ class CollisionWorld:
         shrunk, up = self._raised_bottom(body, held)
         return Attached(
             bit=self.scene.index(held.name),
-            core=body_core(body),
+            core=CORES[body.shape],
             half=np.stack([body.half_extents, body.half_extents - shrunk]),
             bound=bound,
             position=np.stack([position, position + rotation @ up]),
@@ -266,11 +256,7 @@ class CompiledScenes:
 
 
 def objects_on(world: CollisionWorld, name: str) -> int:
-    """Mask of the objects that stand on that one, directly or on each other.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """Mask of the objects that stand on that one, directly or on each other; raises `UnknownObject`."""
     scene = world.scene
     below = [scene.body(name)]
     found = 0

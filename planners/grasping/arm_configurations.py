@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
-from irm.ik.solutions import free_angles, solver_arrays
+from irm.ik.solvers import free_angles, solver_arrays
 from planners.collision.driven_world import Drive, Extents
-from planners.collision.robot_pose_kernel import make_scratch
+from planners.collision.hit_kernels import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
@@ -22,10 +22,10 @@ from planners.scene.cover import BACK, LEAST_LIFT, direction_out, distance_out, 
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
-_ABOUT_HOME = 24
-"""Angles of the free joint about home in a full turn: 15° apart."""
+_TORSO_STEP, _ABOUT_HOME = 0.05, 24
+"""[m] between torso heights about home, and angles of the free joint about home in a full turn: 15° apart."""
 _HEIGHT_AND_PITCH = (5, 1)
-"""Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.arm.kinematics.ArmChain`."""
+"""Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.chain.ArmChain`."""
 _SAME_DRIVE = 9
 """Decimals of yaws [rad] and directions that count as the same."""
 
@@ -49,7 +49,7 @@ class ConfigurationGrid(NamedTuple):
     Attributes:
         torsos: (t,) heights of the torso [m].
         rolls: (r,) angles of the arm's free joint [rad], Fetch's upper-arm roll; see
-            `irm.arm.general.solutions.free_angles`.
+            `irm.ik.solutions.free_angles`.
         nearest_home: of the configurations for one gripper pose only the one nearest to the home configuration counts.
             A robot that follows TCP poses ends up there, as its controller keeps the joints near home.
     """
@@ -65,30 +65,25 @@ class ConfigurationGrid(NamedTuple):
         return cls(np.asarray(heights, np.float64), free_angles(chain, rolls))
 
     @classmethod
-    def near_home(cls, chain: ArmChain, torsos: int = 10, rolls: int = 36) -> ConfigurationGrid:
+    def near_home(cls, chain: ArmChain) -> ConfigurationGrid:
         """A finer grid for robots that follow TCP poses; `nearest_home` is set."""
-        return cls.over(chain, torsos, rolls)._replace(nearest_home=True)
+        return cls.over(chain, torsos=10, rolls=36)._replace(nearest_home=True)
 
     @classmethod
-    def about_home(cls, chain: ArmChain, home: Sequence[float], torso_step: float = 0.05) -> ConfigurationGrid:
+    def about_home(cls, chain: ArmChain, home: Sequence[float]) -> ConfigurationGrid:
         """Torso heights and angles of the free joint that include those of the home configuration; `nearest_home` set.
 
-        Heights are `torso_step` [m] apart, those off the limits by less than half of it left out; angles 15° apart.
+        Heights are 5 cm apart, those off the limits by less than half of it left out; angles 15° apart.
         """
-        steps = np.arange(-np.ceil((chain.upper[0] - chain.lower[0]) / torso_step), 0) * torso_step
+        steps = np.arange(-np.ceil((chain.upper[0] - chain.lower[0]) / _TORSO_STEP), 0) * _TORSO_STEP
         heights = home[0] + np.concatenate(([0.0], np.column_stack((steps, -steps))[::-1].ravel()))
-        inside = (heights >= chain.lower[0] + torso_step / 2) & (heights <= chain.upper[0] - torso_step / 2)
-        return cls(np.asarray(heights[inside], np.float64), _angles_about(chain, home), nearest_home=True)
-
-
-def _angles_about(chain: ArmChain, home: Sequence[float]) -> Array:
-    """Angles of the free joint [rad] 15° apart, that at home first; what else `free_angles` gives for other arms."""
-    free = solver_arrays(chain).free
-    if free < 0:
-        return free_angles(chain, _ABOUT_HOME)
-    turns = np.arange(1, _ABOUT_HOME // 2) * (2 * np.pi / _ABOUT_HOME)
-    angles = home[free] + np.concatenate(([0.0], np.column_stack((turns, -turns)).ravel(), [np.pi]))
-    return np.asarray(angles[(angles >= chain.lower[free]) & (angles <= chain.upper[free])], np.float64)
+        inside = (heights >= chain.lower[0] + _TORSO_STEP / 2) & (heights <= chain.upper[0] - _TORSO_STEP / 2)
+        free, angles = solver_arrays(chain).free, free_angles(chain, _ABOUT_HOME)
+        if free >= 0:
+            turns = np.arange(1, _ABOUT_HOME // 2) * (2 * np.pi / _ABOUT_HOME)
+            angles = home[free] + np.concatenate(([0.0], np.column_stack((turns, -turns)).ravel(), [np.pi]))
+            angles = angles[(angles >= chain.lower[free]) & (angles <= chain.upper[free])]
+        return cls(np.asarray(heights[inside], np.float64), np.asarray(angles, np.float64), nearest_home=True)
 
 
 class ArmConfigurations(NamedTuple):
@@ -141,7 +136,9 @@ def scan_configurations(
     if driven is not None:
         known |= gripper_hits(driven, gripper_poses, opening, held=held, ignore=ignore)
     query, home = (driven or world).query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
-    order, needs_home = np.arange(len(bases)) if first_free else _order_by_hits(known), driven is None
+    # Those whose gripper hits fewest objects come first: what they find rules out most of the others.
+    by_hits = np.argsort(np.bitwise_count(known & ~np.uint64(FIXED_BITS)), kind="stable")
+    order, needs_home = np.arange(len(bases)) if first_free else by_hits, driven is None
     memory, (torsos, rolls, nearest_home) = make_memory(len(home)), grid
     scan(query, memory, home, bases, gripper_poses, known, order, torsos, rolls, nearest_home, needs_home)
     kept, count = memory.kept, int(memory.kept.size[0])
@@ -167,11 +164,6 @@ def gripper_hits(
     query = query._replace(robot=robot, scratch=make_scratch(robot, query.attached))
     hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))
     return hits
-
-
-def _order_by_hits(known: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Indices (k,) of gripper poses, those that hit fewest objects first."""
-    return np.argsort(np.bitwise_count(known & ~np.uint64(FIXED_BITS)), kind="stable")
 
 
 def _rows(values: Array) -> Array:
@@ -221,7 +213,8 @@ def driven_configurations(
 
     Hits are those of the configuration, of the drive, and of the object `body` that is grasped or put down, moved out.
     """
-    parts: list[ArmConfigurations] = []
+    none = np.zeros(0, np.int64)
+    parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]
     extents: dict[bytes, Extents] = {}
     for drive, rows in _drives(world.scene, poses):
         chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
@@ -230,8 +223,7 @@ def driven_configurations(
         if first_free and before:
             continue
         key = drive.direction.tobytes()
-        if key not in extents:
-            extents[key] = Extents.of(world, drive.direction)
+        extents[key] = extents.get(key) or Extents.of(world, drive.direction)
         driven = extents[key].driven_world(drive, body if held is None else None)
         found = scan_configurations(
             world, chosen, grid, opening, held=held, ignore=ignore, first_free=first_free, driven=driven
@@ -246,7 +238,7 @@ def driven_configurations(
             parts.append(found)
         elif not hits.all():
             return ArmConfigurations(*(column[hits == 0] for column in found))
-    return _joined(parts, len(world.robot.lower))
+    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
@@ -260,8 +252,3 @@ def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[
         starts = poses.gripper_poses[rows, :2] + offset
         farthest = max(distance_out(scene.support, start, direction) for start in starts)
         yield Drive(offset, direction, farthest, LEAST_LIFT), rows
-
-
-def _joined(parts: Sequence[ArmConfigurations], joints: int) -> ArmConfigurations:
-    none = ArmConfigurations(np.zeros((0, joints)), np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0))
-    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(none, *parts, strict=True)))

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
-from irm.cache import cached_map
 from irm.chain import BASE, ArmChain
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
+from irm.reachability_map import cached_map
 from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.grasp_poses import wrap_to_pi
 from planners.scene import Scene, StaticObstacle
@@ -31,6 +31,8 @@ GROUND_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
 GROUND_SIZE = 2.5
 """[m] from the centre of the support to the edges of the ground that is used."""
+_YAW_TOLERANCE = 1e-6
+"""[rad] by which the yaw of the map's approach may differ from the gripper's: rounding."""
 _SPARE = 6
 """Base poses looked at for each one wanted, of a base that is not round."""
 WALL_HEIGHT = 0.5
@@ -73,9 +75,18 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     Raises:
         SceneError: the scene has no support.
     """
-    obstacles = _beside_base(scene)
-    outlines = [_shadow(scene, one) if with_shadows and _is_wall(scene, one) else one.outline for one in obstacles]
-    x, y = scene.support.position[:2]
+    top, centre, outlines = scene.support.top, scene.support.position[:2], []
+    for obstacle in _beside_base(scene):
+        outline = obstacle.outline
+        is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
+        if with_shadows and is_tall and not obstacle.is_under(centre):
+            # No arm reaches the support across a wall beside it: all that it hides from the centre is left out.
+            away = outline - centre
+            far = away * (3 * GROUND_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
+            corners = centre + np.concatenate((away, far))
+            outline = corners[ConvexHull(corners).vertices]
+        outlines.append(outline)
+    x, y = centre
     bounds = (x - GROUND_SIZE, y - GROUND_SIZE, x + GROUND_SIZE, y + GROUND_SIZE)
     return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + GROUND_MARGIN, bounds)
 
@@ -84,21 +95,6 @@ def _beside_base(scene: Scene) -> list[StaticObstacle]:
     """The static obstacles at heights of the base, the torso or the head."""
     low, high = _trunk_heights(scene.robot)
     return [one for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
-
-
-def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
-    """Whether no arm reaches the support across an obstacle beside it."""
-    top = scene.support.top
-    is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
-    return is_tall and not obstacle.is_under(scene.support.position[:2])
-
-
-def _shadow(scene: Scene, obstacle: StaticObstacle) -> Array:
-    """The ground (v, 2) under and behind an obstacle, as seen from the centre of the support."""
-    away = obstacle.outline - scene.support.position[:2]
-    far = away * (3 * GROUND_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
-    corners = scene.support.position[:2] + np.concatenate((away, far))
-    return np.asarray(corners[ConvexHull(corners).vertices])
 
 
 @cache
@@ -140,7 +136,6 @@ class MapPlacer:
         ground: where the base may stand for a level gripper; the lower bounds of the frozen suites rest on it.
         open_ground: where it may stand for a tilted gripper: not behind walls.
         per_gripper_pose: base poses returned for each gripper pose at most.
-        yaw_tolerance: [rad] by which the yaw of the map's approach may differ from the gripper's.
         robot: whose outline must fit too, None for a round one.
         outlines: corners (v, 2) of the obstacles that it must fit between.
     """
@@ -149,7 +144,6 @@ class MapPlacer:
     ground: FreeSpace
     open_ground: FreeSpace
     per_gripper_pose: int = 3
-    yaw_tolerance: float = 1e-6
     robot: RobotSpec | None = None
     outlines: tuple[Array, ...] = ()
 
@@ -186,7 +180,7 @@ class MapPlacer:
         An object that has slipped in the gripper may have to be released a little beyond straight down.
         """
         yaws, wanted = gripper_poses[:, 3], max(self.per_gripper_pose, most)
-        ranges = np.column_stack((yaws - self.yaw_tolerance, yaws + self.yaw_tolerance))
+        ranges = np.column_stack((yaws - _YAW_TOLERANCE, yaws + _YAW_TOLERANCE))
         found = self.map.query_batch(
             gripper_poses[:, :3],
             yaw_ranges=ranges,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import itertools
+import operator
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeAlias
 
@@ -24,7 +26,6 @@ from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 
 Array = NDArray[np.float64]
-Pair: TypeAlias = tuple[bytes, float, float]
 
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
@@ -89,7 +90,7 @@ class GraspCandidate:
         return self.object, self.base.tobytes(), self.arm.encode() + self.q.tobytes()
 
     @property
-    def pair(self) -> Pair:
+    def pair(self) -> tuple[bytes, float, float]:
         """Identifies the base pose and the gripper pose among the grasps of the object."""
         return self.base.tobytes(), self.yaw, self.pitch
 
@@ -99,11 +100,16 @@ def gripper_poses(grasps: Sequence[GraspPose]) -> Array:
     return np.array([(*grasp.T_world_tcp[:3, 3], grasp.yaw, grasp.pitch) for grasp in grasps]).reshape(-1, 5)
 
 
-def as_candidates(name: str, poses: GripperPoses, opening: float, found: ArmConfigurations) -> Iterator[GraspCandidate]:
+def as_candidates(
+    name: str, poses: GripperPoses, opening: float, found: ArmConfigurations, arm: str, drives: bool = False
+) -> list[GraspCandidate]:
     """The grasps of an object that a scan found for these gripper poses, with the gripper open by `opening` [m]."""
+    candidates = []
     for q, pair, hits, quality in zip(found.q, found.pair, found.hits, found.quality, strict=True):
         yaw, pitch = map(float, poses.gripper_poses[pair, 3:])
-        yield GraspCandidate(name, poses.bases[pair], q, yaw, pitch, opening, int(hits), float(quality))
+        base, worth = poses.bases[pair], float(quality)
+        candidates.append(GraspCandidate(name, base, q, yaw, pitch, opening, int(hits), worth, drives, arm))
+    return candidates
 
 
 class Stage(NamedTuple):
@@ -113,27 +119,16 @@ class Stage(NamedTuple):
     bases: int = 0
 
 
+_Grasps: TypeAlias = tuple[GraspCandidate, ...]
+
+
 class _Known(NamedTuple):
-    """What is known of one object's grasps.
-
-    Attributes:
-        candidates: found so far.
-        unseen: the stages that were not looked at yet.
-        tried: base poses and gripper poses at which motion planning found a grasp worse than expected.
-        refills: how often grasps were looked for again without these.
-    """
+    """Knowledge of one object's grasps."""
 
     candidates: tuple[GraspCandidate, ...]
-    unseen: tuple[Stage, ...]
-    tried: frozenset[Pair] = frozenset()
-    refills: int = 0
-
-
-class _Merged(NamedTuple):
-    """The grasps of one object by arm, and all of them."""
-
-    parts: tuple[tuple[GraspCandidate, ...], ...]
-    candidates: tuple[GraspCandidate, ...]
+    unseen: tuple[Stage, ...]  # not looked at yet
+    tried: frozenset[tuple[bytes, float, float]] = frozenset()  # found worse than expected by motion planning
+    refills: int = 0  # how often grasps were looked for again without these
 
 
 @dataclass
@@ -161,16 +156,17 @@ class GraspCandidates:
     _scene: Scene | None = None
     _views: dict[str, Scene] = field(default_factory=dict)
     _known: dict[tuple[str, str], _Known] = field(default_factory=dict)
-    _merged: dict[str, _Merged] = field(default_factory=dict)
+    _merged: dict[str, tuple[_Grasps, list[_Grasps]]] = field(default_factory=dict)
 
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
-        views = self._views_of(scene)
-        parts = tuple(self._through_arm(view, name) for view in views.values())
-        merged = self._merged.get(name)
-        if merged is None or any(part is not before for part, before in zip(parts, merged.parts, strict=True)):
-            merged = self._merged[name] = _Merged(parts, best_first(grasp for part in parts for grasp in part))
-        return merged.candidates
+        by_arm = [self._through_arm(view, name) for view in self._views_of(scene).values()]
+        merged, before = self._merged.get(name, ((), []))
+        # Sorting takes longer than all else here, and most calls ask again for what has not changed.
+        if len(before) != len(by_arm) or any(map(operator.is_not, by_arm, before)):
+            merged = best_first(itertools.chain(*by_arm))
+            self._merged[name] = merged, by_arm
+        return merged
 
     def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
         """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family."""
@@ -178,7 +174,8 @@ class GraspCandidates:
         found: list[GraspCandidate] = []
         for view in self._views_of(scene).values():
             body = view.body(name)
-            for grasps in (generate_grasps(body, view.robot, (family,)) for family in self.families):
+            for family in self.families:
+                grasps = generate_grasps(body, view.robot, (family,))
                 wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
                 poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
                 of_family = self._scan(view, body, poses, self._grid(view), opening) if grasps else []
@@ -193,26 +190,23 @@ class GraspCandidates:
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
-        view = self._view(scene, grasp)
+        view = self._views_of(scene)[grasp.arm]
         others = [other for other in self._through_arm(view, grasp.object) if other.key != grasp.key]
         self._keep(view, grasp, others)
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
-        worse, view = replace(grasp, blockers=grasp.blockers | blockers), self._view(scene, grasp)
+        worse, view = replace(grasp, blockers=grasp.blockers | blockers), self._views_of(scene)[grasp.arm]
         known = self._through_arm(view, grasp.object)
         self._keep(view, grasp, [worse if other.key == grasp.key else other for other in known])
 
     def _views_of(self, scene: Scene) -> dict[str, Scene]:
         """The scene with each arm active; what is known of other arrangements of objects is forgotten."""
         if self._scene is not scene:
-            if self._scene is None or not _same_objects(self._scene, scene):
+            if self._scene is None or not _have_same_poses(self._scene, scene):
                 self._known, self._merged = {}, {}
             self._scene, self._views = scene, {arm: scene.using(arm) for arm in self.arms}
         return self._views
-
-    def _view(self, scene: Scene, grasp: GraspCandidate) -> Scene:
-        return self._views_of(scene)[grasp.arm]
 
     def _through_arm(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object with the active arm of a scene."""
@@ -238,15 +232,13 @@ class GraspCandidates:
             stages = self._stages()[: len(self._stages()) - len(known.unseen)]
             found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
             new = [other for other in found if other.key not in kept]
-            refilled = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
-            self._known[key] = refilled
+            self._known[key] = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
 
     def _stages(self) -> tuple[Stage, ...]:
         """Where grasps are looked for, in this order."""
         return tuple(Stage(family) for family in self.families)
 
     def _of_stage(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
-        """The grasps of one stage."""
         grasps = generate_grasps(body, scene.robot, (stage.family,))
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name].placer
         candidates: list[GraspCandidate] = []
@@ -256,8 +248,7 @@ class GraspCandidates:
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             opening = max(grasp.opening for grasp in grasps)
             candidates = self._scan(scene, body, poses, self._grid(scene), opening)
-            is_enough = any(not grasp.blockers for grasp in candidates) if covered else bool(candidates)
-            if is_enough:
+            if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
         return candidates
 
@@ -284,7 +275,7 @@ class GraspCandidates:
         else:
             found = scan_configurations(world, poses, grid, opening, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
-        return [replace(grasp, drives=covered, arm=arm) for grasp in as_candidates(body.name, poses, opening, found)]
+        return as_candidates(body.name, poses, opening, found, arm, covered)
 
 
 def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:
@@ -292,18 +283,13 @@ def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ..
     return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
 
 
-def _same_objects(one: Scene, other: Scene) -> bool:
+def _have_same_poses(one: Scene, other: Scene) -> bool:
     """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
-    return (
-        set(one.held_names) == set(other.held_names)
-        and len(one.objects) == len(other.objects)
-        and all(
-            a is b
-            or (
-                a.name == b.name
-                and np.array_equal(a.position, b.position)
-                and np.array_equal(a.quaternion, b.quaternion)
-            )
-            for a, b in zip(one.objects, other.objects, strict=True)
-        )
-    )
+
+    def is_same(a: Body, b: Body) -> bool:
+        same_position = a.name == b.name and np.array_equal(a.position, b.position)
+        return same_position and np.array_equal(a.quaternion, b.quaternion)
+
+    if set(one.held_names) != set(other.held_names) or len(one.objects) != len(other.objects):
+        return False
+    return all(a is b or is_same(a, b) for a, b in zip(one.objects, other.objects, strict=True))

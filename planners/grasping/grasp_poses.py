@@ -156,18 +156,19 @@ class GraspPose:
         self.T_world_tcp.setflags(write=False)
 
 
-def generate_grasps(
-    body: Body,
-    robot: RobotSpec,
-    families: Sequence[GraspFamily] = (SIDE,),
-) -> tuple[GraspPose, ...]:
+def generate_grasps(body: Body, robot: RobotSpec, families: Sequence[GraspFamily] = (SIDE,)) -> tuple[GraspPose, ...]:
     """All grasps of an object, of some families, that fit between the fingers (section 3.3, Figs. 5 and 6).
 
     A cylinder that stands is grasped from all directions of a family, anything else across the faces that the fingers
     can span. δ (TCP above the object's lowest point) and ε (TCP short of its main axis) are adapted to objects too low
     or too long for palm and fingertips.
     """
-    return tuple(grasp for family in families for grasp in _of_family(body, robot, family))
+    return tuple(
+        GraspPose(body.name, float(yaw), family.pitch, _pose(body, robot, family, yaw), gripper_opening(robot, half))
+        for family in families
+        for yaw, half in zip(*_yaws(body, family), strict=True)
+        if 2 * half < robot.max_opening
+    )
 
 
 def even_yaws(count: int) -> Array:
@@ -178,18 +179,6 @@ def even_yaws(count: int) -> Array:
 def gripper_opening(robot: RobotSpec, half_span: float) -> float:
     """Opening [m] with which to approach an object that is 2 `half_span` wide between the fingers."""
     return min(2 * (float(half_span) + FINGER_GAP), robot.max_opening)
-
-
-def _of_family(body: Body, robot: RobotSpec, family: GraspFamily) -> list[GraspPose]:
-    gripper = gripper_clearances(robot)
-    yaws, half_spans = _yaws(body, family)
-    return [
-        GraspPose(
-            body.name, float(yaw), family.pitch, _pose(body, robot, family, gripper, yaw), gripper_opening(robot, half)
-        )
-        for yaw, half in zip(yaws, half_spans, strict=True)
-        if 2 * half < robot.max_opening
-    ]
 
 
 def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
@@ -213,14 +202,21 @@ def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
     return yaws[:count], half_spans[:count]
 
 
-def _pose(body: Body, robot: RobotSpec, family: GraspFamily, gripper: GripperClearances, yaw: float) -> Array:
+def _pose(body: Body, robot: RobotSpec, family: GraspFamily, yaw: float) -> Array:
     """T_world_tcp (4, 4) of the grasp from one direction."""
-    down, level = math.sin(family.pitch), math.cos(family.pitch)
+    gripper, down, level = gripper_clearances(robot), math.sin(family.pitch), math.cos(family.pitch)
     heading = np.array((math.cos(yaw), math.sin(yaw), 0.0))
     approach = level * heading - np.array((0.0, 0.0, down))
+    # Palm and centre must stay this far apart along the approach.
     behind = body.half_extent_along(approach) - gripper.palm_reach
     height = body.top - body.bottom
-    delta = max(_delta(body, robot, family, gripper, behind), gripper.above_support(family.pitch))
+    if family.depth is not None:
+        deepest = height / 2 - behind / down
+        delta = height - min(max(deepest, gripper.least_depth), family.depth)
+    else:
+        delta = min(robot.grasp_height, height - gripper.pad_half_height)
+        delta = delta if body.is_upright else min(delta, height / 2)
+    delta = max(delta, gripper.above_support(family.pitch))
     epsilon = robot.grasp_axis_offset
     if level > _STRAIGHT_DOWN:
         epsilon = max(epsilon, (behind - (delta - height / 2) * down) / level)
@@ -231,16 +227,6 @@ def _pose(body: Body, robot: RobotSpec, family: GraspFamily, gripper: GripperCle
     T[:3, 3] = body.position - epsilon * heading
     T[2, 3] = body.bottom + delta
     return T
-
-
-def _delta(body: Body, robot: RobotSpec, family: GraspFamily, gripper: GripperClearances, behind: float) -> float:
-    """δ [m] of a grasp; `behind` [m] is how far palm and centre must stay apart along the approach."""
-    height = body.top - body.bottom
-    if family.depth is None:
-        delta = min(robot.grasp_height, height - gripper.pad_half_height)
-        return delta if body.is_upright else min(delta, height / 2)
-    deepest = height / 2 - behind / math.sin(family.pitch)
-    return height - min(max(deepest, gripper.least_depth), family.depth)
 
 
 def wrap_to_pi(angles: Array) -> Array:

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from irm.compilation import njit
 from irm.ik.closed_form import MAX_SOLUTIONS
-from irm.ik.solutions import CLOSED_FORM, arm_solutions
+from irm.ik.solvers import CLOSED_FORM, arm_solutions
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits
-from planners.collision.leaf_kernels import copy_row, leaf_kernel
+from planners.collision.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import follow_line
-from planners.collision.struct_pointers import pointer_to
 from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ the object, and which objects are in the way. Under a shelf the base drives stra
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -70,13 +71,13 @@ class ContactQuery:
         empty: while the gripper is empty and open; the object stands in that world.
         loaded: while the object is held.
         q: (8,) torso [m] and arm [rad] when the fingers close or open.
-        is_covered: whether a shelf hangs over the object.
+        body: the object where it stands before it is grasped, or after it was released.
     """
 
     empty: ArmQuery
     loaded: ArmQuery
     q: Array
-    is_covered: bool
+    body: Body
 
     @classmethod
     def grasp(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, name: str, ignore: int = 0) -> ContactQuery:
@@ -85,39 +86,38 @@ class ContactQuery:
         Raises:
             UnknownObject: no such object.
         """
-        body, T_world_tcp = world.scene.body(name), _tcp_pose(world.scene, base, q)
-        worlds, held = (world, with_clearance_below(world, name)), HeldObject.grasped(body, T_world_tcp)
-        return cls._around(worlds, np.asarray(base, float), np.asarray(q, float), held, body, ignore)
+        body = world.scene.body(name)
+        held = HeldObject.grasped(body, _tcp_pose(world.scene, base, q))
+        return cls._around(world, with_clearance_below(world, name), base, q, held, body, ignore)
 
     @classmethod
-    def release(
-        cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject
-    ) -> tuple[ContactQuery, Body]:
-        """A release of a held object, and the object where it will then stand.
-
-        Raises:
-            UnknownObject: no such object.
-        """
+    def release(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject) -> ContactQuery:
+        """A release of a held object where the gripper has it then; raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
-        worlds = (world.with_body(placed), world)
-        return cls._around(worlds, np.asarray(base, float), np.asarray(q, float), held, placed, 0), placed
+        return cls._around(world.with_body(placed), world, base, q, held, placed, 0)
 
     @classmethod
     def _around(
         cls,
-        worlds: tuple[CollisionWorld, CollisionWorld],
-        base: Array,
-        q: Array,
+        empty: CollisionWorld,
+        loaded: CollisionWorld,
+        base: ArrayLike,
+        q: ArrayLike,
         held: HeldObject,
         body: Body,
         ignore: int,
     ) -> ContactQuery:
         """The query in the worlds without and with the object in hand, which stands as `body`."""
-        scene = worlds[0].scene
+        there, scene = np.asarray(base, float), empty.scene
         grip = body.width_in_gripper(np.linalg.inv(_tcp_pose(scene, base, q)) @ body.pose)
         opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
-        empty, loaded = ArmQuery(worlds[0], base, opening, None, ignore), ArmQuery(worlds[1], base, grip, held, ignore)
-        return cls(empty, loaded, q, is_covered(scene, body.foot))
+        holding = ArmQuery(loaded, there, grip, held, ignore)
+        return cls(ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body)
+
+    @cached_property
+    def is_covered(self) -> bool:
+        """Whether a shelf hangs over the object."""
+        return is_covered(self.empty.world.scene, self.body.foot)
 
     @property
     def held(self) -> HeldObject:
@@ -163,6 +163,16 @@ def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: s
     return any(free_approach(query, pattern) is not None for pattern in query.patterns)
 
 
+def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
+    """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
+
+    Raises:
+        UnknownObject: no such object.
+    """
+    query = ContactQuery.release(world, base, q_release, held)
+    return any(free_approach(query, pattern) is not None for pattern in query.likely_patterns)
+
+
 def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
     """Whether the gripper could lift that object from a grasp (8,) if no other object were there.
 
@@ -170,16 +180,6 @@ def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: 
         UnknownObject: no such object.
     """
     return planned_approach(world, base, q_grasp, name) is not None
-
-
-def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
-    """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    query, _ = ContactQuery.release(world, base, q_release, held)
-    return any(free_approach(query, pattern) is not None for pattern in query.likely_patterns)
 
 
 def planned_approach(
@@ -218,12 +218,9 @@ def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
 def free_approach(query: ContactQuery, pattern: ApproachPattern) -> Approach | None:
     """The traced pattern if the arm can follow it without and with the object and hits nothing; faster than `trace`."""
     lines = _lines(query, pattern)
-    if lines is None:
+    if lines is None or query.empty.path_hits(lines[0], first_only=True):
         return None
-    empty, loaded = lines
-    if query.empty.path_hits(empty, first_only=True) or query.loaded.path_hits(loaded, first_only=True):
-        return None
-    return Approach(pattern, empty, loaded, 0, "transit")
+    return None if query.loaded.path_hits(lines[1], first_only=True) else Approach(pattern, *lines, 0, "transit")
 
 
 def trace(query: ContactQuery, pattern: ApproachPattern) -> Approach | str:

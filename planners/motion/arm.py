@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -24,14 +23,22 @@ from planners.scene.masks import FIXED_BITS
 Array = NDArray[np.float64]
 
 SIDE_CLEARANCE = 0.012
-"""[m] between each finger of the open gripper and the object."""
-_PHASE = "transit"
-"""The phase of a motion that this module plans, for messages."""
+"""[m] between each finger of the open gripper and the object: the `FINGER_GAP` of grasps, which motions do not know."""
+_ITERATIONS, _NEAR = 600, 0.8
+"""Random targets of a search at most, and the share of them drawn about the straight line from start to goal."""
+SHORTCUTS = 20
+"""Random shortcuts tried on a path that was found."""
+_COARSE_STEP = 0.015
+"""[m] between checks while searching; accepted paths are checked again at `collision.world.STEP`."""
+_MARGIN = 1.5
+"""[rad] beyond start and goal within which joints with a range of more than a turn are sampled."""
 _FULL_TURN = 2 * math.pi
 """[rad] A joint with a wider range reaches one orientation at several angles."""
 _UP = np.array([0.0, 0.0, 1.0])
 _RISES = (0.25, 0.19, 0.12, 0.06)
 """[m] that the gripper moves straight up before the arm moves home, tried in this order."""
+_chain = cache(ArmChain.from_robot)
+_GAVE_UP = NoPath(f"transit: no path found within {_ITERATIONS} iterations")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,34 +71,6 @@ class ArmQuery:
     def path_hits(self, X: Array, first_only: bool = False) -> int:
         """Mask of what a motion through whole-body configurations (k, 11) hits; see `CollisionWorld.path_hits`."""
         return self.world.path_hits(X, self.opening, self.held, self.ignore, first_only=first_only)
-
-
-@dataclass(frozen=True)
-class RRTConfig:
-    """Effort of one search with RRT-Connect.
-
-    Attributes:
-        iterations: random targets at most.
-        shortcuts: random shortcuts tried afterwards.
-        step: [m] between checks while searching; accepted paths are checked again at `collision.world.STEP`.
-        margin: [rad] beyond start and goal within which joints with a range of more than a turn are sampled.
-        near: share of the random targets that are drawn about the straight line from start to goal.
-    """
-
-    iterations: int = 600
-    shortcuts: int = 20
-    step: float = 0.015
-    margin: float = 1.5
-    near: float = 0.8
-
-
-DEFAULT_EFFORT = RRTConfig()
-"""For paths of the arm on a standing base."""
-
-
-@cache
-def _chain(robot: RobotSpec) -> ArmChain:
-    return ArmChain.from_robot(robot)
 
 
 def tcp_pose(robot: RobotSpec, state: RobotState) -> Array:
@@ -129,7 +108,6 @@ def plan_arm(
     q_goals: ArrayLike,
     *,
     rng: np.random.Generator,
-    config: RRTConfig = DEFAULT_EFFORT,
     find_blockers: bool = True,
 ) -> WholeBodyPath | BlockedBy | NoPath:
     """A free path from one configuration to one of several, shortened; at a distance of `CLEARANCE` if one is found.
@@ -139,27 +117,24 @@ def plan_arm(
         q_start: (8,).
         q_goals: (8,) or (k, 8); see `unwrap_joints` for continuous joints.
         rng: for the random trees; the same generator state gives the same path.
-        config: effort.
         find_blockers: whether to find out which objects are in the way; this repeats the search many times.
 
     Returns:
         the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
     """
     start, goals = np.array(q_start, dtype=float), np.atleast_2d(np.array(q_goals, dtype=float))
-    path = _path_within(query, start, goals, rng, config)
+    path = _path_within(query, start, goals, rng)
     if path is None:
-        return _blocking_set(query, start, goals, rng, config) if find_blockers else _gave_up(config)
+        return _blocking_set(query, start, goals, rng) if find_blockers else _GAVE_UP
     # The robot may be nearer than that to itself: its links are where they are in every path.
     wide = replace(query, world=query.world.with_padding(CLEARANCE), ignore=query.ignore | 1 << SELF_BIT)
     if wide.path_hits(on_base(query.base, path), first_only=True):
-        detour = _path_within(replace(wide, ignore=query.ignore), start, goals, rng, config)
+        detour = _path_within(replace(wide, ignore=query.ignore), start, goals, rng)
         path = path if detour is None else detour
     return WholeBodyPath(on_base(query.base, path), query.opening, query.held, query.ignore)
 
 
-def _blocking_set(
-    query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator, config: RRTConfig
-) -> BlockedBy | NoPath:
+def _blocking_set(query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator) -> BlockedBy | NoPath:
     """The smallest set of objects found without which `plan_arm` succeeds; confirmed by planning without them.
 
     The objects that start and goals touch are tried first, then those met by a path that ignores all objects; of the
@@ -168,20 +143,20 @@ def _blocking_set(
     world, names = query.world, query.world.scene.names
     touched = query.hits(np.vstack([start[None], goals]))
     if touched[0] & FIXED_BITS:
-        return NoPath(f"the start touches {_named(world, touched[0] & FIXED_BITS)}")
+        return NoPath(f"the start touches {' and '.join(world.names_of(touched[0] & FIXED_BITS))}")
     standing = [(h, goal) for h, goal in zip(touched[1:], goals, strict=True) if not h & FIXED_BITS]
     if not standing:
         worst = touched[1] if len(touched) > 1 else FIXED_BITS
-        return NoPath(f"every goal touches {_named(world, worst & FIXED_BITS)}")
+        return NoPath(f"every goal touches {' and '.join(world.names_of(worst & FIXED_BITS))}")
     least = min((h for h, _ in standing), key=lambda h: (h.bit_count(), h)) | touched[0]
     free_goals = np.array([goal for _, goal in standing])
 
     def plan_without(mask: int) -> Array | None:
         """A path among the other objects, (n, 8)."""
-        return _path_within(replace(query, ignore=query.ignore | mask), start, free_goals, rng, config)
+        return _path_within(replace(query, ignore=query.ignore | mask), start, free_goals, rng)
 
     if least and plan_without(least) is not None:
-        return BlockedBy(frozenset(world.scene.names_of(least)), _PHASE)
+        return BlockedBy(frozenset(world.scene.names_of(least)), "transit")
     everything = (1 << len(names)) - 1
     path = plan_without(everything)
     if path is None:
@@ -190,20 +165,10 @@ def _blocking_set(
     for bit in [1 << i for i in range(len(names)) if blockers & ~least & 1 << i]:
         if plan_without(blockers & ~bit) is not None:
             blockers &= ~bit
-    return BlockedBy(frozenset(world.scene.names_of(blockers)), _PHASE) if blockers else _gave_up(config)
+    return BlockedBy(frozenset(world.scene.names_of(blockers)), "transit") if blockers else _GAVE_UP
 
 
-def _named(world: CollisionWorld, mask: int) -> str:
-    return " and ".join(world.names_of(mask)) or "nothing"
-
-
-def _gave_up(config: RRTConfig) -> NoPath:
-    return NoPath(f"{_PHASE}: no path found within {config.iterations} iterations")
-
-
-def _path_within(
-    query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator, config: RRTConfig
-) -> Array | None:
+def _path_within(query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator) -> Array | None:
     """A verified path (n, 8), None when start or goals are blocked or the search gives up."""
     touched = np.array(query.hits(np.vstack([start[None], goals])), dtype=np.uint64)
     if touched[0] or touched[1:].all():
@@ -212,14 +177,14 @@ def _path_within(
     # The base stands; joints that turn without end stay near start and goals.
     robot, lower, upper = query.world.robot, X.min(axis=0), X.max(axis=0)
     turns = robot.upper - robot.lower > _FULL_TURN
-    lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - config.margin), robot.lower)
-    upper[3:] = np.where(turns, np.minimum(robot.upper, upper[3:] + config.margin), robot.upper)
+    lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - _MARGIN), robot.lower)
+    upper[3:] = np.where(turns, np.minimum(robot.upper, upper[3:] + _MARGIN), robot.upper)
     checks = query.world.query(query.opening, query.held, query.ignore, first_only=True)
-    for step in (config.step, STEP):
-        path = rrt_connect(checks, X[0], X[1:], lower, upper, step, config.iterations, config.near, rng)
+    for step in (_COARSE_STEP, STEP):
+        path = rrt_connect(checks, X[0], X[1:], lower, upper, step, _ITERATIONS, _NEAR, rng)
         if not len(path):
             return None
-        path = shortcut(checks, path, step, config.shortcuts, rng)
+        path = shortcut(checks, path, step, SHORTCUTS, rng)
         path = blend_corners(checks, path, step)
         if not query.path_hits(path):
             return np.asarray(path[:, len(query.base) :])
@@ -260,22 +225,16 @@ def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator
     for padded in (world, world.with_padding(0.0), world.with_padding(-OVERLAP)):
         query = ArmQuery(padded, state.base, opening, held)
         ignore = query.hits(state.q[None])[0] & ~FIXED_BITS
-        for line in sorted(_lines_up(padded, state), key=len, reverse=is_among):
+        lines = [state.q[None]]
+        for rise in _RISES:
+            up = (trace(padded, state.base, state.q, _UP, rise) for trace in (trace_straight, trace_by_torso))
+            lines += [line for line in up if line is not None]
+        for line in sorted(lines, key=len, reverse=is_among):
             if replace(query, ignore=ignore).path_hits(on_base(state.base, line)):
                 continue
             goal = unwrap_joints(padded.robot, line[-1], robot.home)
             path = plan_arm(query, line[-1], goal, rng=rng, find_blockers=False)
             if isinstance(path, WholeBodyPath):
-                rise = on_base(state.base, line[:-1])
-                return WholeBodyPath(np.vstack([rise, path.configurations]), opening, held)
+                raised = on_base(state.base, line[:-1])
+                return WholeBodyPath(np.vstack([raised, path.configurations]), opening, held)
     return NoPath("home: no free path of the arm to its home configuration found")
-
-
-def _lines_up(world: CollisionWorld, state: RobotState) -> Iterator[Array]:
-    """Configurations (n, 8) from the present one: none but itself, then straight lines up."""
-    yield state.q[None]
-    for rise in _RISES:
-        for trace in (trace_straight, trace_by_torso):
-            line = trace(world, state.base, state.q, _UP, rise)
-            if line is not None:
-                yield line

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import RRTConfig
+from planners.motion.arm import SHORTCUTS
 from planners.motion.path import CLEARANCE, NoPath, WholeBodyPath
 from planners.motion.rrt import rrt_connect, shortcut
 from planners.scene import HeldObject
 
-DRIVE_EFFORT = RRTConfig(iterations=2400, near=0.0)
-"""Detours around static obstacles are far from the straight line: no share of the targets is drawn near it."""
-RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
+_ITERATIONS, _NEAR = 2400, 0.0
+"""As for the arm, but detours around static obstacles are far from the straight line: no targets are drawn near it."""
+_RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
-ROAM = 1.0
+_ROAM = 1.0
 """[m] beyond start and goal within which a detour is searched for."""
 
 Array = NDArray[np.float64]
@@ -33,7 +33,6 @@ def plan_base(
     opening: float | None = None,
     held: HeldObject | None = None,
     rng: np.random.Generator | None = None,
-    config: RRTConfig = DRIVE_EFFORT,
 ) -> WholeBodyPath | NoPath:
     """A collision-free motion of the base: straight if possible, else backing away first, else by RRT-Connect.
 
@@ -47,7 +46,6 @@ def plan_base(
         opening: of the gripper [m]; by default closed around the held object, fully open without one.
         held: the held object.
         rng: for the random trees; seed 0 if not given.
-        config: effort of the search.
 
     Returns:
         the path, or why there is none.
@@ -65,10 +63,17 @@ def plan_base(
         touched = world.hits(place, configuration, opening, held)
         if touched:
             return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
-    found = _detour(world, here, there, configuration, opening, held, rng or np.random.default_rng(0), config)
-    if found is None:
-        return NoPath("drive: no path around the static obstacles found")
-    return WholeBodyPath(_with_arm(found, configuration), opening, held)
+    X = _with_arm(np.stack((here, there)), configuration)
+    lower, upper = X.min(axis=0), X.max(axis=0)
+    lower[:3] -= (_ROAM, _ROAM, math.pi)
+    upper[:3] += (_ROAM, _ROAM, math.pi)
+    checks, rng = world.query(opening, held, first_only=True), rng or np.random.default_rng(0)
+    path = rrt_connect(checks, X[0], X[1:], lower, upper, STEP, _ITERATIONS, _NEAR, rng)
+    if len(path):
+        path = shortcut(checks, path, STEP, SHORTCUTS, rng)
+        if not world.path_hits(path, opening, held):
+            return WholeBodyPath(path, opening, held)
+    return NoPath("drive: no path around the static obstacles found")
 
 
 def _with_arm(waypoints: Array, q: Array) -> Array:
@@ -83,40 +88,13 @@ def unwrap_yaw(yaw: float, near: float) -> float:
 
 def _simple_paths(start: Array, goal: Array) -> Iterator[Array]:
     """Waypoints (n, 3): turning on the way, before it or after it; then the same after backing away from the table."""
-    for retreat in RETREATS:
+    for retreat in _RETREATS:
         x = min(start[0], goal[0]) - retreat
         first, last = np.array([x, start[1], start[2]]), np.array([x, goal[1], goal[2]])
-        corners: tuple[tuple[Array, ...], ...] = (
-            (first, last),
-            (first, np.array([x, start[1], goal[2]]), last),
-            (first, np.array([x, goal[1], start[2]]), last),
-        )
         if retreat == 0.0:
             yield np.stack((start, goal))
             yield np.stack((start, np.array([*start[:2], goal[2]]), goal))
             yield np.stack((start, np.array([*goal[:2], start[2]]), goal))
-        for middle in corners:
-            yield np.stack((start, *middle, goal))
-
-
-def _detour(
-    world: CollisionWorld,
-    start: Array,
-    goal: Array,
-    q: Array,
-    opening: float,
-    held: HeldObject | None,
-    rng: np.random.Generator,
-    config: RRTConfig,
-) -> Array | None:
-    """Waypoints (n, 3) found by RRT-Connect over base poses."""
-    X = _with_arm(np.stack((start, goal)), q)
-    lower, upper = X.min(axis=0), X.max(axis=0)
-    lower[:3] -= (ROAM, ROAM, math.pi)
-    upper[:3] += (ROAM, ROAM, math.pi)
-    checks = world.query(opening, held, first_only=True)
-    path = rrt_connect(checks, X[0], X[1:], lower, upper, STEP, config.iterations, config.near, rng)
-    if not len(path):
-        return None
-    path = shortcut(checks, path, STEP, config.shortcuts, rng)
-    return None if world.path_hits(path, opening, held) else np.asarray(path[:, :3])
+        yield np.stack((start, first, last, goal))
+        yield np.stack((start, first, np.array([x, start[1], goal[2]]), last, goal))
+        yield np.stack((start, first, np.array([x, goal[1], start[2]]), last, goal))

@@ -60,7 +60,7 @@ def phases_of(trajectory: Trajectory) -> list[Trajectory]:
     starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
     ends = [*starts[1:], len(trajectory.times) - 1]
     return [
-        _of_states(trajectory.states[start : end + 1], phase)
+        Trajectory.of_states(trajectory.states[start : end + 1], phase)
         for start, end, phase in zip(starts, ends, trajectory.phases, strict=True)
     ]
 
@@ -84,25 +84,15 @@ def merge_phases(world: CollisionWorld, motion: ContactFree) -> list[Trajectory]
     if not max(len(ramp) - 1, len(motion.phases)) <= last < sum(motion.steps):
         return None
     bounds, states = _bounds(motion.steps, last), timed.states.copy()
-    begin = min(_first_with_moving_fingers(motion, bounds), last + 1 - len(ramp))
+    # The fingers begin to move with the phase in which they did as planned.
+    moving = (k for k, phase in enumerate(motion.phases) if np.ptp(phase.finger_position) > 0.0)
+    begin = min(bounds[next(moving, 0)], last + 1 - len(ramp))
     states[begin : begin + len(ramp), -1] = ramp
     states[begin + len(ramp) :, -1] = end
     return [
-        _of_states(states[first : final + 1], phase.phases[0])
+        Trajectory.of_states(states[first : final + 1], phase.phases[0])
         for (first, final), phase in zip(itertools.pairwise(bounds), motion.phases, strict=True)
     ]
-
-
-def _first_with_moving_fingers(motion: ContactFree, bounds: Sequence[int]) -> int:
-    """The number of the sample at which the first phase begins in which the fingers move; 0 if there is none."""
-    moving = (k for k, phase in enumerate(motion.phases) if np.ptp(phase.finger_position) > 0.0)
-    return bounds[next(moving, 0)]
-
-
-def _of_states(states: Array, phase: Phase) -> Trajectory:
-    """A trajectory of one phase from samples (n, 12) at control steps."""
-    times = np.asarray(CONTROL_STEP * np.arange(len(states)), np.float64)
-    return Trajectory(times, states[:, :3], states[:, 3:-1], states[:, -1], (phase._replace(start=0.0),))
 
 
 def _bounds(steps: Sequence[int], last: int) -> list[int]:
@@ -118,15 +108,17 @@ def _shorter_path(world: CollisionWorld, motion: ContactFree) -> Array | None:
     The straight line between what is kept of the lines at both ends, or else a polygon of corners on the planned path.
     """
     robot, checks = world.scene.robot, _Checks.of(world, motion)
-    starts = list(_lines(robot, motion.phases[0], motion.begins_in_contact))
-    ends = [line[::-1] for line in _lines(robot, _reversed(motion.phases[-1]), motion.ends_in_contact)]
+    starts = list(_lines(robot, motion.phases[0].states, motion.begins_in_contact))
+    ends = [line[::-1] for line in _lines(robot, motion.phases[-1].states[::-1], motion.ends_in_contact)]
     for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
         if checks.is_free(np.stack([starts[i][-1], ends[j][0]])):
-            path = checks.rounded(robot, starts[i], np.empty((0, starts[i].shape[1])), ends[j])
+            path = checks.rounded(starts[i], np.empty((0, starts[i].shape[1])), ends[j])
             if path is not None:
                 return path
-    corners = _corners(checks, np.vstack([starts[-1][-1:], _between_lines(motion), ends[-1][:1]]))
-    return None if corners is None else checks.rounded(robot, starts[-1], corners[1:-1], ends[-1])
+    inner = motion.phases[int(motion.begins_in_contact) : len(motion.phases) - int(motion.ends_in_contact)]
+    planned = [phase.states[:, :-1] for phase in inner]
+    corners = _corners(checks, np.vstack([starts[-1][-1:], *planned, ends[-1][:1]]))
+    return None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1])
 
 
 class _Checks(NamedTuple):
@@ -148,7 +140,7 @@ class _Checks(NamedTuple):
         wide = self.world.with_padding(CLEARANCE)
         return not wide.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
 
-    def rounded(self, robot: RobotSpec, start: Array, corners: Array, end: Array) -> Array | None:
+    def rounded(self, start: Array, corners: Array, end: Array) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
 
         Corners within the straight parts of the lines are rounded too if that is free.
@@ -158,39 +150,19 @@ class _Checks(NamedTuple):
         only_between = max(first - 1, 0), min(last + 1, len(polygon) - 1)
         for begin, stop in ((0, len(polygon) - 1), only_between):
             for half_width in _HALF_WIDTHS:
-                path, at = _rounded_between(robot, polygon, begin, stop, half_width)
-                changed = (at >= first) & (at <= last) | self._is_driven_differently(path, polygon, at)
-                if self._keeps_clear(path, changed):
+                smooth, at = round_corners(self.world.scene.robot, polygon[begin : stop + 1], half_width)
+                path = np.vstack([polygon[:begin], smooth, polygon[stop + 1 :]])
+                at = np.concatenate([np.arange(begin), at + begin, np.arange(stop + 1, len(polygon))])
+                on_polygon = np.column_stack([np.interp(at, np.arange(len(polygon)), column) for column in polygon.T])
+                is_off = np.abs(path - on_polygon) @ self.world.robot.reach > _OFF_LINE
+                drives = np.abs(np.gradient(path[:, :3], axis=0)).max(axis=1) > SAME_BASE
+                # What is not as planned keeps `CLEARANCE`; the lines beside contacts cannot, and need only be free.
+                changed = (at >= first) & (at <= last) | is_off & drives
+                edges = np.flatnonzero(np.diff(changed, prepend=False, append=False)).reshape(-1, 2)
+                is_clear = all(self.is_free(path[enter:leave]) for enter, leave in edges)
+                if is_clear and not self.world.path_hits(path, self.opening, self.held, first_only=True):
                     return path
         return None
-
-    def _is_driven_differently(self, path: Array, polygon: Array, at: Array) -> NDArray[np.bool_]:
-        """Where (m,) the base moves and a point of the robot may be off the polygon by more than `_OFF_LINE`."""
-        on_polygon = np.column_stack([np.interp(at, np.arange(len(polygon)), column) for column in polygon.T])
-        is_off = np.abs(path - on_polygon) @ self.world.robot.reach > _OFF_LINE
-        drives = np.abs(np.gradient(path[:, :3], axis=0)).max(axis=1) > SAME_BASE
-        return np.asarray(is_off & drives)
-
-    def _keeps_clear(self, path: Array, changed: NDArray[np.bool_]) -> bool:
-        """Whether a path is free, and where it was changed (m,) keeps `CLEARANCE`."""
-        edges = np.flatnonzero(np.diff(changed, prepend=False, append=False))
-        runs = (path[begin:end] for begin, end in edges.reshape(-1, 2))
-        return all(map(self.is_free, runs)) and not self.world.path_hits(path, self.opening, self.held, first_only=True)
-
-
-def _rounded_between(robot: RobotSpec, polygon: Array, begin: int, stop: int, half_width: float) -> tuple[Array, Array]:
-    """A polygon whose corners between two waypoints are rounded, and where on it each configuration is (m,)."""
-    path, at = round_corners(robot, polygon[begin : stop + 1], half_width)
-    return (
-        np.vstack([polygon[:begin], path, polygon[stop + 1 :]]),
-        np.concatenate([np.arange(begin), at + begin, np.arange(stop + 1, len(polygon))]),
-    )
-
-
-def _between_lines(motion: ContactFree) -> Array:
-    """The configurations (n, 11) as planned, without the lines at the ends beside contacts."""
-    inner = motion.phases[int(motion.begins_in_contact) : len(motion.phases) - int(motion.ends_in_contact)]
-    return np.vstack([np.empty((0, motion.phases[0].states.shape[1] - 1)), *(phase.states[:, :-1] for phase in inner)])
 
 
 def _corners(checks: _Checks, path: Array) -> Array | None:
@@ -207,16 +179,12 @@ def _corners(checks: _Checks, path: Array) -> Array | None:
     return np.array(corners)
 
 
-def _reversed(trajectory: Trajectory) -> Trajectory:
-    return _of_states(trajectory.states[::-1], trajectory.phases[0])
-
-
-def _lines(robot: RobotSpec, phase: Trajectory, in_contact: bool) -> Iterator[Array]:
-    """What of a phase beside a contact may be kept: configurations (n, 11), the contact first, the shortest first.
+def _lines(robot: RobotSpec, states: Array, in_contact: bool) -> Iterator[Array]:
+    """Parts of a phase beside a contact that may be kept: configurations (n, 11) from the contact on, shortest first.
 
     The last configuration is the corner. Without contact nothing but the first configuration is kept.
     """
-    X = phase.states[:, :-1]
+    X = states[:, :-1]
     if not in_contact:
         yield X[:1]
         return

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -12,12 +13,13 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_arrays
+from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory
-from planners.scene import Body, HeldObject, Scene, SceneError, StaticObstacle
+from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
 
-_ROBOT, OTHER = 1, 2
+_ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
-_OTHER_BITS = {"contype": OTHER, "conaffinity": 0}
+_OTHER_BITS = {"contype": _OTHER, "conaffinity": 0}
 OBJECT, _OBSTACLE = "object/", "obstacle/"
 """Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
 _GEOMS = {
@@ -28,8 +30,6 @@ _GEOMS = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
     "hull": mujoco.mjtGeom.mjGEOM_MESH,
 }
-_NEIGHBOURS = 1
-"""Links this far apart in the chain may touch."""
 TOLERANCE = 0.0005
 """[m] Penetration that an accepted path may have where it is checked; between the steps it may be as much again."""
 STEP = 0.01
@@ -41,13 +41,17 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | OTHER
-    _let_neighbours_touch(spec, scene)
+            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _OTHER
+    _exclude_neighbours(spec, scene)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_BITS)
     for obstacle in scene.static_obstacles:
         _add_obstacle(spec, obstacle)
     for body in scene.objects:
-        _add_object(spec, body)
+        name, half = OBJECT + body.name, body.half_extents
+        size = half if body.shape == "box" else [half[0], half[2], 0.0]
+        added = spec.worldbody.add_body(name=name)
+        added.add_freejoint(name=name)
+        added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
     return spec.compile()
 
 
@@ -70,52 +74,13 @@ def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
     spec.worldbody.add_geom(name=name, pos=obstacle.position, quat=quaternion, **shape, **_OTHER_BITS)
 
 
-def _add_object(spec: mujoco.MjSpec, body: Body) -> None:
-    name, half = OBJECT + body.name, body.half_extents
-    size = half if body.shape == "box" else [half[0], half[2], 0.0]
-    added = spec.worldbody.add_body(name=name)
-    added.add_freejoint(name=name)
-    added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
-
-
-def reported_name(name: str) -> str:
-    """Name of an object, a static obstacle or a geom of the robot, from that of a geom of the model."""
-    return name.removeprefix(OBJECT).removeprefix(_OBSTACLE)
-
-
-def _let_neighbours_touch(spec: mujoco.MjSpec, scene: Scene) -> None:
+def _exclude_neighbours(spec: mujoco.MjSpec, scene: Scene) -> None:
     """Exclude contacts between bodies on the same link or on neighbouring links."""
     model = spec.compile()
     links = link_of_body(model, scene.robot)
-    bodies = range(1, model.nbody)
-    for i, first in enumerate(bodies):
-        for second in bodies[i + 1 :]:
-            if abs(links[first] - links[second]) <= _NEIGHBOURS:
-                spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
-
-
-class Motion(Protocol):
-    """What can be checked: straight motions between whole-body configurations, with one held object or none."""
-
-    @property
-    def configurations(self) -> NDArray[np.float64]:
-        """(k, 11) base pose, torso and arm."""
-        ...
-
-    @property
-    def opening(self) -> float:
-        """Of the gripper [m]."""
-        ...
-
-    @property
-    def held(self) -> HeldObject | None:
-        """The held object."""
-        ...
-
-    @property
-    def ignore(self) -> int:
-        """Mask of objects that do not count."""
-        ...
+    for first, second in itertools.combinations(range(1, model.nbody), 2):
+        if abs(links[first] - links[second]) <= 1:
+            spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
 
 
 class PenetrationReport(NamedTuple):
@@ -133,17 +98,11 @@ class PenetrationReport(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """A part of a motion with the same held object, or none.
+    """A part of a motion with the same held object, or none."""
 
-    Attributes:
-        states: (k, 12) whole-body configurations and finger position.
-        held: the held object.
-        ignore: mask of objects that do not count.
-    """
-
-    states: NDArray[np.float64]
+    states: NDArray[np.float64]  # (k, 12) whole-body configurations and finger position
     held: HeldObject | None
-    ignore: int
+    ignore: int  # mask of objects that do not count
 
 
 class MujocoCollisionChecker:
@@ -179,11 +138,11 @@ class MujocoCollisionChecker:
         for body in scene.objects:
             self._put(body.name, body.position, body.quaternion)
 
-    def accepts(self, motion: Motion | Trajectory, tolerance: float = TOLERANCE, step: float = STEP) -> bool:
-        """Whether nothing penetrates deeper than `tolerance` [m]; see `deepest_penetration`."""
-        return self.deepest_penetration(motion, step).penetration <= tolerance
+    def accepts(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> bool:
+        """Whether nothing penetrates deeper than `TOLERANCE`; see `deepest_penetration`."""
+        return self.deepest_penetration(motion, step).penetration <= TOLERANCE
 
-    def deepest_penetration(self, motion: Motion | Trajectory, step: float = STEP) -> PenetrationReport:
+    def deepest_penetration(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> PenetrationReport:
         """The deepest penetration of a motion.
 
         Args:
@@ -194,20 +153,26 @@ class MujocoCollisionChecker:
         for segment in self._segments(motion):
             held_geom = -1 if segment.held is None else self._geoms[segment.held.name]
             ignored = {self._geoms[name] for name in self.scene.names_of(segment.ignore)}
-            grips = self._grips(held_geom)
+            # The geoms of held objects, each with those of the gripper that holds it, which may touch it.
+            grips = {} if held_geom < 0 else {held_geom: self._gripper}
+            for one in self.scene.aside:
+                grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
             for geom in grips:
-                self._let_collide(geom, OTHER)
+                self._let_collide(geom, _OTHER)
             for state in self._refine(segment, step):
                 self._place(state, segment.held)
                 worst = self._worse(worst, state, grips, ignored)
             if segment.held is not None:
-                self._leave(segment.held.name)
+                # From now on the object stays where it was placed last.
+                geom, quaternion = self._geoms[segment.held.name], np.empty(4)
+                mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
+                self._put(segment.held.name, self._data.geom_xpos[geom], quaternion)
             for geom in grips:
                 self._let_collide(geom, 0)
         self.move_to(self.scene)
         return worst
 
-    def _segments(self, motion: Motion | Trajectory) -> Iterator[_Segment]:
+    def _segments(self, motion: WholeBodyPath | Trajectory) -> Iterator[_Segment]:
         if not isinstance(motion, Trajectory):
             X = motion.configurations
             finger = self.scene.robot.finger_position(motion.opening)
@@ -255,12 +220,6 @@ class MujocoCollisionChecker:
         data.geom_xpos[geom] = data.site_xpos[tcp] + R @ held.T_tcp_object[:3, 3]
         data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
 
-    def _leave(self, name: str) -> None:
-        """From now on an object stays where it was placed last."""
-        geom, quaternion = self._geoms[name], np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
-        self._put(name, self._data.geom_xpos[geom], quaternion)
-
     def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
         start = self._start[name]
         self._data.qpos[start : start + 3] = position
@@ -270,14 +229,6 @@ class MujocoCollisionChecker:
         """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
         self._model.geom_conaffinity[geom] = bits
         self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
-
-    def _grips(self, held_geom: int) -> dict[int, set[int]]:
-        """The geoms of held objects, each with those of the gripper that holds it; -1 for no object."""
-        robot = self.scene.robot
-        grips = {} if held_geom < 0 else {held_geom: self._gripper}
-        for one in self.scene.aside:
-            grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, robot.using(one.arm))
-        return grips
 
     def _worse(
         self, worst: PenetrationReport, state: NDArray[np.float64], grips: dict[int, set[int]], ignored: set[int]
@@ -292,7 +243,8 @@ class MujocoCollisionChecker:
             pair = {int(geoms[0]), int(geoms[1])}
             is_grip = any(pair & grips[geom] for geom in pair & grips.keys())
             if not is_grip and not pair & ignored:
-                first, second = (reported_name(self._model.geom(geom).name) for geom in geoms)
+                names = (self._model.geom(geom).name for geom in geoms)
+                first, second = (name.removeprefix(OBJECT).removeprefix(_OBSTACLE) for name in names)
                 worst = PenetrationReport(-float(distance), (first, second), state[:-1].copy())
         return worst
 
@@ -300,17 +252,11 @@ class MujocoCollisionChecker:
 def _signature(scene: Scene) -> tuple[object, ...]:
     """What a model is built from, poses of objects excepted."""
     objects = tuple((body.name, body.shape, *body.half_extents) for body in scene.objects)
-    return (
-        scene.robot.name,
-        scene.robot.arm_name,
-        objects,
-        tuple(_obstacle_signature(one) for one in scene.static_obstacles),
+    obstacles = tuple(
+        (one.name, one.shape, *(a.tobytes() for a in (one.position, one.half_extents, one.rotation, one.vertices)))
+        for one in scene.static_obstacles
     )
-
-
-def _obstacle_signature(obstacle: StaticObstacle) -> tuple[object, ...]:
-    arrays = (obstacle.position, obstacle.half_extents, obstacle.rotation, obstacle.vertices)
-    return (obstacle.name, obstacle.shape, *(array.tobytes() for array in arrays))
+    return scene.robot.name, scene.robot.arm_name, objects, obstacles
 
 
 def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import CollisionWorld
-from planners.motion.approaches import Approach, ApproachPattern, ContactQuery, free_approach, trace
-from planners.motion.arm import DEFAULT_EFFORT, ArmQuery, RRTConfig, plan_arm, tcp_pose, unwrap_joints
+from planners.motion.approaches import Approach, ContactQuery, free_approach, trace
+from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, unwrap_joints
 from planners.motion.base import plan_base, unwrap_yaw
 from planners.motion.path import SAME_BASE, BlockedBy, NoPath, WholeBodyPath
 from planners.scene import Body, HeldObject, RobotState
@@ -36,53 +36,27 @@ LIFTED = 0.10
 
 
 @dataclass(frozen=True, eq=False)
-class PickMotion:
-    """Take an object: free `transit`, straight `approach`, (close,) straight `lift`, free `retreat` holding it.
+class PickPlaceMotion:
+    """A motion that takes an object or puts it down.
 
     Attributes:
-        name: of the object.
-        pattern: of the straight lines.
-        transit, approach, lift, retreat: the paths, each from where the one before ends.
-        held: the object, as it is held from the lift on.
+        transit, approach: the free path and the straight lines until the fingers close or open.
+        departure, retreat: the straight lines and the free path afterwards; each path begins where the last one ends.
+        held: the object, as it is held before or after.
+        body: the object where it stands when the fingers close, or once they have opened.
     """
 
-    name: str
-    pattern: ApproachPattern
     transit: WholeBodyPath
     approach: WholeBodyPath
-    lift: WholeBodyPath
+    departure: WholeBodyPath
     retreat: WholeBodyPath
     held: HeldObject
+    body: Body
 
     @property
     def paths(self) -> tuple[WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]:
-        """In order of time; the fingers close after the second."""
-        return self.transit, self.approach, self.lift, self.retreat
-
-
-@dataclass(frozen=True, eq=False)
-class PlaceMotion:
-    """Put an object down: free `transit`, straight `lower`, (open,) straight `rise`, free `retreat` without it.
-
-    Attributes:
-        placed: the object where it then stands.
-        pattern: of the straight lines.
-        transit, lower, rise, retreat: the paths, each from where the one before ends.
-        held: the object, as it is held until the fingers open.
-    """
-
-    placed: Body
-    pattern: ApproachPattern
-    transit: WholeBodyPath
-    lower: WholeBodyPath
-    rise: WholeBodyPath
-    retreat: WholeBodyPath
-    held: HeldObject
-
-    @property
-    def paths(self) -> tuple[WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]:
-        """In order of time; the fingers open after the second."""
-        return self.transit, self.lower, self.rise, self.retreat
+        """In order of time; the fingers close or open after the second."""
+        return self.transit, self.approach, self.departure, self.retreat
 
 
 def plan_pick(
@@ -94,8 +68,7 @@ def plan_pick(
     *,
     rng: np.random.Generator,
     ignore: int = 0,
-    config: RRTConfig = DEFAULT_EFFORT,
-) -> PickMotion | BlockedBy | NoPath:
+) -> PickPlaceMotion | BlockedBy | NoPath:
     """Take an object with a given grasp, then carry it in the home configuration, or another where that does not fit.
 
     Args:
@@ -106,7 +79,6 @@ def plan_pick(
         name: of the object.
         rng: for the free paths.
         ignore: mask of objects that are not obstacles.
-        config: effort of each free path.
 
     Returns:
         the motion; the smallest set of objects found to be in its way; or why clearing would not help. Continuous
@@ -117,11 +89,11 @@ def plan_pick(
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
-    found = _plan_around(_FreePaths(query, stand, q_start, False, rng, config))
+    found = _plan_around(_FreePaths(query, stand, q_start, False, rng))
     if not isinstance(found, _Outwards):
         return found
     transit, approach = found.free_empty, found.empty.reversed()
-    return PickMotion(name, found.pattern, transit, approach, found.loaded, found.free_loaded, query.held)
+    return PickPlaceMotion(transit, approach, found.loaded, found.free_loaded, query.held, query.body)
 
 
 def plan_place(
@@ -132,9 +104,8 @@ def plan_place(
     held: HeldObject,
     *,
     rng: np.random.Generator,
-    config: RRTConfig = DEFAULT_EFFORT,
     find_blockers: bool = True,
-) -> PlaceMotion | BlockedBy | NoPath:
+) -> PickPlaceMotion | BlockedBy | NoPath:
     """Put down the held object, then move to the robot's home configuration.
 
     Args:
@@ -143,7 +114,7 @@ def plan_place(
         start: (8,) configuration at the start, or (11,) with the base pose first if the base stands elsewhere then.
         q_release: (8,) configuration in which the fingers open: the object then stands where this one holds it.
         held: the held object.
-        rng, config: as for `plan_pick`.
+        rng: for the free paths.
         find_blockers: whether to find out which objects are in the way; if not, the answer comes sooner and is
             `NoPath` where it would be `BlockedBy`.
 
@@ -154,12 +125,12 @@ def plan_place(
         UnknownObject: no such object.
     """
     inside, stand, q_start = _split(world, base, start)
-    query, placed = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)
-    found = _plan_around(_FreePaths(query, stand, q_start, True, rng, config), find_blockers)
+    query = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)
+    found = _plan_around(_FreePaths(query, stand, q_start, True, rng), find_blockers)
     if not isinstance(found, _Outwards):
         return found
     transit, lower = found.free_loaded.reversed(), found.loaded.reversed()
-    return PlaceMotion(placed, found.pattern, transit, lower, found.empty, found.free_empty.reversed(), held)
+    return PickPlaceMotion(transit, lower, found.empty, found.free_empty.reversed(), held, query.body)
 
 
 def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:
@@ -181,7 +152,6 @@ class _Outwards(NamedTuple):
     The free path without the object leads to the hover configuration, the one with it away from there.
     """
 
-    pattern: ApproachPattern
     empty: WholeBodyPath
     loaded: WholeBodyPath
     free_empty: WholeBodyPath
@@ -190,23 +160,13 @@ class _Outwards(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _FreePaths:
-    """The free paths of a pick or a placement: between its start, the hover and a carry configuration.
-
-    Attributes:
-        query: the grasp or release.
-        base: (3,) where the base stands at the start.
-        q: (8,) torso [m] and arm [rad] at the start.
-        starts_loaded: whether the object is held at the start: a placement.
-        rng: for the random trees.
-        config: effort of each path.
-    """
+    """The free paths of a pick or a placement: between its start, the hover and a carry configuration."""
 
     query: ContactQuery
-    base: Array
-    q: Array
-    starts_loaded: bool
+    base: Array  # (3,) base pose at the start
+    q: Array  # (8,) torso and arm at the start
+    starts_loaded: bool  # a placement: the object is held at the start
     rng: np.random.Generator
-    config: RRTConfig
 
     def around(self, approach: Approach, find_blockers: bool) -> _Outwards | BlockedBy | NoPath:
         """The whole motion along straight lines, planned as if what they hit were gone; that counts as blockers."""
@@ -226,7 +186,7 @@ class _FreePaths:
             WholeBodyPath(X, query.opening, query.held, query.ignore)
             for X, query in ((approach.empty, self.query.empty), (approach.loaded, self.query.loaded))
         ]
-        return _Outwards(approach.pattern, *lines, *paths)
+        return _Outwards(*lines, *paths)
 
     def _path(self, approach: Approach, is_loaded: bool, find_blockers: bool) -> WholeBodyPath | BlockedBy | NoPath:
         """One of the two; the one at the start of the motion includes the drive to the hover, if need be."""
@@ -262,7 +222,10 @@ class _FreePaths:
                 path = self._arm_path(query, q_hover, end, find_blockers)
                 if not isinstance(path, WholeBodyPath):
                     continue
-                if not any(_held_height(query, q) < scene.support.top for q in _sampled(path.configurations[:, 3:])):
+                X = path.configurations[:, 3:]
+                steps = np.maximum(np.ceil(np.abs(np.diff(X, axis=0)).max(axis=1) / _SAMPLING), 1).astype(int)
+                lines = (np.linspace(a, b, n + 1) for a, b, n in zip(X[:-1], X[1:], steps, strict=True))
+                if all(_held_height(query, q) >= scene.support.top for line in lines for q in line):
                     return path
                 low = low or path
             if low is None:
@@ -272,9 +235,9 @@ class _FreePaths:
     def _arm_path(
         self, query: ArmQuery, q_hover: Array, q: Array, find_blockers: bool
     ) -> WholeBodyPath | BlockedBy | NoPath:
-        """A free path from the hover configuration to another one (8,); without an object in reverse."""
+        # Planned inwards without the object and outwards with it, for picks and placements alike.
         start, goal = (q, q_hover) if query.held is None else (q_hover, q)
-        return plan_arm(query, start, goal, rng=self.rng, config=self.config, find_blockers=find_blockers)
+        return plan_arm(query, start, goal, rng=self.rng, find_blockers=find_blockers)
 
 
 def _plan_around(free: _FreePaths, find_blockers: bool = True) -> _Outwards | BlockedBy | NoPath:
@@ -316,19 +279,12 @@ def _carry_configurations(
     """Configurations (k, 8) in which a motion may end, best first.
 
     The robot's home configuration where it fits; elsewhere home with another height of the torso, then the
-    configuration of the arm at hand, with the torso raised. What fits hits neither static obstacles nor the robot, and
-    holds the object high enough, if any of them does.
-
-    Args:
-        query: base pose, gripper opening and held object.
-        q_grasp: (8,) configuration of the grasp or release; continuous joints end near it at home.
-        q_hover: (8,) configuration at the end of the straight lines.
-        least_height: [m] of the held object's lowest point.
-        only_home: whether the others are left out where home fits and holds the object high enough.
+    configuration `q_hover` at the end of the straight lines, with the torso raised. What fits hits neither static
+    obstacles nor the robot, and holds the object's lowest point above `least_height` [m], if any of them does.
+    `only_home` leaves out the others where home does. Continuous joints end near `q_grasp` at home.
     """
 
     def fits(q: Array) -> bool:
-        """Whether neither static obstacles nor the robot are hit."""
         return not query.hits(q[None])[0] & FIXED_BITS
 
     robot = query.world.robot
@@ -350,10 +306,3 @@ def _held_height(query: ArmQuery, q: Array) -> float:
     scene = query.world.scene
     T_world_tcp = tcp_pose(scene.robot, RobotState(query.base, q, 0.0))
     return scene.body(query.held.name).at_pose(T_world_tcp @ query.held.T_tcp_object).bottom
-
-
-def _sampled(waypoints: Array) -> Array:
-    """Configurations (k, 8) along straight lines between waypoints (n, 8), `_SAMPLING` apart at most."""
-    steps = np.maximum(np.ceil(np.abs(np.diff(waypoints, axis=0)).max(axis=1) / _SAMPLING), 1).astype(int)
-    lines = zip(waypoints[:-1], waypoints[1:], steps, strict=True)
-    return np.vstack([waypoints[:1], *(np.linspace(start, end, count + 1)[1:] for start, end, count in lines)])

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from irm.compilation import njit
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits, edge_samples
-from planners.collision.leaf_kernels import copy_row, copy_rows, leaf_kernel
-from planners.collision.struct_pointers import pointer_to
+from planners.collision.kernel_arguments import copy_row, copy_rows, leaf_kernel, pointer_to
 
 Array = NDArray[np.float64]
 _NONE = np.uint64(0)

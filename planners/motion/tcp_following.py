@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,30 +59,16 @@ class Followed:
     def hits(self, world: CollisionWorld, ignore: int) -> int:
         """Mask of what is hit on the way; the bits of `ignore` do not count."""
         found = 0
-        for rows in self._segments():
-            opening = world.scene.robot.opening(float(self.finger_position[rows].max()))
-            found |= world.path_hits(self.configurations[rows], opening, self.held[rows.start], ignore)
-        return found
-
-    def _segments(self) -> list[slice]:
-        """Runs of samples with the same held object and the fingers still; pairs of samples where the fingers move."""
+        # Runs of samples with the same held object and the fingers still; pairs of samples where the fingers move.
         is_new_hold = np.array([now is not before for before, now in itertools.pairwise(self.held)], dtype=bool)
         moves = np.flatnonzero(np.diff(self.finger_position) != 0.0)
         bounds = sorted({0, len(self.held), *(np.flatnonzero(is_new_hold) + 1), *moves, *(moves + 1)})
         last = len(self.held) - 1
-        return [
-            slice(start, end + (end <= last and not is_new_hold[end - 1])) for start, end in itertools.pairwise(bounds)
-        ]
-
-
-class _Sample(NamedTuple):
-    """The command at one control step, and how precisely the TCP must reach it [m]."""
-
-    base: Array
-    T_base_tcp: Array
-    finger_position: float
-    held: HeldObject | None
-    precision: float
+        for start, end in itertools.pairwise(bounds):
+            rows = slice(start, end + (end <= last and not is_new_hold[end - 1]))
+            opening = world.scene.robot.opening(float(self.finger_position[rows].max()))
+            found |= world.path_hits(self.configurations[rows], opening, self.held[start], ignore)
+        return found
 
 
 def is_behind(wanted: Array, actual: Array, precision: float) -> bool:
@@ -101,31 +87,21 @@ def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: 
         q_start: (8,) configuration at the start.
         trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.expert.executor`.
     """
+    contacts = [phase.start for phase in trajectory.phases if phase.name in ("close", "open")]
     follower.reset(q_start)
     configurations, fingers, held = [], [], []
-    for sample in _samples(robot, trajectory):
+    for time in trajectory.times:
+        sample = trajectory.sample(float(time))
+        wanted = tcp_pose(robot, RobotState(np.zeros(3), sample.q, 0.0))
+        is_contact = any(abs(time - start) <= CONTROL_STEP for start in contacts)
         for waited in range(PATIENCE + 1):
-            q = follower.step(sample.T_base_tcp)
+            q = follower.step(wanted)
             configurations.append(np.concatenate((sample.base, q)))
             fingers.append(sample.finger_position)
-            held.append(sample.held)
+            held.append(sample.phase.touched if sample.phase.held else None)
             actual = tcp_pose(robot, RobotState(np.zeros(3), q, 0.0))
-            if not is_behind(sample.T_base_tcp, actual, sample.precision):
+            if not is_behind(wanted, actual, PRECISE if is_contact else ON_THE_WAY):
                 break
             if waited == PATIENCE:
                 return None
     return Followed(np.array(configurations), np.array(fingers), tuple(held))
-
-
-def _samples(robot: RobotSpec, trajectory: Trajectory) -> list[_Sample]:
-    """The commands at all control steps."""
-    contacts = [phase.start for phase in trajectory.phases if phase.name in ("close", "open")]
-    found = []
-    for time in trajectory.times:
-        sample = trajectory.sample(float(time))
-        is_contact = any(abs(time - start) <= CONTROL_STEP for start in contacts)
-        T_base_tcp = tcp_pose(robot, RobotState(np.zeros(3), sample.q, 0.0))
-        precision = PRECISE if is_contact else ON_THE_WAY
-        held = sample.phase.touched if sample.phase.held else None
-        found.append(_Sample(sample.base, T_base_tcp, sample.finger_position, held, precision))
-    return found

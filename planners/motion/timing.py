@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from planners.motion.path import WholeBodyPath
-from planners.motion.pick_and_place import PickMotion, PlaceMotion
+from planners.motion.pick_and_place import PickPlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.scene import HeldObject, RobotState
 
@@ -52,9 +52,11 @@ def time_parametrise(
         samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
         and their second differences the acceleration limits, the base's in its own frame.
     """
-    path = _without_repeats(np.array(X, dtype=float))
+    path = np.array(X, dtype=float)
+    moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > 1e-9
+    path = path[np.concatenate([[True], moved])]
     if len(path) == 1:
-        return _still(path[0], finger_position, phase, CONTROL_STEP)
+        return Trajectory.of_states(np.tile(np.append(path[0], finger_position), (2, 1)), phase)
     velocity, acceleration = HEADROOM * np.array(robot.max_velocity), HEADROOM * np.array(robot.max_acceleration)
     if is_loaded:
         velocity[2] = min(velocity[2], HEADROOM * robot.max_loaded_yaw_rate)
@@ -68,8 +70,7 @@ def time_parametrise(
             break
         stretch = min(max(np.sqrt(excess), 1.01), 1.5)
         clock, speed = clock * stretch, speed / stretch
-    fingers = np.full(len(samples), finger_position)
-    return Trajectory(_times(len(samples)), samples[:, :3], samples[:, 3:], fingers, (phase,))
+    return Trajectory.of_states(np.column_stack([samples, np.full(len(samples), finger_position)]), phase)
 
 
 def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Array, Array]:
@@ -110,53 +111,49 @@ def drive_trajectory(
     if homing is None:
         return _along(robot, path, state.finger_position, "drive")
     open_at = state.finger_position if path.held is not None else robot.finger_position(homing.opening)
-    here, ready = homing.configurations[0], _phase("ready", path.held)
     return join(
         [
-            _fingers(robot, here, state.finger_position, open_at, ready, 0.0),
+            _fingers(robot, homing.configurations[0], state.finger_position, open_at, _phase("ready", path.held), 0.0),
             _along(robot, homing, open_at, "home"),
             _along(robot, path, open_at, "drive"),
         ]
     )
 
 
-def pick_trajectory(robot: RobotSpec, motion: PickMotion, state: RobotState) -> Trajectory:
+def pick_trajectory(robot: RobotSpec, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
     """The trajectory of a pick from a state.
 
     Its phases are "ready" (the fingers open), "transit", "approach", "close", "lift" and "retreat"; the object counts
     as held from the lift on.
     """
-    transit, approach, lift, retreat = motion.paths
-    open_at = robot.finger_position(transit.opening)
-    here = transit.configurations[0]
-    grasp = approach.configurations[-1]
+    open_at = robot.finger_position(motion.transit.opening)
+    here, grasp = motion.transit.configurations[0], motion.approach.configurations[-1]
     return join(
         [
             _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
-            _along(robot, transit, open_at, "transit"),
-            _along(robot, approach, open_at, "approach"),
+            _along(robot, motion.transit, open_at, "transit"),
+            _along(robot, motion.approach, open_at, "approach"),
             _fingers(robot, grasp, open_at, 0.0, Phase("close", 0.0, "", motion.held), SETTLE_TIME),
-            _along(robot, lift, 0.0, "lift"),
-            _along(robot, retreat, 0.0, "retreat"),
+            _along(robot, motion.departure, 0.0, "lift"),
+            _along(robot, motion.retreat, 0.0, "retreat"),
         ]
     )
 
 
-def place_trajectory(robot: RobotSpec, motion: PlaceMotion, state: RobotState) -> Trajectory:
+def place_trajectory(robot: RobotSpec, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
     """The trajectory of a placement from a state.
 
     Its phases are "transit", "lower", "open", "rise" and "retreat"; the object counts as held until the fingers open.
     """
-    transit, lower, rise, retreat = motion.paths
-    open_at = robot.finger_position(rise.opening)
-    place = lower.configurations[-1]
+    closed, open_at = state.finger_position, robot.finger_position(motion.departure.opening)
+    release = motion.approach.configurations[-1]
     return join(
         [
-            _along(robot, transit, state.finger_position, "transit"),
-            _along(robot, lower, state.finger_position, "lower"),
-            _fingers(robot, place, state.finger_position, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME),
-            _along(robot, rise, open_at, "rise"),
-            _along(robot, retreat, open_at, "retreat"),
+            _along(robot, motion.transit, closed, "transit"),
+            _along(robot, motion.approach, closed, "lower"),
+            _fingers(robot, release, closed, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME),
+            _along(robot, motion.departure, open_at, "rise"),
+            _along(robot, motion.retreat, open_at, "retreat"),
         ]
     )
 
@@ -171,36 +168,17 @@ def _phase(name: str, held: HeldObject | None) -> Phase:
     return Phase(name, 0.0, held.name if held is not None else "", held)
 
 
-def _times(count: int) -> Array:
-    """The first control times [s]."""
-    return np.asarray(CONTROL_STEP * np.arange(count), dtype=float)
-
-
-def _still(x: Array, finger_position: float, phase: Phase, duration: float) -> Trajectory:
-    """Stand still for `duration` [s], rounded up to whole control steps."""
-    count = 1 + int(np.ceil(duration / CONTROL_STEP - 1e-9))
-    rows = np.tile(x, (count, 1))
-    return Trajectory(_times(count), rows[:, :3], rows[:, 3:], np.full(count, finger_position), (phase,))
-
-
 def _fingers(robot: RobotSpec, x: Array, start: float, end: float, phase: Phase, settle: float) -> Trajectory:
     """Move the fingers at their own speed while the robot stands, then wait for `settle` [s]."""
     rests = int(np.ceil(settle / CONTROL_STEP - 1e-9))
     fingers = np.concatenate([finger_ramp(robot, start, end), np.full(rests, end)])
-    rows = np.tile(x, (len(fingers), 1))
-    return Trajectory(_times(len(fingers)), rows[:, :3], rows[:, 3:], fingers, (phase,))
+    return Trajectory.of_states(np.column_stack([np.tile(x, (len(fingers), 1)), fingers]), phase)
 
 
 def finger_ramp(robot: RobotSpec, start: float, end: float) -> Array:
     """Positions (n,) [m] of a finger at control steps, at its own speed, both ends included."""
     per_step = HEADROOM * robot.max_finger_velocity * CONTROL_STEP
     return np.linspace(start, end, int(np.ceil(abs(end - start) / per_step - 1e-9)) + 1)
-
-
-def _without_repeats(path: Array) -> Array:
-    """Waypoints that differ from the one before; the first always."""
-    moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > 1e-9
-    return path[np.concatenate([[True], moved])]
 
 
 def _times_at_full_speed(moves: Array, velocity: Array) -> Array:

@@ -76,6 +76,12 @@ class Trajectory:
         if not self.phases or self.phases[0].start > 0:
             raise ValueError("a trajectory needs phases from time 0 on")
 
+    @classmethod
+    def of_states(cls, states: NDArray[np.float64], phase: Phase) -> Trajectory:
+        """A trajectory of one phase, from its `states` (n, 12) at control steps."""
+        times = np.asarray(CONTROL_STEP * np.arange(len(states)), np.float64)
+        return cls(times, states[:, :3], states[:, 3:-1], states[:, -1], (phase._replace(start=0.0),))
+
     @property
     def duration(self) -> float:
         """[s]."""
@@ -102,14 +108,8 @@ class Trajectory:
         before = max(i - 1, 0)
         span = self.times[i] - self.times[before]
         s = (time - self.times[before]) / span if span > 0 else 1.0
-
-        def between(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            """Linear interpolation at `time`."""
-            return np.asarray(values[before] + s * (values[i] - values[before]))
-
-        return TrajectorySample(
-            between(self.base), between(self.q), float(between(self.finger_position)), self.phase(time)
-        )
+        base, q, finger = (x[before] + s * (x[i] - x[before]) for x in (self.base, self.q, self.finger_position))
+        return TrajectorySample(base, q, float(finger), self.phase(time))
 
 
 def join(pieces: list[Trajectory]) -> Trajectory:

@@ -7,7 +7,7 @@ so that it can be drawn as it is.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TypeAlias
 
 import numpy as np
@@ -101,13 +101,7 @@ class SweptVolume:
 def join_volumes(volumes: Iterable[SweptVolume]) -> SweptVolume:
     """One volume that covers them all."""
     parts = [SweptVolume(), *volumes]
-    return SweptVolume(
-        np.concatenate([part.spheres for part in parts]),
-        np.concatenate([part.cylinders for part in parts]),
-        np.concatenate([part.box_centres for part in parts]),
-        np.concatenate([part.box_axes for part in parts]),
-        np.concatenate([part.box_half_extents for part in parts]),
-    )
+    return SweptVolume(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(SweptVolume)))
 
 
 def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
@@ -208,11 +202,11 @@ def dilated(grid: SupportGrid, mask: Mask, radius: float) -> Mask:
 
     A cell is set if a disc centred anywhere in it could touch.
     """
-    edge = mask & ~_eroded(mask)
-    marks = _new_marks(grid)
-    half_diagonal = grid.resolution * 0.5**0.5
-    centres = grid.centres()[edge]
-    discs = np.column_stack((centres, np.full(len(centres), radius + half_diagonal)))
+    # Discs around the cells at the mask's edge, those with a neighbour that is not set, are enough.
+    padded = np.pad(mask, 1)
+    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    marks, centres = _new_marks(grid), grid.centres()[mask & ~inner]
+    discs = np.column_stack((centres, np.full(len(centres), radius + grid.resolution * 0.5**0.5)))
     mark_discs(marks, discs, grid.x0, grid.y0, grid.resolution)
     grown: Mask = cells_of_marks(marks)
     return grown | mask
@@ -244,10 +238,3 @@ def clearance_order(locations: Array, in_work: Mask, reference_point: Array) -> 
 
 def _new_marks(grid: SupportGrid) -> NDArray[np.int32]:
     return np.zeros((grid.shape[0], grid.shape[1] + 1), dtype=np.int32)
-
-
-def _eroded(mask: Mask) -> Mask:
-    """Cells whose four neighbours are all set."""
-    padded = np.pad(mask, 1)
-    inner: Mask = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
-    return inner

@@ -73,7 +73,7 @@ class PlacementSearch:
     """Finds placements; see `find`.
 
     Attributes:
-        arms: the arms that act, by name: an object is put down by the one that holds it.
+        arms: those that act, by name: an object is put down by the one that holds it.
         near_home: only the configuration nearest to home, for end-effector-controlled robots.
         supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
         volumes: what grasps sweep, as far as it is known already.
@@ -113,10 +113,9 @@ class PlacementSearch:
         yield from (replace(found, surfaces=surfaces) for found in self._preferred(world, surfaces, strategy, deadline))
         levels = _free_levels(surfaces, self._radius(scene), scene.state.base, rng)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
-            for location in _until(deadline, from_here):
-                yield from (replace(found, surfaces=surfaces) for found in self._from_here(world, location))
-            for location in _until(deadline, after_a_drive):
-                yield from (replace(found, surfaces=surfaces) for found in self._after_a_drive(world, location))
+            for look, locations in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
+                for location in itertools.takewhile(lambda _: not deadline.is_over, locations):
+                    yield from (replace(found, surfaces=surfaces) for found in look(world, location))
 
     def surfaces(self, world: CollisionWorld, keep_clear: KeepClear) -> tuple[Surface, ...]:
         """The supports as the held object may use them."""
@@ -244,10 +243,6 @@ def _nearest_first(locations: Array, base: Array) -> Array:
     """Locations (n, 3) by their distance from the base."""
     order = np.argsort(np.linalg.norm(locations[:, :2] - base[:2], axis=1), kind="stable")
     return np.asarray(locations[order])
-
-
-def _until(deadline: Deadline, locations: Array) -> Iterator[Array]:
-    return itertools.takewhile(lambda _: not deadline.is_over, locations)
 
 
 def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:

@@ -95,16 +95,7 @@ class Surface:
         keep_clear: KeepClear,
         volumes: GraspVolumes,
     ) -> Surface:
-        """The surface of a support for an object.
-
-        Args:
-            world: the scene, compiled.
-            support: whose top face is meant.
-            body: the object to be put down.
-            height: [m] of the object, and what it needs above it.
-            keep_clear: grasps that the object must not stand in the way of.
-            volumes: what grasps sweep, as far as it is known already.
-        """
+        """The surface of a support for an object to be put down; `height` [m]: its own, and what it needs above it."""
         scene, grid = world.scene, SupportGrid.over(support)
         beside = (other for other in scene.objects if other.bottom < support.top + height and other.top > support.top)
         standing = [other for other in beside if other.name != body.name]
@@ -129,24 +120,16 @@ def static_mask(
 ) -> NDArray[np.bool_]:
     """Cells of the grid over a support where an object would touch a static obstacle, or stand on nothing.
 
-    Each obstacle counts as the box around it along its own axes, grown by `clearance`.
-
-    Args:
-        scene: its static obstacles count.
-        support: what the grid lies over.
-        grid: cells of the support plane.
-        height: [m] of the object; obstacles that hang higher do not count.
-        clearance: [m] to keep from the obstacles.
+    Each obstacle counts as the box around it along its own axes, grown by `clearance` [m]; obstacles that hang higher
+    than the object's `height` [m] do not count.
     """
-    standing = [
-        one
-        for one in scene.static_obstacles
-        if one.name != support.name and one.upper[2] > grid.height + _FLUSH and one.lower[2] < grid.height + height
-    ]
     near = [
         one
-        for one in standing
-        if ((one.lower + _INSET < support.upper) & (support.lower + _INSET < one.upper))[:2].all()
+        for one in scene.static_obstacles
+        if one.name != support.name
+        and grid.height + _FLUSH < one.upper[2]
+        and one.lower[2] < grid.height + height
+        and ((one.lower + _INSET < support.upper) & (support.lower + _INSET < one.upper))[:2].all()
     ]
     volume = SweptVolume(
         box_centres=np.array([one.position for one in near]).reshape(-1, 3),
@@ -154,13 +137,10 @@ def static_mask(
         box_half_extents=np.array([one.half_extents + clearance - _INSET for one in near]).reshape(-1, 3),
     )
     covered = swept_mask(grid, volume, height) if near else grid.empty()
-    return covered if support.shape == "box" and support.is_axis_aligned else covered | ~_on_top(support, grid)
-
-
-def _on_top(support: StaticObstacle, grid: SupportGrid) -> NDArray[np.bool_]:
-    """Cells of which all four corners lie on the top face."""
+    if support.shape == "box" and support.is_axis_aligned:
+        return covered
+    # Only cells count of which all four corners lie on the top face.
     x = grid.x0 + np.arange(grid.shape[0] + 1) * grid.resolution
     y = grid.y0 + np.arange(grid.shape[1] + 1) * grid.resolution
     corners = support.is_under(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
-    inside: NDArray[np.bool_] = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
-    return inside
+    return covered | ~(corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.chain import BASE
-from planners.collision.robot_pose_kernel import place_along
+from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import planned_approach

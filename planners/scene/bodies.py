@@ -158,11 +158,6 @@ class RobotState:
         object.__setattr__(self, "q", frozen(self.q, (len(self.q),), "q"))
         object.__setattr__(self, "finger_position", float(self.finger_position))
 
-    @property
-    def gripping(self) -> RobotState:
-        """The same state with the fingers commanded to close completely: so they press on what is between them."""
-        return replace(self, finger_position=0.0)
-
 
 @dataclass(frozen=True, eq=False)
 class HeldObject:
@@ -220,11 +215,9 @@ def release_pitch(body: Body, held: HeldObject) -> float:
 
 
 def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
-    """Directions (3,) in the TCP frame that may point up when the object rests, its own z axis before the others.
+    """Directions (3,) in the TCP frame that may point up when the object rests; `rotation` (3, 3) is R_tcp_object.
 
-    Args:
-        body: the object.
-        rotation: R_tcp_object (3, 3).
+    The object's own z axis comes before the others: it stands if it can.
     """
     axes = [rotation[:, 2], -rotation[:, 2]]
     if body.shape == "cylinder":

@@ -18,8 +18,6 @@ from planners.scene.static_obstacle import StaticObstacle
 Array: TypeAlias = NDArray[np.float64]
 Movable: TypeAlias = Collection[str] | Callable[[str], bool]
 """The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
-OBJECT_PREFIX = "object_"
-"""Names of movable bodies begin so, unless told otherwise."""
 _ADVICE = "without it in `movable` it is a static obstacle"
 _ON_THE_FLOOR = 0.001
 """[m] and rounding of a rotation matrix: how far the base may be off the ground, or tilted."""
@@ -29,8 +27,6 @@ _SHAPES: dict[int, Shape] = {
 }
 IsObstacle: TypeAlias = Callable[[Any], bool]
 """Whether a geom counts; it is asked with MuJoCo's accessor `model.geom(id)`: `.name`, `.group`, `.contype`, …"""
-SUPPORTS_TUPLE = "supports"
-"""Name of the custom tuple in which a model declares the geoms on which objects may be put."""
 _AXIS_TOLERANCE = 1e-6
 """Rounding of the entries of a rotation matrix: a box this near to the world's axes is taken to lie along them."""
 _GROUND_TOLERANCE = 0.001
@@ -41,7 +37,7 @@ _PLANE = np.array([50.0, 50.0, 0.5])
 
 def is_object_name(name: str) -> bool:
     """Whether a free body of that name is movable, unless told otherwise."""
-    return name.startswith(OBJECT_PREFIX)
+    return name.startswith("object_")
 
 
 def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
@@ -147,7 +143,7 @@ class MovableBodies:
     Attributes:
         names: of the n bodies.
         bodies: (n,) their ids; `geoms` (n,) ids of their cylinders and boxes.
-        addresses: (n,) where the poses of the bodies begin in `qpos`.
+        addresses: (n, 7) of the poses of the bodies in `qpos`.
         offsets: (n, 3) [m] centre of the geom in the body's frame; `turns` (n, 4) its quaternion there, wxyz.
     """
 
@@ -171,15 +167,10 @@ class MovableBodies:
             names=tuple(str(model.body(body).name) for body in bodies),
             bodies=np.array(bodies, dtype=np.int64),
             geoms=np.array(geoms, dtype=np.int64),
-            addresses=np.array([model.jnt_qposadr[model.body_jntadr[body]] for body in bodies], dtype=np.int64),
+            addresses=model.jnt_qposadr[model.body_jntadr[bodies]].reshape(-1, 1).astype(np.int64) + np.arange(7),
             offsets=model.geom_pos[geoms].reshape(-1, 3),
             turns=model.geom_quat[geoms].reshape(-1, 4),
         )
-
-    @cached_property
-    def _columns(self) -> NDArray[np.int64]:
-        """(n, 7) addresses of the poses of the bodies in `qpos`."""
-        return np.asarray(self.addresses[:, None] + np.arange(7))
 
     @cached_property
     def _are_centred(self) -> bool:
@@ -191,7 +182,7 @@ class MovableBodies:
 
         They are worked out from the joints: `data.xpos` is one time step behind after a step.
         """
-        values = data.qpos[self._columns]
+        values = data.qpos[self.addresses]
         if self._are_centred:
             return values[:, :3].copy(), values[:, 3:].copy()
         centres, quaternions, turned = values[:, :3].copy(), np.empty((len(values), 4)), np.empty(3)
@@ -276,30 +267,26 @@ def static_obstacles_of(
         flexes = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or f"flex_{i}" for i in range(model.nflex)]
         raise SceneError(f"deformable bodies cannot be represented: {', '.join(flexes)}")
     on_robot, touches = robot_bodies(model, robot), can_touch(model)
-    _check_robot(model, robot, on_robot, touches)
+    for touching in np.flatnonzero(touches):
+        part = model.body(model.geom_bodyid[touching])
+        # No check would see what moves with the robot but is not in its MJCF.
+        if part.id in on_robot and (part.name, str(model.geom(touching).name)) not in _own_geoms(robot):
+            raise SceneError(
+                f"geom {_geom_name(model, int(touching))!r} on body {part.name!r} moves with the robot, but is not in "
+                f"the MJCF of {robot.name!r}"
+            )
     elsewhere = on_robot | _with_attached(model, movable)
     found: list[FoundObstacle] = []
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
-        if body in elsewhere or _is_ground(model, data, geom):
+        is_plane = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        faces_up = data.geom_xmat[geom][8] > 1 - _AXIS_TOLERANCE
+        is_ground = is_plane and faces_up and data.geom_xpos[geom][2] <= _GROUND_TOLERANCE
+        if body in elsewhere or is_ground:
             continue
         if touches[geom] if is_obstacle is None else is_obstacle(model.geom(geom)):
             found.append(FoundObstacle(_obstacle(model, data, geom), str(model.body(body).name)))
     return tuple(found)
-
-
-def _check_robot(model: mujoco.MjModel, robot: RobotSpec, on_robot: frozenset[int], touches: NDArray[np.bool_]) -> None:
-    """Refuse geoms on the robot that can touch something but are not in its own MJCF: no check would see them."""
-    for geom in np.flatnonzero(touches):
-        body = int(model.geom_bodyid[geom])
-        if body not in on_robot:
-            continue
-        name = str(model.body(body).name)
-        if (name, str(model.geom(geom).name)) not in _own_geoms(robot):
-            geom_name = _geom_name(model, int(geom))
-            raise SceneError(
-                f"geom {geom_name!r} on body {name!r} moves with the robot, but is not in the MJCF of {robot.name!r}"
-            )
 
 
 @cache
@@ -313,12 +300,6 @@ def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
 def _geom_name(model: mujoco.MjModel, geom: int) -> str:
     """Of the geom; of one without a name, its body's and its number."""
     return str(model.geom(geom).name) or f"{model.body(model.geom_bodyid[geom]).name}/geom_{geom}"
-
-
-def _is_ground(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> bool:
-    is_plane = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE)
-    faces_up = data.geom_xmat[geom][8] > 1 - _AXIS_TOLERANCE
-    return bool(is_plane and faces_up and data.geom_xpos[geom][2] <= _GROUND_TOLERANCE)
 
 
 def _obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> StaticObstacle:
@@ -366,7 +347,7 @@ def _mesh_points(model: mujoco.MjModel, mesh: int) -> Array:
 
 def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
     """Names of the geoms on which objects may be put, by the model's custom tuple "supports"; none without it."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TUPLE, SUPPORTS_TUPLE)
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TUPLE, "supports")
     if index < 0:
         return ()
     entries = slice(model.tuple_adr[index], model.tuple_adr[index] + model.tuple_size[index])

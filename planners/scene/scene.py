@@ -72,7 +72,8 @@ class Scene:
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
         if self.held is not None:
             self.index(self.held.name)
-            object.__setattr__(self, "state", self.state.gripping)
+            # Commanded to close completely, the fingers press on what is between them.
+            object.__setattr__(self, "state", replace(self.state, finger_position=0.0))
         for one in self.aside:
             self.index(one.held.name)
 
@@ -82,11 +83,7 @@ class Scene:
         return tuple(body.name for body in self.objects)
 
     def index(self, name: str) -> int:
-        """Bit of an object.
-
-        Raises:
-            UnknownObject: no such object; the message lists the known ones.
-        """
+        """Bit of an object; raises `UnknownObject`."""
         names = self.names
         if name not in names:
             raise UnknownObject(f"no object {name!r}; known objects: {', '.join(names) or 'none'}")

@@ -96,7 +96,7 @@ class SkillGeometry:
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
         found = scan_configurations(world, poses, SamplingConfig().grid(arm.chain), opening, ignore=ignore)
-        return [replace(grasp, arm=scene.robot.arm_name) for grasp in as_candidates(body.name, poses, opening, found)]
+        return as_candidates(body.name, poses, opening, found, scene.robot.arm_name)
 
     def placements(self, scene: Scene, target: str, rng: np.random.Generator) -> Iterator[Placement]:
         """Placements for the held object that keep clear of the target's least obstructed grasp, best first."""

@@ -20,7 +20,7 @@ from planners.symbolic.transitions import initial_state as symbolic_state
 from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
-from planners.tamp.state import PlanState, Refutation, Search
+from planners.tamp.state import MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search
 
 _CAUSES = {
     "cyclic": Cause.NO_SELF_CLEARABLE_SET,
@@ -51,7 +51,8 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
             if isinstance(motion, BoundMotion):
                 bind_references(search, state.scene, action, motion)
                 before, state = state, update_initial_state_from_action(state, action, motion)
-                if is_provisional(before, action):
+                if action.name.startswith("PutDown") and action.object == before.clearance_plan.provisional:
+                    # The object will be in the way later: what follows is chosen anew.
                     state = rebind_grasps(search, state.symbols, state.scene)
                     break
             else:
@@ -72,11 +73,6 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}
     grippers = [gripper_symbol(robot, arm) for arm in robot.acting_arms]
     return bind_grasps(search, symbolic_state(scene.names, held, grippers, held_obstructs=search.target), scene)
-
-
-def is_provisional(state: PlanState, action: GroundAction) -> bool:
-    """Whether an action puts an object where it will be in the way later: what follows is then chosen anew."""
-    return action.name.startswith("PutDown") and action.args[0] == state.clearance_plan.provisional
 
 
 def is_goal(search: Search, state: PlanState) -> bool:
@@ -103,7 +99,7 @@ def raise_target(search: Search, scene: Scene) -> None:
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
     """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
-    if search.is_exhausted:
+    if search.is_late or len(search.history) >= MAX_REPLANS or len(search.clearances) >= MAX_CLEARANCES:
         return search.out_of_time()
     found = task_plan(search, state.symbols, state.clearance_plan.aside)
     if isinstance(found, TaskPlan):

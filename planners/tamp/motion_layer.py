@@ -23,7 +23,7 @@ from planners.motion.base import plan_base
 from planners.motion.contact_free import ContactFree, merge_phases, phases_of
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory, is_contact, join
@@ -66,14 +66,8 @@ class BoundMotion:
 class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
-    Attributes:
-        context: what does not depend on where the objects stand.
-        rng: for sampling.
-        compiled: collision worlds of the states so far.
-        deadline: when to give up.
-        candidates: the grasps known so far in the present state.
-        placement_search: finds where to put objects.
-        has_refuted: whether a grasp was refuted by motion planning.
+    `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
+    `has_refuted` says whether motion planning refuted a grasp.
     """
 
     context: PlanningContext
@@ -240,7 +234,7 @@ class MotionLayer:
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
         for _ in range(_TRIES):
             motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng)
-            if not isinstance(motion, PickMotion):
+            if not isinstance(motion, PickPlaceMotion):
                 return motion
             if self.is_accepted(scene, motion.paths):
                 trajectory = pick_trajectory(scene.robot, motion, scene.state)
@@ -254,9 +248,9 @@ class MotionLayer:
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         for _ in range(_TRIES):
             motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
-            if not isinstance(motion, PlaceMotion):
+            if not isinstance(motion, PickPlaceMotion):
                 return motion
-            released = scene.with_held(None).with_body(motion.placed)
+            released = scene.with_held(None).with_body(motion.body)
             if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:]):
                 trajectory = place_trajectory(scene.robot, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
@@ -315,7 +309,7 @@ class MotionLayer:
         return all(self._checkers[arm].accepts(path) for path in paths)
 
 
-def _end_state(motion: PickMotion | PlaceMotion, trajectory: Trajectory) -> RobotState:
+def _end_state(motion: PickPlaceMotion, trajectory: Trajectory) -> RobotState:
     """The robot at the end of a motion."""
     return RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
 

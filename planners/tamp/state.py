@@ -81,11 +81,6 @@ class Search:
         """Whether the time is up."""
         return self.motion_layer.deadline.is_over
 
-    @property
-    def is_exhausted(self) -> bool:
-        """Whether the time is up, or there were too many replans or clearances."""
-        return len(self.history) >= MAX_REPLANS or len(self.clearances) >= MAX_CLEARANCES or self.is_late
-
     def infeasible(self, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
         """The end of the search without a plan.
 

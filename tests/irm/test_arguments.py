@@ -7,7 +7,7 @@ import pytest
 
 from irm.errors import QueryError
 from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.query_options import approach_yaws
+from irm.query_keys import approach_yaws
 
 POSITION = (0.0, 0.0, 0.9)
 
@@ -33,30 +33,13 @@ def test_a_wrong_value_is_refused_after_an_equal_one_of_the_right_kind(coarse_in
 
 
 BAD_VALUES = [
-    ({"pitch": np.nan}, "finite"),
-    ({"roll": np.inf}, "finite"),
-    ({"pitch": "level"}, "finite number"),
-    ({"k": 0}, "at least 1"),
-    ({"k": 1.5}, "at least 1"),
-    ({"k": "many"}, "at least 1"),
-    ({"k": np.nan}, "at least 1"),
-    ({"k": []}, "at least 1"),
-    ({"k": np.inf}, "at least 1"),
-    ({"k": None}, "at least 1"),
-    ({"k": True}, "at least 1"),
+    *(({"k": bad}, "at least 1") for bad in (0, 1.5, "many", np.nan, [], None, True, np.array([1, 2]))),
+    *(({"pitch": bad}, "finite number") for bad in (np.nan, "level", None, np.array([0.1, 0.2]), 10**400)),
+    *(({"separation": bad}, "separation") for bad in (np.nan, -0.1, None)),
+    *(({"yaw_step": bad}, "yaw_step") for bad in (0.0, np.inf, np.array([0.1, 0.2]))),
     ({"k": 10**12}, "at most 100000"),
-    ({"k": np.array([1, 2])}, "at least 1"),
-    ({"pitch": None}, "finite number"),
-    ({"pitch": np.array([0.1, 0.2])}, "finite number"),
-    ({"pitch": 10**400}, "finite number"),
     ({"yaw_step": 1e-9}, "yaw_step must be at least 0.001"),
-    ({"yaw_step": np.array([0.1, 0.2])}, "yaw_step"),
-    ({"separation": np.array([0.1, 0.2])}, "separation"),
-    ({"separation": np.nan}, "separation"),
-    ({"separation": -0.1}, "separation"),
-    ({"separation": None}, "separation"),
-    ({"yaw_step": 0.0}, "yaw_step"),
-    ({"yaw_step": np.inf}, "yaw_step"),
+    ({"roll": np.inf}, "finite"),
     ({"free_space": [(0, 0, 1, 1)]}, "FreeSpace or None, not list"),
 ]
 
@@ -66,6 +49,17 @@ def test_values_without_meaning_are_refused_by_every_query(queries, keywords, me
     for query in queries.values():
         with pytest.raises(QueryError, match=message):
             query(**keywords)
+
+
+def test_a_keyword_that_no_query_has_is_refused_with_those_there_are(queries):
+    for query in queries.values():
+        with pytest.raises(TypeError, match=r"'pich'; they have pitch, roll, free_space"):
+            query(pich=0.1)
+
+
+def test_the_classical_map_decides_nothing_exactly(coarse_map):
+    with pytest.raises(QueryError, match="InverseReachabilityMap"):
+        ClassicalInverseReachabilityMap(coarse_map).query(POSITION, exact=True)
 
 
 def test_numbers_of_numpy_are_numbers(coarse_inverse):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 from numba.core import config, event
 
 from irm.compilation import njit
+from irm.free_space import distance_to_seeds
 
 ROOT = Path(__file__).resolve().parents[2]
 WITHOUT_PRIVILEGE = ("setpriv", "--bounding-set=-dac_override", "--inh-caps=-all")
@@ -177,6 +179,16 @@ def test_a_kept_kernel_is_compiled_again_if_one_that_it_calls_has_changed(packag
     assert answer_of(package.parent) == "3"
     (package / "callee.py").write_text(CALLEE.format(step=10))
     assert answer_of(package.parent) == "21"
+
+
+@pytest.mark.parametrize("gone", [b"ca_module_renamed_since\nRaster\n.", b"cirm.free_space\nRenamedSince\n."])
+def test_an_index_of_kept_kernels_that_names_types_that_are_gone_counts_as_empty(
+    gone: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    index, path = distance_to_seeds._cache._cache_file, tmp_path / "kernel.nbi"
+    path.write_bytes(pickle.dumps(index._version) + gone)
+    monkeypatch.setattr(index, "_index_path", str(path))
+    assert index.load("any signature") is None
 
 
 @pytest.mark.slow

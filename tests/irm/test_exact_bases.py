@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.answers import Status
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.ik.exact import exact_solver
+from irm.ik.solvers import exact_solver
 from irm.rotations import rotation
-from irm.status import Status
 from irm.verification import NotVerified, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)

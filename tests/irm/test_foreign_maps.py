@@ -5,11 +5,11 @@ import pytest
 
 from assets import FETCH
 from examples.import_pose_tables import read_pose_table, read_reuleaux
+from irm.answers import Status
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations
-from irm.status import Status
 
 INVERSE_MAPS = (InverseReachabilityMap, ClassicalInverseReachabilityMap)
 

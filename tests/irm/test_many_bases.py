@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from irm import inverse_map, multi_target
+from irm import common_bases, inverse_map
+from irm.answers import Status
+from irm.common_bases import best_common_bases
 from irm.free_space import FreeSpace
-from irm.multi_target_kernel import best_common_bases
 from irm.query_kernels import best_bases_batch, best_bases_in_window
-from irm.status import Status
 
 POSITION = (0.0, 0.0, 0.9)
 RANGES = [(-np.pi, np.pi), (-0.6, 0.9)]
@@ -39,7 +39,7 @@ def test_a_search_that_pauses_gives_the_same_bases(level_inverse, table_floor, y
 
     whole = answers()
     monkeypatch.setattr(inverse_map, "_ROWS_AT_A_TIME", 3)
-    monkeypatch.setattr(multi_target, "_BASES_AT_A_TIME", 3)
+    monkeypatch.setattr(common_bases, "_BASES_AT_A_TIME", 3)
     for one, other in zip(whole, answers(), strict=True):
         np.testing.assert_array_equal(one, other)
 

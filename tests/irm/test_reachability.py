@@ -1,4 +1,6 @@
-"""Laws of reachability maps."""
+"""Reachability maps: every cell is reached, with the μ and torso height that it says."""
+
+from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator
@@ -10,12 +12,13 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.errors import MapFileError, ReachabilityError
-from irm.grid import MapParameters, Orientations, nearest_orientation
+from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
 from irm.ik.closed_form import ik_pan, inverse
+from irm.ik.solvers import exact_solver
 from irm.kinematics import jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES
 from irm.reachability_map import ReachabilityMap
-from irm.rotations import rotation, yaw_pitch_roll
+from irm.rotations import rotation, rotations, yaw_pitch_roll
 
 CHAIN = ArmChain.from_robot(FETCH)
 
@@ -164,3 +167,28 @@ def test_progress_is_shown_by_the_callers_function() -> None:
     assert len(built) == len(ReachabilityMap.build(FETCH, **small))
     with pytest.raises(ReachabilityError, match="progress=True must be None or a function"):
         ReachabilityMap.build(FETCH, progress=True, **small)  # what earlier versions took
+
+
+@pytest.mark.parametrize("voxel", [0.02, 0.05, 0.1, 0.5])
+def test_torso_heights_reach_both_ends_of_the_lift(voxel):
+    grid = MapGrid.of(CHAIN, MapParameters(voxel=voxel))
+    assert grid.torsos[0] == CHAIN.lower[0]
+    assert grid.torsos[-1] == CHAIN.upper[0]
+    assert 0.0 < grid.thickness <= voxel + 1e-12
+    np.testing.assert_allclose(np.diff(grid.torsos), grid.thickness)
+    assert grid.top == pytest.approx(grid.bottom + grid.layers * grid.thickness)
+
+
+def test_nearly_all_centres_in_reach_are_in_the_map(coarse_map):
+    """Against the exact solver at random centres of cells: none too many, and few are missed."""
+    grid, rng = coarse_map.grid, np.random.default_rng(0)
+    cells = rng.choice(grid.size, 12_000, replace=False)
+    z, orientation, x, y = np.unravel_index(cells, grid.shape)
+    T = np.tile(np.eye(4), (len(cells), 1, 1))
+    T[:, :3, :3] = rotations(*grid.orientations.angles[orientation].T)
+    T[:, :3, 3] = np.column_stack([grid.axis(0)[x], grid.axis(1)[y], grid.bottom + (z + 0.5) * grid.thickness])
+    truth = exact_solver(CHAIN).solve(T)[0] == 2
+    in_map = coarse_map.reachable[z, orientation, x, y]
+    assert truth.sum() > 1000
+    assert not np.any(in_map & ~truth)
+    assert np.mean(in_map[truth]) > 0.975

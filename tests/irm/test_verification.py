@@ -1,5 +1,7 @@
 """Exact verification of proposed bases."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.kinematics import forward
-from irm.verification import ConfigurationSearch, NotVerified, Verified, tcp_poses, verify
+from irm.verification import LARGEST_STEP, NotVerified, SelfCollision, Verified, tcp_poses, verify
+from tests.irm.arms import arm_chain, arm_model
 
 CHAIN = ArmChain.from_robot(FETCH)
 PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])
@@ -36,7 +39,7 @@ def test_verified_configurations_reach_the_tcp_poses_in_small_steps(level_invers
             np.testing.assert_allclose(T_world_base @ forward(CHAIN, q), T, atol=1e-6)
         steps = np.abs(np.diff(result.configurations, axis=0))
         steps[:, [3, 5, 7]] = np.minimum(steps[:, [3, 5, 7]], 2 * np.pi - steps[:, [3, 5, 7]])
-        assert steps.max() <= ConfigurationSearch().largest_step
+        assert steps.max() <= LARGEST_STEP
 
 
 def test_the_callers_check_decides(level_inverse, table_floor, cups):
@@ -53,3 +56,13 @@ def test_poses_of_a_wrong_shape_are_refused(level_inverse, cups):
     placement = level_inverse.query(cups[0])
     with pytest.raises(QueryError, match=r"\(m, 4, 4\)"):
         verify(CHAIN, placement, lambda _: np.eye(4))
+
+
+def test_a_folded_arm_touches_itself_and_a_stretched_one_does_not():
+    model, chain = arm_model("pr2_arm"), arm_chain("pr2_arm")
+    is_free = SelfCollision(model, chain)
+    stretched = np.array([0.2, -0.5, 0.0, 0.0, -0.3, 0.0, -0.1, 0.0])
+    folded = np.array([0.2, 0.7, 0.9, 0.0, -2.3, 0.0, -2.0, 0.0])
+    assert is_free(np.zeros(3), stretched)
+    assert not is_free(np.zeros(3), folded)
+    assert is_free(np.array([5.0, 1.0, 2.0]), stretched)

@@ -77,15 +77,6 @@ def test_what_is_as_good_lowers_the_minimum_by_one(plan: Solution) -> None:
         assert as_good[index].any() == (after < before)
 
 
-def test_the_target_is_as_good_only_at_the_end(plan: Solution) -> None:
-    scene = plan.actions[0].scene
-    alternatives = Alternatives.of(PLANNER, scene)
-    free = np.ones((len(scene.objects), 1, 24), np.bool_)
-    last = alternatives.as_good(scene, plan.target, free, 0)
-    assert last[scene.index(plan.target)].all()
-    assert last.sum() == 24
-
-
 @pytest.mark.parametrize(("degrees", "number"), [(0, 0), (7, 0), (8, 1), (-15, 23), (180, 12), (-180, 12), (359, 0)])
 def test_direction_classes_are_the_nearest_multiples_of_15_degrees(degrees: float, number: int) -> None:
     assert direction_class(np.radians(degrees)) == number

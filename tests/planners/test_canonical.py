@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from planners.clearing.commitments import grasped
+from planners.collision.world import CollisionWorld
 from planners.contact import Contact, contact_of, contacts, label_of
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import SIDE
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
+from planners.placing.canonical import CanonicalPlacements, placement_cells
 from planners.placing.locations import rotated
+from planners.placing.surfaces import KeepClear
 from planners.planner import Planner
 from planners.scene import RobotState, Scene
+from planners.strategies import STRATEGIES
 from planners.tamp.solution import Solution
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
@@ -32,6 +39,10 @@ def plan() -> Solution:
     """A plan that clears something."""
     plans = (solved(random_scene(15, seed), "object_03") for seed in range(20))
     return next(plan for plan in plans if plan.clearances)
+
+
+def canonical_context(scene: Scene) -> PlanningContext:
+    return PlanningContext.of(scene.robot, scene, grasps="side", canonical=True)
 
 
 def test_random_numbers_do_not_matter() -> None:
@@ -64,7 +75,7 @@ def test_a_lone_object_is_taken_straight_ahead_and_the_plan_moves_little_when_it
 @pytest.mark.parametrize("seed", range(6))
 def test_other_grasps_are_chosen_only_where_all_straight_ones_are_blocked(seed: int) -> None:
     scene = random_scene(18, seed)
-    source = PlanningContext.of(scene.robot, scene, grasps="side", canonical=True).grasps()
+    source = canonical_context(scene).grasps()
     for name in scene.names:
         candidates = source.for_object(scene, name)
         is_straight_free = any(True for _ in source.free_straight(scene, name, SIDE))
@@ -80,7 +91,7 @@ def is_straight(scene: Scene, grasp: GraspCandidate) -> bool:
 
 def test_a_banned_grasp_gives_way_to_the_next_straight_one_then_to_others() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
-    source, offered = PlanningContext.of(scene.robot, scene, grasps="side", canonical=True).grasps(), set()
+    source, offered = canonical_context(scene).grasps(), set()
     straight = {grasp.pair for grasp in source.free_straight(scene, "object_00", SIDE)}
     while is_straight(scene, first := source.for_object(scene, "object_00")[0]):
         offered.add(first.pair)
@@ -116,3 +127,39 @@ def test_the_yaw_of_a_contact_is_the_grippers(yaw: float, pitch: float) -> None:
     assert contact.is_straight
     assert not Contact("pick", "object_00", np.array([0.0, 0.1, yaw]), T).is_straight
     assert not Contact("pick", "object_00", np.array([0.0, 0.0, yaw + 0.3]), T).is_straight
+
+
+def in_hand(scene: Scene) -> Scene:
+    return grasped(scene, canonical_context(scene).grasps().for_object(scene, "object_00")[0])
+
+
+def test_cells_are_a_grid_inside_the_margins() -> None:
+    support = table_scene(cylinder("object_00", 0.0, 0.0)).support
+    cells = placement_cells(support)
+    assert np.allclose(cells.mean(axis=0)[:2], support.position[:2])
+    assert (np.abs(cells[:, :2] - support.position[:2]) <= support.extent[:2] - 0.045 + 1e-9).all()
+    assert np.allclose(cells[:, 2], support.top)
+    for axis in (0, 1):
+        assert np.allclose(np.diff(np.unique(cells[:, axis].round(9))), 0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_numbers(seed: int) -> None:
+    scene = in_hand(random_scene(8, seed))
+    world, search = CollisionWorld.from_scene(scene), canonical_context(scene).placements()
+    found = [
+        list(itertools.islice(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(rng)), 3))
+        for rng in (0, 1)
+    ]
+    for one, other in zip(*found, strict=True):
+        assert np.array_equal(one.base, other.base)
+        assert np.array_equal(one.q, other.q)
+        assert abs(np.remainder(one.yaw - one.base[2] + np.pi, 2 * np.pi) - np.pi) < 1e-9
+        assert np.linalg.norm(placement_cells(scene.support)[:, :2] - one.location, axis=1).min() < 1e-6
+
+
+def test_where_no_cell_is_straight_the_placements_of_the_paper_follow(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = in_hand(random_scene(8, 1))
+    world, search = CollisionWorld.from_scene(scene), canonical_context(scene).placements()
+    monkeypatch.setattr(CanonicalPlacements, "straight", lambda *_: iter(()))
+    assert next(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(0)), None) is not None

@@ -85,6 +85,7 @@ class StuckFollower:
         return self._q
 
 
+@pytest.mark.slow
 def test_a_robot_that_cannot_follow_any_motion_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Planner, "_exercise", lambda *_: None)  # with this follower it would try everything
     scene = table_scene(cylinder("wanted", -0.2, 0.0))

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 
-import assets
-import irm
-import planners
 from assets.robots import FETCH
 from planners import STRATEGIES, Cause, GroundAction, Infeasible, NoPlan, Planner, Solution, Strategy, TaskPlan, solve
 from planners.scene import Scene
@@ -131,11 +125,3 @@ def test_base_motions_in_a_row_become_one() -> None:
     on = GroundAction("MoveBase", ("elsewhere", "robot_gp_object_00", "robot_mp_object_00"))
     assert without_detours((away, on)) == (DRIVE,)
     assert without_detours((away, GroundAction("MoveBase", ("elsewhere", "robot_init_loc", "path_2")))) == ()
-
-
-@pytest.mark.parametrize("package", [assets, irm, planners])
-def test_no_module_is_shadowed_by_a_function_of_its_name(package: ModuleType) -> None:
-    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-        parent, _, name = found.name.rpartition(".")
-        module = importlib.import_module(found.name)
-        assert getattr(importlib.import_module(parent), name) is module, found.name

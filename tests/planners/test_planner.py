@@ -17,7 +17,7 @@ from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import RobotState, SceneError, UnknownObject
 from planners.strategies import STRATEGIES, UnknownStrategy
 from planners.tamp.solution import SolveStats
-from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
+from tests.planners.scenes import cylinder, random_scene, table_scene
 
 PLANNER = Planner(FETCH, grasps="side")
 
@@ -87,12 +87,6 @@ def test_mujoco_finds_no_deep_penetration_at_a_finer_step(problem: tuple[Scene, 
 def test_the_same_generator_gives_the_same_plan(problem: tuple[Scene, str], plan: Solution) -> None:
     again = PLANNER.solve(*problem, rng=np.random.default_rng(0))
     assert replace(plan, stats=SolveStats()) == replace(again, stats=SolveStats())
-
-
-def test_a_solve_without_time_says_so(problem: tuple[Scene, str]) -> None:
-    found = PLANNER.solve(*problem, time_limit=0.0)
-    assert isinstance(found, Infeasible)
-    assert found.cause is Cause.TIME_LIMIT
 
 
 def test_an_object_in_hand_is_put_down_first() -> None:
@@ -166,14 +160,3 @@ def test_objects_that_block_each_other_from_everywhere_are_named_as_such() -> No
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.NO_SELF_CLEARABLE_SET
     assert clearance_floor(scene, "object_12", grasps="side").count is None
-
-
-def test_time_limit_is_a_cause() -> None:
-    scene, target = obstructed(25, 3)
-    found = solve(scene, target, time_limit=1e-6)
-    assert isinstance(found, Infeasible)
-    assert found.cause is Cause.TIME_LIMIT
-
-
-def test_scene_height_matches_the_objects() -> None:
-    assert table_scene(cylinder("object_00", 0.0, 0.0)).body("object_00").bottom == pytest.approx(HEIGHT)

@@ -42,6 +42,7 @@ def test_a_plan_penetrates_nothing(planned: tuple[Scene, Solution]) -> None:
     assert PlanReplay(scene).deepest_contact(plan.actions).depth < TOLERANCE
 
 
+@pytest.mark.slow
 def test_a_finger_does_not_graze_between_the_steps_of_the_planner() -> None:
     """In this cabinet a finger came 1.012 mm into the object that it was about to grasp."""
     env = RetrieveEnv(num_objects=16, layout="cabinet")

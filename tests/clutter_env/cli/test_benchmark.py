@@ -12,24 +12,16 @@ from clutter_env.cli.main import main
 
 def test_benchmark_prints_plots_and_saves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plot, data = tmp_path / "plot.png", tmp_path / "data.json"
-    main(["benchmark", "--objects", "1", "3", "--steps", "20", "--out", str(plot), "--json", str(data)])
+    main(["benchmark", "--objects", "3", "--steps", "20", "--out", str(plot), "--json", str(data)])
     assert "| 3 |" in capsys.readouterr().out
     assert plot.stat().st_size > 1000
     rows = json.loads(data.read_text())["rows"]
-    assert [row["objects"] for row in rows] == [1, 3]
+    assert [row["objects"] for row in rows] == [3]
     assert all(row["steps_per_s"] > 0 for row in rows)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message", "code"), [("--steps=0", "steps=0", 2), ("--layout=round", "'paper'.*'island'", None)]
-)
-def test_wrong_settings_are_refused(
-    wrong: str, message: str, code: int | None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_number_of_steps_below_one_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        main(["benchmark", "--objects", "1", wrong])
-    if code:
-        assert end.value.code == code
-        assert message in capsys.readouterr().err
-    else:
-        end.match(message)
+        main(["benchmark", "--objects", "1", "--steps=0"])
+    assert end.value.code == 2
+    assert "steps=0" in capsys.readouterr().err

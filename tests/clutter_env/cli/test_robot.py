@@ -19,10 +19,16 @@ PANDA = robot("panda_mobile")
 
 @pytest.fixture(scope="module")
 def reach() -> LevelReach:
-    """The robot's reach, which takes a second to compute and which no fault below changes."""
     return level_reach(PANDA)
 
 
+@pytest.fixture
+def reach_once(reach: LevelReach, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot's reach, which takes seconds to compute and which no fault below changes."""
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda _: reach)
+
+
+@pytest.mark.usefixtures("reach_once")
 def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["robot", "check", "panda_mobile", "--out", str(tmp_path / "robot.png")])
     text = capsys.readouterr().out
@@ -31,6 +37,7 @@ def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest
     assert (tmp_path / "robot.png").stat().st_size > 20_000
 
 
+@pytest.mark.usefixtures("reach_once")
 @pytest.mark.parametrize(
     ("old", "new", "hint"),
     [
@@ -42,10 +49,7 @@ def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest
         ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', "geoms without contype"),
     ],
 )
-def test_faults_of_the_file_are_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reach: LevelReach, old: str, new: str, hint: str
-) -> None:
-    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda _: reach)
+def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: str) -> None:
     text = PANDA.mjcf_path.read_text()
     assert old in text
     (tmp_path / "robot.xml").write_text(text.replace(old, new))
@@ -54,8 +58,8 @@ def test_faults_of_the_file_are_named(
     assert bool(problems) == bool(hint)
 
 
-def test_a_bad_home_is_named(monkeypatch: pytest.MonkeyPatch, reach: LevelReach) -> None:
-    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda _: reach)
+@pytest.mark.usefixtures("reach_once")
+def test_a_bad_home_is_named() -> None:
     low = replace(PANDA, home=(0.0, *PANDA.home[1:]))
     assert any("the TCP is" in problem for problem in report_of(low).problems)
     tilted = replace(PANDA, home=(*PANDA.home[:-1], 1.0))

@@ -13,16 +13,15 @@ import pytest
 
 from clutter_env.cli.main import main
 from clutter_env.data.dataset import Dataset, Job
-from clutter_env.data.episode import Episode, record
+from clutter_env.data.episode import Episode
 from clutter_env.data.episode_file import read_episode, write_episode
 from clutter_env.data.hdf5 import export_hdf5
 from clutter_env.data.lerobot import export_lerobot
 from clutter_env.data.minari import export_minari
 from clutter_env.data.replay import replay, with_images
-from clutter_env.errors import DatasetError, LearningError, RenderingUnavailable
-from clutter_env.policies.experts import make_expert
-from clutter_env.rendering.renderer import make_context
+from clutter_env.errors import DatasetError, LearningError
 from clutter_env.task import Task
+from tests.clutter_env.data.conftest import recorded, stored
 
 TASK = Task("clutter_env/Retrieve-o1-v0", {"control_mode": "ee"})
 SEEDS = (0, 1)
@@ -31,34 +30,14 @@ LEROBOT = os.environ.get("LEROBOT_PYTHON", "")
 """An interpreter of an environment with LeRobot, whose pins clash with ours."""
 
 
-def can_render() -> bool:
-    try:
-        make_context(8, 8).free()
-    except RenderingUnavailable:
-        return False
-    return True
-
-
-needs_rendering = pytest.mark.skipif(not can_render(), reason="this machine cannot render")
-
-
-def make_dataset(episodes: list[Episode], job: Job, folder: Path) -> Dataset:
-    dataset = Dataset.open_for(job, folder / "demos")
-    for episode in episodes:
-        write_episode(dataset.episode_path(episode.seed), episode)
-    dataset.finish([episode.seed for episode in episodes])
-    return dataset
-
-
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
-    env = TASK.make()
-    return [record(TASK, env, make_expert("scripted"), seed) for seed in SEEDS]
+    return [recorded(TASK, "scripted", seed) for seed in SEEDS]
 
 
 @pytest.fixture(scope="module")
 def dataset(episodes: list[Episode], tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return make_dataset(episodes, Job(TASK, "scripted", len(SEEDS)), tmp_path_factory.mktemp("state"))
+    return stored(episodes, Job(TASK, "scripted", len(SEEDS)), tmp_path_factory.mktemp("state"))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +48,7 @@ def seen(episodes: list[Episode]) -> list[Episode]:
 
 @pytest.fixture(scope="module")
 def seen_dataset(seen: list[Episode], tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return make_dataset(seen, Job(TASK, "scripted", 1, image_size=SIZE), tmp_path_factory.mktemp("rgbd"))
+    return stored(seen, Job(TASK, "scripted", 1, image_size=SIZE), tmp_path_factory.mktemp("rgbd"))
 
 
 def expected(episodes: list[Episode]) -> dict[str, np.ndarray]:
@@ -114,7 +93,7 @@ def test_lerobot_tables_hold_the_episodes(dataset: Dataset, episodes: list[Episo
     assert statistics["count"] == [len(table)]
 
 
-@needs_rendering
+@pytest.mark.usefixtures("needs_gl")
 @pytest.mark.slow
 @pytest.mark.skipif(not LEROBOT, reason="LEROBOT_PYTHON names no interpreter that has LeRobot")
 def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
@@ -148,7 +127,7 @@ def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episo
     assert max(found["errors"].values()) < 4.0, "shades of 255: what the video's compression changes"
 
 
-@needs_rendering
+@pytest.mark.usefixtures("needs_gl")
 def test_images_are_those_that_the_environment_shows(seen: list[Episode]) -> None:
     episode = seen[0]
     env = TASK.make(obs_mode="rgbd", image_size=SIZE)
@@ -161,7 +140,7 @@ def test_images_are_those_that_the_environment_shows(seen: list[Episode]) -> Non
     assert episode.observations["head_rgb"][0].std() > 10
 
 
-@needs_rendering
+@pytest.mark.usefixtures("needs_gl")
 def test_an_episode_with_images_is_kept_and_replays(seen: list[Episode], tmp_path: Path) -> None:
     write_episode(tmp_path / "episode.hdf5", seen[0])
     again = read_episode(tmp_path / "episode.hdf5")
@@ -170,13 +149,13 @@ def test_an_episode_with_images_is_kept_and_replays(seen: list[Episode], tmp_pat
     assert replay(again).is_identical
 
 
-@needs_rendering
+@pytest.mark.usefixtures("needs_gl")
 def test_a_collection_with_images_is_another_one(seen_dataset: Dataset) -> None:
     with pytest.raises(DatasetError, match="image_size"):
         Dataset.open_for(Job(TASK, "scripted", len(SEEDS)), seen_dataset.directory)
 
 
-@needs_rendering
+@pytest.mark.usefixtures("needs_gl")
 def test_minari_reads_images_and_labels(
     seen_dataset: Dataset, seen: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,7 +209,7 @@ def test_nothing_is_written_over(dataset: Dataset, tmp_path: Path) -> None:
             export(dataset, tmp_path / path)
 
 
-@needs_rendering
+@pytest.mark.usefixtures("needs_gl")
 def test_an_export_that_fails_leaves_nothing(dataset: Dataset, tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
     with pytest.raises(LearningError, match="even"):

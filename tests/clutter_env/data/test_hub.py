@@ -48,6 +48,7 @@ def test_cameras_take_the_place_of_exact_poses() -> None:
     vector.close()
 
 
+@pytest.mark.slow
 def test_each_environment_can_have_a_process() -> None:
     vector = make_env(2, use_async_envs=True, cfg={"env_id": "clutter_env/Reach-v0"})["clutter_env/Reach-v0"][0]
     assert isinstance(vector, AsyncVectorEnv)

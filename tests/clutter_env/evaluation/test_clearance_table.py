@@ -13,15 +13,12 @@ import pytest
 
 import planners
 from assets import FETCH
-from clutter_env import time_limit
 from clutter_env.cli.main import main
 from clutter_env.cli.table import STRATEGIES
-from clutter_env.evaluation import clearance_table
 from clutter_env.evaluation.clearance_page import draw, row, scene_row, shared_rows, summarise
 from clutter_env.evaluation.clearance_table import CRASH, Assessment, Attempt, OtherSettings, Table, Trial, Variant
 from planners import Planner
-from scripts.ablations import ABLATIONS, paired
-from scripts.layout_table import layout_cells
+from scripts.ablations import ABLATIONS
 
 LOOKAHEAD = planners.STRATEGIES["lookahead"]
 
@@ -146,25 +143,6 @@ def test_ablations_differ_from_lookahead_in_one_thing_each() -> None:
     assert all(replace(Planner(FETCH), **variant.planner) for variant in ABLATIONS.values())
 
 
-def test_layouts_are_counted_against_the_targets_that_are_taken_alone() -> None:
-    failed = [replace(attempt(3, None), is_taken_alone=False), attempt(4, None), attempt(5, None, cause=CRASH)]
-    cells = layout_cells(by_seed(attempt(1, 2), attempt(2, 3), *failed), {1: 2, 2: 2, 4: 1, 5: 1})
-    assert cells[:5] == ["2 / 3", "4", "5 / 4 (1.25)", "1", "0"]
-    assert cells[6:] == ["motion: 1, motion (alone too): 1", "1"]
-
-
-def test_effort_is_compared_on_the_scenes_that_both_solved() -> None:
-    def drives(seed: int, moves: int, seconds: float, solved: bool = True) -> Attempt:
-        return Attempt(15, seed, "lookahead", solved=solved, base_moves=moves, sim_s=seconds)
-
-    own = by_seed(drives(1, 1, 10.0), drives(2, 2, 20.0), drives(3, 9, 90.0))
-    reference = by_seed(drives(1, 3, 30.0), drives(2, 3, 20.0), drives(3, 1, 1.0, solved=False))
-    moves, before, fewer, seconds, longer, less = paired(own, reference)
-    assert (moves, before, seconds, longer) == ("1.50", "3.00", "15.00", "25.00")
-    assert fewer.startswith("1.50 [")
-    assert less.startswith("10.00 [")
-
-
 @pytest.mark.parametrize(
     ("names", "supports"),
     [((), None), (("all",), "all"), (("table", "counter_left"), ("table_top", "counter_left"))],
@@ -189,12 +167,6 @@ def test_wrong_arguments_are_named_before_any_trial(wrong: list[str], message: s
     with pytest.raises(SystemExit, match=message):
         main(["table", *wrong, "--out", str(tmp_path)])
     assert not [line for file in tmp_path.rglob("trials.jsonl") for line in file.read_text().splitlines()[1:]]
-
-
-def test_a_trial_has_the_time_limit_of_its_number_of_objects() -> None:
-    env = clearance_table._environment(8, "paper", "joint", FETCH)
-    assert env.spec is not None
-    assert env.spec.max_episode_steps == time_limit(8)
 
 
 @pytest.mark.slow

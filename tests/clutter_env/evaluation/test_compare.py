@@ -71,14 +71,6 @@ def test_the_tables_have_a_line_per_row_and_the_picture_is_drawn(tmp_path: Path)
     assert markdown_by_floor([summarise("reach", "random", [[score(0, None)]], {}, 0)]) == ""
 
 
-def test_success_of_all_scenes_is_no_certainty() -> None:
-    one = summarise("o5", "lookahead", [[score(seed, 0) for seed in range(50)]], {}, seed=0)
-    assert one.clean == wilson(50, 50)
-    assert one.clean.low < 0.95
-    three = summarise("o5", "sac", [[score(seed, 0) for seed in range(50)]] * 3, {}, seed=0)
-    assert three.clean.low < 1.0
-
-
 def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

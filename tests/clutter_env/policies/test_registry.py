@@ -13,7 +13,7 @@ import gymnasium as gym
 import pytest
 import torch
 
-from clutter_env.evaluation.score import DrawnScene, play_scene
+from clutter_env.evaluation.score import play_scene
 from clutter_env.policies.baselines import GreedyPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeyframeNetwork
@@ -122,7 +122,7 @@ def test_a_pair_of_runs_is_one_policy_that_plays(tmp_path: Path) -> None:
     shutil.copy(shipped_path("decisions", "side"), decisions / DECISIONS_FILE)
     shutil.copy(shipped_path("motions", "side"), motions / MOTIONS_FILE)
     policy, env = load_policy(f"{decisions}+{motions}", 0), task.make()
-    score = play_scene(DrawnScene(1_000_003), env, policy, max_steps=300)
+    score = play_scene(1_000_003, env, policy, max_steps=300)
     assert score.lifted
     with pytest.raises(PolicyError, match="no policy of two levels"):
         load_policy(f"{motions}+{motions}", 0)

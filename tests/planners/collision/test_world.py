@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners.collision.hit_kernels import edge_samples
-from planners.collision.robot_pose_kernel import make_scratch, place_robot
+from planners.collision.hit_kernels import edge_samples, make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -93,12 +92,6 @@ def test_the_held_object_is_no_obstacle_and_may_stand_on_the_table() -> None:
             assert world.hits(base, q, grip, HeldObject(body.name, sunk)) >> STATIC_BIT & 1
             checked += 1
     assert checked > 3
-
-
-def test_one_call_equals_a_row_of_many() -> None:
-    world = CollisionWorld.from_scene(mixed_scene(10, 2))
-    Q = random_configurations(world, 20, 5)
-    assert [world.hits(BASE, q, OPENING) for q in Q] == [int(h) for h in world.hits_many(BASE, Q, OPENING)]
 
 
 def test_fingers_move_with_the_opening() -> None:

@@ -14,7 +14,6 @@ from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.grasp_poses import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
-from planners.strategies import UnknownStrategy, find_strategy
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << STATIC_BIT | 1 << SELF_BIT
@@ -133,8 +132,3 @@ def test_an_object_off_the_table_has_no_grasps() -> None:
     fallen = scene.body("object_01").at((-2.0, 0.0, 0.08))
     scene = scene.with_body(fallen)
     assert candidates(scene).for_object(scene, "object_01") == ()
-
-
-def test_unknown_strategy_lists_the_known_ones() -> None:
-    with pytest.raises(UnknownStrategy, match="lookahead, ngr, dogar, srivastava"):
-        find_strategy("magic")

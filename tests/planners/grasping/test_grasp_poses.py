@@ -160,13 +160,6 @@ def test_an_object_put_elsewhere_stands_there_turned() -> None:
     assert moved.yaw == pytest.approx(1.4)
 
 
-def test_families_of_several_sets_come_in_the_order_of_the_set() -> None:
-    grasps = generate_grasps(cylinder(), FETCH, find_grasp_set("all"))
-    pitches = list(dict.fromkeys(grasp.pitch for grasp in grasps))
-    assert pitches == [family.pitch for family in GRASP_SETS["all"]]
-    assert {family for name in ("side", "tilted", "top") for family in GRASP_SETS[name]} == set(GRASP_SETS["all"])
-
-
 def test_unknown_grasp_sets_are_misuse() -> None:
     with pytest.raises(UnknownGraspSet, match="side, tilted, top, all"):
         find_grasp_set("back")

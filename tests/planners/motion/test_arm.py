@@ -15,7 +15,7 @@ from irm.kinematics import forward
 from planners.collision.straight_lines import trace_straight
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.approaches import SIDE_CLEARANCE
-from planners.motion.arm import ArmQuery, RRTConfig, plan_arm, tcp_pose, unwrap_joints
+from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, unwrap_joints
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.scene import Body, RobotState
@@ -191,12 +191,3 @@ def test_continuous_joints_take_the_shorter_turn() -> None:
         assert (np.abs(turned - q) <= np.abs(goal - q) + 1e-9).all()
         assert (turned >= robot.lower).all()
         assert (turned <= robot.upper).all()
-
-
-def test_effort_is_bounded() -> None:
-    """A search without iterations still answers: with a straight path, or with the reason why there is none."""
-    world = CollisionWorld.from_scene(mixed_scene(18, 2))
-    for base, q, opening in hovers(world, np.random.default_rng(1), 3):
-        query, config = ArmQuery(world, base, opening), RRTConfig(iterations=0)
-        found = plan_arm(query, HOME, q, rng=np.random.default_rng(0), config=config)
-        assert isinstance(found, WholeBodyPath | BlockedBy | NoPath)

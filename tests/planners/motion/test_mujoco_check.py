@@ -9,7 +9,7 @@ from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import HeldObject, RobotState, Scene, SceneError
@@ -113,7 +113,7 @@ def test_a_trajectory_is_checked_with_the_object_held_at_the_time() -> None:
     world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
     base, q = grasp_configurations(world, "object_00", rng)[0]
     motion = plan_pick(world, base, HOME, q, "object_00", rng=rng)
-    assert isinstance(motion, PickMotion)
+    assert isinstance(motion, PickPlaceMotion)
     state = RobotState(base, HOME, FETCH.max_finger_position)
     trajectory = pick_trajectory(FETCH, motion, state)
     checker = MujocoCollisionChecker(scene)

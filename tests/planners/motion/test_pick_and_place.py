@@ -11,7 +11,7 @@ from planners.motion.approaches import can_leave, can_put_down
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import BlockedBy
-from planners.motion.pick_and_place import PickMotion, PlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.scene import HeldObject, RobotState, UnknownObject
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
@@ -19,7 +19,7 @@ from tests.planners.scenes import cylinder, table_scene
 HOME = np.array(FETCH.home)
 
 
-def picks(seed: int, count: int = 15) -> list[tuple[CollisionWorld, PickMotion]]:
+def picks(seed: int, count: int = 15) -> list[tuple[CollisionWorld, PickPlaceMotion]]:
     """Motions for the standing objects of a scene that can be had."""
     world = CollisionWorld.from_scene(mixed_scene(count, seed))
     rng = np.random.default_rng(seed)
@@ -27,7 +27,7 @@ def picks(seed: int, count: int = 15) -> list[tuple[CollisionWorld, PickMotion]]
     for body in world.scene.objects:
         for base, q in grasp_configurations(world, body.name, rng) if body.is_upright else []:
             motion = plan_pick(world, base, HOME, q, body.name, rng=rng)
-            if isinstance(motion, PickMotion):
+            if isinstance(motion, PickPlaceMotion):
                 found.append((world, motion))
         if len(found) == 5:
             break
@@ -35,14 +35,14 @@ def picks(seed: int, count: int = 15) -> list[tuple[CollisionWorld, PickMotion]]
 
 
 @pytest.fixture(scope="module")
-def motions() -> list[tuple[CollisionWorld, PickMotion]]:
+def motions() -> list[tuple[CollisionWorld, PickPlaceMotion]]:
     found = picks(0)
     assert len(found) >= 4
     return found
 
 
 def test_picks_are_joined_free_and_end_in_the_carry_configuration(
-    motions: list[tuple[CollisionWorld, PickMotion]],
+    motions: list[tuple[CollisionWorld, PickPlaceMotion]],
 ) -> None:
     for world, motion in motions:
         checker = MujocoCollisionChecker(world.scene)
@@ -56,25 +56,25 @@ def test_picks_are_joined_free_and_end_in_the_carry_configuration(
 
 
 def test_the_object_is_taken_where_the_scene_has_it(
-    motions: list[tuple[CollisionWorld, PickMotion]],
+    motions: list[tuple[CollisionWorld, PickPlaceMotion]],
 ) -> None:
     for world, motion in motions:
-        T_world_tcp = tcp_pose(FETCH, RobotState(motion.lift.base, motion.lift.start, 0.0))
-        assert np.allclose(T_world_tcp @ motion.held.T_tcp_object, world.scene.body(motion.name).pose)
+        T_world_tcp = tcp_pose(FETCH, RobotState(motion.departure.base, motion.departure.start, 0.0))
+        assert np.allclose(T_world_tcp @ motion.held.T_tcp_object, world.scene.body(motion.body.name).pose)
 
 
-def test_what_was_picked_can_be_put_back(motions: list[tuple[CollisionWorld, PickMotion]]) -> None:
+def test_what_was_picked_can_be_put_back(motions: list[tuple[CollisionWorld, PickPlaceMotion]]) -> None:
     rng = np.random.default_rng(0)
     for world, motion in motions:
-        base, q = motion.lift.base, motion.lift.start
-        assert can_leave(world, base, q, motion.name)
+        base, q = motion.departure.base, motion.departure.start
+        assert can_leave(world, base, q, motion.body.name)
         place = plan_place(world, base, motion.retreat.end, q, motion.held, rng=rng)
-        assert isinstance(place, PlaceMotion)
+        assert isinstance(place, PickPlaceMotion)
         assert can_put_down(world, base, q, motion.held)
-        assert np.allclose(place.placed.pose, world.scene.body(motion.name).pose, atol=1e-9)
+        assert np.allclose(place.body.pose, world.scene.body(motion.body.name).pose, atol=1e-9)
         for before, after in zip(place.paths[:-1], place.paths[1:], strict=True):
             assert np.allclose(before.end, after.start)
-        loaded, empty = MujocoCollisionChecker(world.scene), MujocoCollisionChecker(world.scene.with_body(place.placed))
+        loaded, empty = MujocoCollisionChecker(world.scene), MujocoCollisionChecker(world.scene.with_body(place.body))
         for path in place.paths:
             assert (loaded if path.held else empty).deepest_penetration(path, step=STEP).penetration <= TOLERANCE
 
@@ -95,7 +95,7 @@ def test_neighbours_that_leave_no_room_are_named() -> None:
             free = plan_pick(
                 world, base, HOME, q, "object_00", rng=np.random.default_rng(0), ignore=world.scene.mask(found.blockers)
             )
-            assert isinstance(free, PickMotion)
+            assert isinstance(free, PickPlaceMotion)
     assert named
     assert named <= {"object_01", "object_02"}
 

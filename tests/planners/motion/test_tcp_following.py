@@ -13,7 +13,7 @@ from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import tcp_pose
 from planners.motion.path import BlockedBy
-from planners.motion.pick_and_place import PickMotion, plan_pick
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.motion.tcp_following import Followed, follow
 from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Trajectory
@@ -36,7 +36,7 @@ def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
         scene = ALONE.with_state(replace(ALONE.state, base=grasp.base))
         world = CollisionWorld.from_scene(scene)
         motion = plan_pick(world, grasp.base, scene.state.q, grasp.q, "wanted", rng=np.random.default_rng(0))
-        if isinstance(motion, PickMotion):
+        if isinstance(motion, PickPlaceMotion):
             trajectory = pick_trajectory(FETCH, motion, scene.state)
             if isinstance(layer._followed(scene, BoundMotion(trajectory, scene), ("wanted",)), BoundMotion):
                 return scene, grasp, trajectory

@@ -12,7 +12,7 @@ from planners.context import PlanningContext
 from planners.motion.approaches import fewest_blockers, stand_off
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
-from planners.motion.pick_and_place import LIFTED, PickMotion, PlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import LIFTED, PickPlaceMotion, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
 from planners.scene import RobotState, Scene
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene
@@ -22,7 +22,7 @@ PLACES = ((-0.2, 0.3), (0.0, -0.1), (0.15, 0.2), (0.25, -0.35))
 STEP = 0.005
 
 
-def picks() -> list[tuple[Scene, PickMotion]]:
+def picks() -> list[tuple[Scene, PickPlaceMotion]]:
     """The first grasp that works of an object at each of some places."""
     found = []
     for x, y in PLACES:
@@ -32,35 +32,34 @@ def picks() -> list[tuple[Scene, PickMotion]]:
             assert grasp.drives
             start = np.concatenate((stand_off(scene, grasp.base, grasp.q), scene.state.q))
             motion = plan_pick(world, grasp.base, start, grasp.q, "object_00", rng=rng)
-            if isinstance(motion, PickMotion):
+            if isinstance(motion, PickPlaceMotion):
                 found.append((scene, motion))
                 break
     return found
 
 
 @pytest.fixture(scope="module")
-def motions() -> list[tuple[Scene, PickMotion]]:
+def motions() -> list[tuple[Scene, PickPlaceMotion]]:
     found = picks()
     assert len(found) == len(PLACES)
     return found
 
 
-def test_picks_drive_with_a_rigid_arm_and_touch_nothing(motions: list[tuple[Scene, PickMotion]]) -> None:
+def test_picks_drive_with_a_rigid_arm_and_touch_nothing(motions: list[tuple[Scene, PickPlaceMotion]]) -> None:
     for scene, motion in motions:
-        assert motion.pattern.drives
         checker = MujocoCollisionChecker(scene)
         for before, after in zip(motion.paths[:-1], motion.paths[1:], strict=True):
             assert np.allclose(before.configurations[-1], after.configurations[0], atol=1e-3)
         for path in motion.paths:
             assert checker.deepest_penetration(path, step=STEP).penetration <= TOLERANCE
-        for path in (motion.approach, motion.lift):
+        for path in (motion.approach, motion.departure):
             moves = np.abs(np.diff(path.configurations, axis=0))
             assert not (moves[:, :3].any(axis=1) & (moves[:, 3:] > 1e-12).any(axis=1)).any()
             assert np.linalg.norm(path.end_base - path.base) > 0.2
 
 
 def test_the_end_of_a_pick_holds_the_object_as_high_as_counts_as_lifted(
-    motions: list[tuple[Scene, PickMotion]],
+    motions: list[tuple[Scene, PickPlaceMotion]],
 ) -> None:
     for scene, motion in motions:
         trajectory = pick_trajectory(FETCH, motion, scene.state)
@@ -84,15 +83,15 @@ def test_a_target_too_high_for_the_home_configuration_is_carried_high() -> None:
     assert held.bottom > on_board.bottom + LIFTED
 
 
-def test_what_was_picked_can_be_put_back_from_outside(motions: list[tuple[Scene, PickMotion]]) -> None:
+def test_what_was_picked_can_be_put_back_from_outside(motions: list[tuple[Scene, PickPlaceMotion]]) -> None:
     for scene, motion in motions:
         world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
         start = motion.retreat.configurations[-1]
         base, q = motion.approach.end_base, motion.approach.end
         place = plan_place(world, base, start, q, motion.held, rng=rng)
-        assert isinstance(place, PlaceMotion), place
-        assert np.allclose(place.placed.pose, scene.body("object_00").pose, atol=1e-9)
-        loaded, empty = MujocoCollisionChecker(scene), MujocoCollisionChecker(scene.with_body(place.placed))
+        assert isinstance(place, PickPlaceMotion), place
+        assert np.allclose(place.body.pose, scene.body("object_00").pose, atol=1e-9)
+        loaded, empty = MujocoCollisionChecker(scene), MujocoCollisionChecker(scene.with_body(place.body))
         for path in place.paths:
             assert (loaded if path.held else empty).deepest_penetration(path, step=STEP).penetration <= TOLERANCE
         state = RobotState(start[:3], start[3:], 0.02)
@@ -131,7 +130,7 @@ def _tcp(scene: Scene) -> np.ndarray:
     return tcp_pose(scene.robot, scene.state)
 
 
-def _lift(scene: Scene, motion: PickMotion, x: np.ndarray) -> float:
+def _lift(scene: Scene, motion: PickPlaceMotion, x: np.ndarray) -> float:
     """[m] of the held object in a whole-body configuration above where it stood."""
     body = scene.body("object_00")
     T = _tcp(scene.with_state(RobotState(x[:3], x[3:], 0.0)))

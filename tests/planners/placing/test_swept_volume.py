@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import BASE
-from planners.collision.robot_pose_kernel import make_scratch, place_robot
+from planners.collision.hit_kernels import make_scratch, place_robot
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.drawing.clearances import choices_of
@@ -19,7 +19,7 @@ from planners.motion.arm import tcp_pose
 from planners.motion.path import on_base
 from planners.placing import surfaces, swept_volume
 from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, is_free, swept_mask
-from planners.placing.swept_volume import GraspVolumes, grasp_volume, path_volume, standing_volume
+from planners.placing.swept_volume import grasp_volume, path_volume, standing_volume
 from planners.planner import Planner
 from planners.scene import HeldObject, Scene, StaticObstacle
 from planners.tamp.solution import Solution
@@ -126,12 +126,6 @@ def test_where_the_torso_lifts_the_arm_nothing_is_swept_besides_what_the_grasp_a
                 np.testing.assert_array_equal(swept_mask(grid, grasp_volume(world, grasp), TALL), alone)
                 tried += 1
     assert tried > 3
-
-
-def test_volumes_are_worked_out_once() -> None:
-    scene = table_scene(cylinder("object_00", -0.2, 0.1))
-    world, volumes, grasp = CollisionWorld.from_scene(scene), GraspVolumes(), grasps(scene, "object_00")[0]
-    assert volumes.of(world, grasp) is volumes.of(world, grasp)
 
 
 @pytest.mark.slow

@@ -192,14 +192,6 @@ def test_an_object_may_have_visual_geoms_and_its_geom_may_lie_anywhere_in_its_bo
     assert snapshot.uprightness[0] == pytest.approx(mug.rotation[2, 2])
 
 
-def test_the_sensor_watches_the_movable_objects_of_the_scene() -> None:
-    model, data = kitchen()
-    scene = read(model, data)
-    sensor = Sensor(model, data, FETCH, scene.names)
-    assert sensor.names == MOVABLE
-    assert np.allclose(sensor.read().positions, [body.position for body in scene.objects])
-
-
 @pytest.mark.parametrize("held", MOVABLE)
 def test_the_object_in_the_gripper_is_found_by_its_body(held: str) -> None:
     model, data = kitchen()

@@ -161,6 +161,7 @@ def test_a_missing_engine_says_how_to_install_it(name: str, monkeypatch: pytest.
     assert default_engine() == "astar"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("unified_planning") is None, reason="needs unified-planning")
 def test_an_engine_unknown_to_unified_planning_is_named() -> None:
     with pytest.raises(MissingEngineError, match="no engine 'nobody'"):

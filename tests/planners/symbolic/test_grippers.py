@@ -48,12 +48,6 @@ def test_an_obstacle_held_aside_is_not_put_down(engine: str) -> None:
     assert actions == [("PickUp", LEFT), ("PickUp", RIGHT)]
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_one_gripper_cannot_hold_two_objects(engine: str) -> None:
-    actions = planned(engine, problem({"o": LEFT, "t": LEFT}, holds_aside=True))
-    assert ("PutDownForClearance", LEFT) in actions
-
-
 def test_a_full_gripper_forbids_picking_up_unless_objects_are_held_aside() -> None:
     task = problem({"o": LEFT, "t": RIGHT})
     plan = task_planner("astar").plan(task, 10.0)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -17,13 +15,7 @@ from matplotlib.figure import Figure
 
 from planners import Infeasible, Solution, solve
 from planners.cause import Cause
-from planners.expert.config import MonitorConfig
-from planners.expert.executor import ExecutionStatus, Executor
-from planners.expert.monitor import Snapshot
-from planners.motion.arm import tcp_pose
-from planners.scene import RobotState
 from planners.tamp.plan_file import VERSION, PlanFileError, is_same, write_plan
-from planners.tamp.solution import BoundAction
 from tests.planners.own_scenes import kitchen, read
 from tests.planners.plans import refused, solved
 
@@ -124,45 +116,6 @@ def test_plans_that_differ_are_not_equal() -> None:
     assert elsewhere != action
 
 
-def commands(plan: Solution) -> list[bytes]:
-    """What an executor commands if the world does exactly what the plan says."""
-
-    def snapshot(action: BoundAction, time: float) -> Snapshot:
-        sample = action.trajectory.sample(time)
-        T_world_tcp = tcp_pose(action.scene.robot, RobotState(sample.base, sample.q, 0.0))
-        positions = np.array([body.position for body in action.scene.objects])
-        if sample.phase.touched is not None:
-            index = action.scene.index(sample.phase.touched.name)
-            positions[index] = (T_world_tcp @ sample.phase.touched.T_tcp_object)[:3, 3]
-        return Snapshot(positions, np.ones(len(positions)), T_world_tcp, np.concatenate((sample.base, sample.q)))
-
-    first = plan.actions[0]
-    executor = Executor(plan.actions[:2], first.scene.robot, first.scene.names, snapshot(first, 0.0), MonitorConfig())
-    found = []
-    for action in plan.actions[:2]:
-        for time in action.trajectory.times[:-1]:
-            command, status = executor.advance(snapshot(action, float(time)))
-            assert status is not ExecutionStatus.ABORTED, executor.deviation
-            found.append(np.append(command.drive, command.opening).tobytes())
-    return found
-
-
-def test_a_loaded_plan_executes_like_the_saved_one(tmp_path: Path) -> None:
-    solved().save(tmp_path / "plan.npz")
-    assert commands(Solution.load(tmp_path / "plan.npz")) == commands(solved())
-
-
-def test_a_plan_is_read_in_another_process_without_matplotlib_or_drawing(tmp_path: Path) -> None:
-    path = tmp_path / "plan.npz"
-    solved().save(path)
-    code = f"""import sys
-from planners import Solution
-print(Solution.load({str(path)!r}).summary())
-print("matplotlib" in sys.modules, "planners.drawing" in sys.modules)"""
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert result.stdout.strip() == f"{solved().summary()}\nFalse False", result.stderr
-
-
 def damaged(path: Path, kind: str) -> None:
     """Write a file that is no plan."""
     if kind == "text":
@@ -245,7 +198,7 @@ def test_a_file_with_damaged_bytes_gives_the_same_error(tmp_path: Path) -> None:
     dataclasses.replace(solved(), actions=solved().actions[:1]).save(path)
     content = path.read_bytes()
     directory = content.index(b"PK\x01\x02")
-    for turn in range(150):
+    for turn in range(60):
         broken = bytearray(content)
         first = 0 if turn % 3 else directory  # the archive's directory says how to read everything else
         for place in rng.integers(first, len(content), 1 + turn % 4):
@@ -270,7 +223,7 @@ def test_a_header_with_values_of_wrong_types_gives_the_same_error(tmp_path: Path
     with np.load(path) as file:
         parts = dict(file)
     wrong = (None, -1, 2.5, "text", [], [1, 2], {}, {"array": 0}, {"object": 0}, {"object": "text"}, True)
-    for _ in range(80):
+    for _ in range(40):
         header = json.loads(str(parts["header"]))
         node: Any = header
         while True:

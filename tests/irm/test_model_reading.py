@@ -1,13 +1,16 @@
-"""Arms read from MJCF files: the chain's poses are MuJoCo's, and what is no arm is refused with the reason."""
+"""Arms read from MJCF and URDF files: poses are MuJoCo's, what is no arm is refused, and queries work."""
+
+from __future__ import annotations
 
 import mujoco
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.chain import ArmChain
+from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, Status, decide, forward
+from irm.classification import classify
 from irm.errors import ChainError
-from irm.kinematics import forward, jacobian
+from irm.kinematics import jacobian
 from tests.irm.arms import APPROACH, FOLDER, arm_chain, arm_model
 
 ODD_ARM = """
@@ -156,3 +159,71 @@ def test_what_is_no_arm_is_refused_with_the_reason(tmp_path):
     ):
         with pytest.raises(ChainError, match=reason):
             ArmChain.from_mjcf(mujoco.MjModel.from_xml_string(text.replace(old, new)), "base", "tcp")
+
+
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+MESH = '<visual><geometry><mesh filename="package://nowhere/x.stl"/></geometry></visual>'
+JOINT = """<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{n}"/><origin xyz="0 0 0.2"/>
+  <axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>"""
+
+
+def urdf():
+    links = "".join(f'<link name="l{k}">{MESH}</link>' for k in range(7))
+    joints = "".join(JOINT.format(k=k, n=k + 1, axis=axis) for k, axis in enumerate(AXES))
+    fixed = '<parent link="l6"/><child link="tip"/><origin xyz="0 0 0.1"/>'
+    tip = f'<link name="tip"/><joint name="t" type="fixed">{fixed}</joint>'
+    return f'<robot name="six">{links}{tip}{joints}</robot>'
+
+
+def test_a_chain_is_that_of_its_file_and_meshes_may_be_missing(tmp_path):
+    file = tmp_path / "six.urdf"
+    file.write_text(urdf())
+    chain = ArmChain.from_urdf(file, base="l0", tip="tip", approach="z")
+    assert (chain.size, chain.joints[1:]) == (7, tuple(f"j{k}" for k in range(6)))
+    np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 3], (0.0, 0.0, 1.3), atol=1e-12)
+    np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 0], (0.0, 0.0, 1.0), atol=1e-12)
+
+
+def test_what_is_no_urdf_file_is_refused(tmp_path):
+    file = tmp_path / "none.urdf"
+    file.write_text("<robot")
+    with pytest.raises(ChainError, match="URDF"):
+        ArmChain.from_urdf(file, "l0", "tip")
+
+
+@pytest.fixture(scope="module")
+def ur5e():
+    return ArmChain.from_mjcf(FOLDER / "ur5e.xml", base="base", tip="tcp", approach="z")
+
+
+@pytest.fixture(scope="module")
+def ur5e_map(ur5e):
+    return ReachabilityMap.build(ur5e, voxel=0.1, orientations=26, samples=50_000)
+
+
+@pytest.mark.slow
+def test_from_the_file_to_a_query(ur5e_map):
+    placement = InverseReachabilityMap(ur5e_map).query((0.5, 0.0, 0.4), pitch=np.pi / 2, k=3)
+    assert placement.status is not Status.NO
+    assert len(placement) == 3
+    assert np.hypot(*(placement.poses[:, :2] - (0.5, 0.0)).T).max() < 1.2
+
+
+@pytest.mark.slow
+def test_poses_of_the_arm_are_decided_and_right(ur5e, ur5e_map):
+    rng = np.random.default_rng(0)
+    T = np.array([forward(ur5e, q) for q in rng.uniform(ur5e.lower, ur5e.upper, (300, ur5e.size))])
+    assert np.all(decide(ur5e_map, T) == Status.YES.value)
+    far = np.tile(np.eye(4), (1, 1, 1))
+    far[0, :3, 3] = 2.0, 0.0, 0.5
+    assert decide(ur5e_map, far)[0] == Status.NO.value
+
+
+@pytest.mark.slow
+def test_what_a_sampled_map_says_no_to_is_asked_again(ur5e, ur5e_map):
+    rng = np.random.default_rng(1)
+    T = np.array([forward(ur5e, q) for q in rng.uniform(ur5e.lower, ur5e.upper, (200, ur5e.size))])
+    empty = ur5e_map.subset(np.zeros(len(ur5e_map), dtype=bool))
+    above = T[T[:, 2, 3] > 0]
+    assert np.all(classify(empty, above) == Status.NO.value)
+    assert np.all(decide(empty, above) == Status.YES.value)

@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from planners.collision.leaf_kernels import leaf_kernel
-from planners.collision.struct_pointers import pointer_to
+from planners.collision.kernel_arguments import leaf_kernel, pointer_to
 
 
 class Inner(NamedTuple):

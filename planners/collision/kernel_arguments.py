@@ -1,4 +1,4 @@
-"""Named tuples passed to kernels by pointer, like a `const struct *` in C.
+"""Kernels without reference counting, and named tuples passed to them by pointer, like a `const struct *` in C.
 
 Numba passes a tuple as separate arguments, seven for each of its arrays: some 500 for a `CollisionQuery`. Copying them
 takes a third of a collision check, and a kernel with so many arguments takes seconds to compile. A pointer is one
@@ -21,6 +21,7 @@ import hashlib
 from functools import cache
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models, register_default
@@ -28,6 +29,40 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.core.types.containers import BaseNamedTuple
 from numba.core.typing.templates import AttributeTemplate, Signature
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic
+from numpy.typing import NDArray
+
+from irm.compilation import njit
+
+Array = NDArray[np.float64]
+leaf_kernel = njit(cache=True, _nrt=False)
+"""`numba.njit` without reference counting, for kernels that neither allocate nor return arrays and call none that do.
+
+Numba counts references, atomically, to every array taken out of a tuple. For the 50 arrays of a collision query
+this takes longer than the check itself. Numba compiles inner loops of its own in this way (`numba.misc.mergesort`); see
+https://github.com/numba/numba/issues/2350. A kernel that allocates after all is refused when it is compiled ("NRT
+required but not enabled").
+"""
+inlined_kernel = njit(cache=True, _nrt=False, forceinline=True)
+"""A `leaf_kernel` that is compiled into its callers, for a few lines in an inner loop; it multiplies code."""
+
+
+@leaf_kernel
+def copy_row(source: Array, target: Array) -> None:
+    """`target[:] = source` for arrays (d,) of the same length.
+
+    For the assignment itself numba compiles the text of an error message about shapes, half a second for each kernel.
+    """
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+@leaf_kernel
+def copy_rows(source: Array, target: Array) -> None:
+    """`target[:] = source` for arrays (k, d) of the same shape."""
+    for row in range(target.shape[0]):
+        for i in range(target.shape[1]):
+            target[row, i] = source[row, i]
+
 
 _BYTE = ir.IntType(8)
 

@@ -1,15 +1,24 @@
-"""Answers of the placement queries: base poses, best first, with a status."""
+"""Answers of the queries: YES, NO or UNKNOWN, and base poses, best first."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.status import Status
-
 Floats = NDArray[np.float64]
+NO, UNKNOWN, YES = 0, 1, 2
+"""Answers of solvers and kernels: the values of `Status`."""
+
+
+class Status(Enum):
+    """YES: certainly possible. NO: certainly impossible. UNKNOWN: the cells of the map are too coarse to decide."""
+
+    NO = NO
+    UNKNOWN = UNKNOWN
+    YES = YES
 
 
 @dataclass(frozen=True)
@@ -68,15 +77,12 @@ class BasePlacement:
 
 @dataclass(frozen=True)
 class PlacementBatch:
-    """Answers to n queries with up to k bases each; row i is best first and filled with NaN beyond `count[i]`.
+    """Answers to n queries with up to k bases each, best first; rows are filled with NaN beyond `count[i]`.
 
     Attributes:
         count: (n,) bases found.
-        poses: (n, k, 3) base x, y [m] and yaw [rad].
-        manipulability: (n, k).
-        torso: (n, k) [m].
-        approach_yaw: (n, k) [rad].
-        certain: (n, k) whether the arm certainly reaches from this base; False where none was found.
+        poses, manipulability, torso, approach_yaw, certain: (n, k, …) as of `BasePlacement`; `certain` is False where
+            none was found.
     """
 
     count: NDArray[np.int64]

@@ -1,0 +1,419 @@
+"""One base for several TCP positions: the waypoints of a path, or several targets.
+
+The bases of one position, the reference, are searched in the order of `irm.inverse_table`. For each of these bases, the
+μ of every other position is read from the voxel that contains it in the base frame. The score of a base is the smallest
+μ. It cannot exceed μ of the reference, so the search ends as early as that of a single position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, floor, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.answers import BasePlacement, Status
+from irm.compilation import njit
+from irm.errors import QueryError
+from irm.free_space import Raster, floor_distance, point_is_free
+from irm.ik.closed_form import inverse
+from irm.inverse_table import Tiles
+from irm.keyed_bases import SPARE_BASES, GroupField, KeyedBases
+from irm.kinematics import wrap
+from irm.query_kernels import SAME_PLACE, is_apart
+from irm.query_keys import Key, QueryOptions, as_yaw_ranges, base_turns, find_key, flat_key
+from irm.robot_shape import SolidBoxes
+from irm.rotations import rotation, world_to_base, wrap_to_pi
+
+Floats = NDArray[np.float64]
+_ROUNDING = 1e-5
+"""[m] of the single precision in which bases are stored; [rad] by which a yaw may leave its window."""
+_BASES_AT_A_TIME = 16
+"""Bases computed by one call of the kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
+_TORSOS, _ROLLS = 8, 36
+"""Torso heights and upper-arm rolls of the configurations whose wrist and forearm are tested against solid boxes."""
+
+
+def place_for_path(
+    bases: KeyedBases,
+    waypoints: Floats,
+    target: Floats | None,
+    yaw_range: tuple[float, float],
+    options: QueryOptions,
+    solids: SolidBoxes | None,
+) -> BasePlacement:
+    """`InverseReachabilityMap.query_path` for waypoints (m, 3) in the world or, with a target, offsets from it."""
+    in_world = waypoints if target is None else target + waypoints * (0, 0, 1)
+    keys = _keys(bases, in_world, options)
+    if keys is None:
+        return _nothing(Status.NO, len(waypoints)).with_first_yaw()
+    reference = bases.rarest(keys)
+    vertical = np.logical_not(waypoints[:, :2].any(axis=1))
+    orientations = bases.grid.orientations
+    if target is not None and orientations.is_pole(keys[0].group) and orientations.free_roll and not vertical.all():
+        raise QueryError(
+            "a vertical approach has no horizontal direction: give offsets along z only, or the waypoints in the world"
+        )
+    turns = base_turns(bases.grid, keys[reference], yaw_range, options.yaw_step)
+    windows = np.tile(np.array([yaw_range]), (len(waypoints), 1))
+    if target is None:
+        points = pivots = np.repeat(waypoints[None], len(turns), axis=0)
+        fixed = np.ones(len(waypoints), dtype=bool)
+    else:
+        yaws = turns + keys[reference].yaw_shift
+        c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+        x, y, z = waypoints.T
+        points = target + np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(turns), len(z)))], axis=2)
+        pivots, fixed = np.broadcast_to(target, points.shape), vertical
+    search = _Search(bases, options, keys, reference, turns, points, windows, True, fixed)
+    return (search.find() if solids is None else search.find_clear_of(solids, pivots)).with_first_yaw()
+
+
+def place_for_targets(
+    bases: KeyedBases, targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+) -> BasePlacement:
+    """`InverseReachabilityMap.query_multi` for targets (m, 3)."""
+    ranges = as_yaw_ranges(yaw_ranges)
+    if len(ranges) not in (1, len(targets)):
+        raise QueryError(f"{len(targets)} targets do not go with {len(ranges)} yaw ranges")
+    windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
+    keys = _keys(bases, targets, options)
+    if keys is None:
+        return _nothing(Status.NO, len(targets))
+    reference = bases.rarest(keys)
+    low, high = windows[reference].tolist()
+    turns = base_turns(bases.grid, keys[reference], (low, high), options.yaw_step)
+    points, fixed = np.repeat(targets[None], len(turns), axis=0), np.ones(len(targets), dtype=bool)
+    return _Search(bases, options, keys, reference, turns, points, windows, False, fixed).find()
+
+
+def _keys(bases: KeyedBases, points: Floats, options: QueryOptions) -> list[Key] | None:
+    """The key of every position; None if one of them is out of reach, or if no floor is free."""
+    found = [find_key(bases.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
+    keys = [key for key in found if key is not None]
+    return None if len(keys) < len(found) or options.space.is_empty else keys
+
+
+def _nothing(status: Status, positions: int) -> BasePlacement:
+    return BasePlacement.of_multi_rows(np.empty((0, 5)), np.empty((0, positions)), np.empty((0, positions)), status)
+
+
+class _Found(NamedTuple):
+    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m)."""
+
+    rows: Floats
+    torsos: Floats
+    yaws: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """One search for a base common to m positions.
+
+    `keys` m of them; `reference`: index of the position whose bases are searched; `turns` (n,) of these bases;
+    `points` (n, m, 3): the positions at each turn; `windows` (m, 2): range of approach yaws of each; `same_yaw`:
+    whether all positions have one approach yaw; `fixed` (m,): which positions are the same at every turn.
+    """
+
+    bases: KeyedBases
+    options: QueryOptions
+    keys: list[Key]
+    reference: int
+    turns: Floats
+    points: Floats
+    windows: Floats
+    same_yaw: bool
+    fixed: NDArray[np.bool_]
+
+    def find(self) -> BasePlacement:
+        """The best bases common to all positions."""
+        k = self.options.k
+        found = self._common_bases(k)
+        if len(found.rows) and self.bases.is_exact_wanted(self.options, by_default=self.same_yaw):
+            kept = self._decided(found)
+            if len(kept.rows) < len(found.rows):  # some were dropped: others may take their places
+                kept = self._decided(self._common_bases(k + SPARE_BASES))
+            found = _Found(*(column[:k] for column in kept))
+        if len(found.rows):
+            status = Status.YES if found.rows[:, 4].any() else Status.UNKNOWN
+        else:
+            status = Status.NO if self._is_out_of_reach() else Status.UNKNOWN
+        return BasePlacement.of_multi_rows(*found, status)
+
+    def find_clear_of(self, solids: SolidBoxes, pivots: Floats) -> BasePlacement:
+        """The same at those turns at which gripper and wrist are in no solid box.
+
+        `pivots` (n, m, 3): points about which each position turns with the approach yaw.
+        """
+        n, m = self.points.shape[:2]
+        axes = pivots.reshape(-1, 3)[:, :2]
+        poses = self._poses()
+        free = ~solids.block(poses, axes).reshape(n, m).any(axis=1)
+        if not free.any():
+            half = 0.5 * float(self.turns[1] - self.turns[0]) if n > 1 else 0.0
+            blocked = solids.block(poses, axes, half).reshape(n, m).any(axis=1)
+            is_no = blocked.all() or self._is_out_of_reach()
+            return _nothing(Status.NO if is_no else Status.UNKNOWN, m)
+        turns = self.turns[free]
+        turns.setflags(write=False)  # as all turns, so that kernels are compiled only once
+        search = replace(self, turns=turns, points=self.points[free])
+        found = search.find()
+        poses = search._poses().reshape(-1, m, 4, 4)
+        certain = found.certain.copy()
+        for rank in np.flatnonzero(certain):
+            turn = search._turn_numbers(found.approach_yaw[rank : rank + 1, 0])[0]
+            certain[rank] = search._is_clear(found.poses[rank], poses[turn], solids)
+        certain.setflags(write=False)
+        status = Status.UNKNOWN if found.status is Status.YES and not certain.any() else found.status
+        return replace(found, status=status, certain=certain)
+
+    def _common_bases(self, count: int) -> _Found:
+        """At most `count` bases common to all positions, by the map."""
+        bases, key, windows = self.bases, self.keys[self.reference], self.windows
+        order = np.concatenate([[self.reference], np.delete(np.arange(len(self.keys)), self.reference)])
+        spans = np.column_stack([windows[:, 0] - key.yaw_shift, windows[:, 1] - windows[:, 0]])
+        orientations = bases.grid.orientations
+        if orientations.is_pole(key.group) and orientations.free_roll:
+            spans[:] = -np.pi, 2 * np.pi
+        query = MultiTargetQuery(np.ascontiguousarray(self.points[:, order]), self.turns, spans[order], self.same_yaw)
+        rows, torsos, yaws = (np.empty((count, width)) for width in (5, len(self.keys), len(self.keys)))
+        flat, apart = flat_key(bases.grid, key.layer, key.group), max(self.options.separation, SAME_PLACE)
+        kernel = (bases.tiles, flat, query, bases.field(key.group), key.exact, self.options.space.raster, apart)
+        found = wanted = 0
+        while found == wanted < count:
+            wanted = min(count, wanted + _BASES_AT_A_TIME)
+            found = best_common_bases(*kernel, rows, torsos, yaws, found, wanted)
+        back = np.argsort(order)
+        return _Found(rows[:found], torsos[:found, back], yaws[:found, back] + key.yaw_shift)
+
+    def _decided(self, found: _Found) -> _Found:
+        """Those of the bases that may reach all positions, with exact torso heights and certainty."""
+        points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
+        decided = self.bases.decide(found.rows[:, :3], points, found.yaws, self.options)
+        found.rows[:, 4] = decided.certain
+        found.torsos[decided.certain] = decided.torso[decided.certain]
+        return _Found(*(column[decided.may_reach] for column in found))
+
+    def _turn_numbers(self, yaws: Floats) -> NDArray[np.int64]:
+        """(k,) which of the turns belong to the approach yaws (k,) of the reference."""
+        turns = yaws - self.keys[self.reference].yaw_shift
+        return np.asarray(np.abs(wrap_to_pi(turns[:, None] - self.turns)).argmin(axis=1))
+
+    def _poses(self) -> Floats:
+        """(n * m, 4, 4) T_world_tcp at each turn and position of a path."""
+        T = np.tile(np.eye(4), (*self.points.shape[:2], 1, 1))
+        for turn, yaw in enumerate(self.turns + self.keys[self.reference].yaw_shift):
+            T[turn, :, :3, :3] = rotation(float(yaw), self.options.pitch, self.options.roll)
+        T[..., :3, 3] = self.points
+        return T.reshape(-1, 4, 4)
+
+    def _is_clear(self, base: Floats, T_world_tcp: Floats, solids: SolidBoxes) -> bool:
+        """Whether open fingers are in no box at TCP poses (m, 4, 4), and wrist and forearm in some configuration."""
+        chain = self.bases.reachability_map.chain
+        if solids.block_open_fingers(T_world_tcp).any():
+            return False
+        for T in T_world_tcp[solids.may_block(T_world_tcp)]:
+            if chain is None or not chain.has_closed_form:
+                return False
+            torsos = np.linspace(*self.bases.grid.torso_range, _TORSOS)
+            rolls = np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False)
+            if not solids.are_clear(T, inverse(chain, world_to_base(base) @ T, torsos, rolls)).any():
+                return False
+        return True
+
+    def _is_out_of_reach(self) -> bool:
+        """Whether one of the positions certainly has no base at all, or two of them are too far apart for one base."""
+        points, options = self.points[0], self.options
+        discs = [self.bases.disc(point[2], options.pitch) for point in points]
+        farthest = np.array([-np.inf if disc is None else disc.farthest for disc in discs])
+        apart = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=2)
+        if np.any(apart > farthest[:, None] + farthest):
+            return True
+        return any(
+            is_fixed and not self.bases.may_exist(point, options.pitch, key, (low, high), options.space)
+            for is_fixed, point, key, (low, high) in zip(self.fixed, points, self.keys, self.windows, strict=True)
+        )
+
+
+class MultiTargetQuery(NamedTuple):
+    """The positions that the base must reach, for kernels.
+
+    `points` (n, m, 3): the m TCP positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of
+    the reference [rad]. `windows` (m, 2): lower end and length of each position's range of yaws [rad]. `same_yaw`:
+    whether all positions have the yaw of the reference instead.
+    """
+
+    points: Floats
+    yaws: Floats
+    windows: Floats
+    same_yaw: bool
+
+
+@njit(cache=True, inline="always")
+def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
+    """Layer, x and y index of the voxel that contains a point in a base frame, and whether it and the next one exist.
+
+    `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point.
+    """
+    c, s = cos(yaw), sin(yaw)
+    dx, dy = point[0] - x, point[1] - y
+    layer = floor((point[2] - field.z0) / field.thickness - shift)
+    i = floor((c * dx + s * dy - field.x0) / field.voxel - shift)
+    j = floor((c * dy - s * dx - field.y0) / field.voxel - shift)
+    more = 1 if shift > 0.0 else 0
+    layers, _, width, depth = field.mu.shape
+    inside = 0 <= i < width - more and 0 <= j < depth - more and 0 <= layer < layers - more
+    return layer, i, j, inside
+
+
+@njit(cache=True)
+def _best_yaw(
+    field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
+) -> tuple[float, int]:
+    """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
+    mu_of, yaws = field.mu, field.mu.shape[1]
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    best, sample = 0.0, -1
+    if not inside:
+        return best, sample
+    for g in range(yaws):
+        mu = mu_of[layer, g, i, j]
+        if mu > best:
+            beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
+            if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
+                best, sample = mu, g
+    return best, sample
+
+
+@njit(cache=True)
+def _mu_at(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
+    """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    return float(field.mu[layer, sample, i, j]) if inside else 0.0
+
+
+@njit(cache=True)
+def _is_enclosed(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
+    """Whether the eight cell centres around a TCP position are all reachable at one yaw sample."""
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.5)
+    if not inside:
+        return False
+    for a in range(2):
+        for b in range(2):
+            for d in range(2):
+                if field.mu[layer + a, sample, i + b, j + d] <= 0.0:
+                    return False
+    return True
+
+
+@njit(cache=True)
+def _own_sample(field: GroupField, relative_yaw: float) -> int:
+    """The yaw sample of the map from which a base with this yaw relative to the approach was computed."""
+    yaws = field.mu.shape[1]
+    return floor(-relative_yaw / (2.0 * pi) * yaws + 0.5) % yaws
+
+
+@njit(cache=True)
+def _best_common_base(
+    tiles: Tiles,
+    key: int,
+    query: MultiTargetQuery,
+    field: GroupField,
+    raster: Raster,
+    taken: Floats,
+    count: int,
+    apart: float,
+) -> tuple[float, int, int]:
+    """Score, base and turn of the best base that is free and farther than `apart` from `count` rows of `taken`."""
+    best, best_base, best_turn = 0.0, -1, -1
+    bounded = raster.cells.size > 0
+    x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
+    points, yaws, windows = query.points, query.yaws, query.windows
+    for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
+        if tiles.tile_mu[tile] <= best:
+            break
+        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
+        for turn in range(yaws.shape[0]):
+            px, py = points[turn, 0, 0], points[turn, 0, 1]
+            c, s = cos(yaws[turn]), sin(yaws[turn])
+            if bounded and floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
+                continue
+            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
+                if mu_of[base] <= best:
+                    break
+                x = px + c * x_of[base] - s * y_of[base]
+                y = py + s * x_of[base] + c * y_of[base]
+                yaw = yaws[turn] + yaw_of[base]
+                score = float(mu_of[base])
+                own = _own_sample(field, yaw_of[base])
+                for m in range(1, points.shape[1]):
+                    if query.same_yaw:
+                        mu = _mu_at(field, x, y, yaw, points[turn, m], own)
+                    else:
+                        mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
+                    score = min(score, mu)
+                    if score <= best:
+                        break
+                if score > best and point_is_free(raster, x, y) and is_apart(taken, count, x, y, apart):
+                    best, best_base, best_turn = score, base, turn
+    return best, best_base, best_turn
+
+
+@njit(cache=True)
+def best_common_bases(
+    tiles: Tiles,
+    key: int,
+    query: MultiTargetQuery,
+    field: GroupField,
+    exact: bool,
+    raster: Raster,
+    apart: float,
+    rows: Floats,
+    torsos: Floats,
+    yaws: Floats,
+    done: int,
+    last: int,
+) -> int:
+    """The k best bases from which every position is reached.
+
+    Args:
+        tiles, key: bases of the reference.
+        query: the positions.
+        field: of the positions' pitch and roll.
+        exact: whether pitch and roll are exactly those of the map.
+        raster: of the free floor.
+        apart: smallest distance between two bases [m].
+        rows: (k, 5) filled with x, y, yaw, smallest μ, certain (0 or 1).
+        torsos, yaws: (k, m) filled with torso height and approach yaw of each position.
+        done, last: rows that are filled already, and rows to fill, at most k.
+
+    Returns:
+        How many rows are filled: fewer than `last` if there are no more bases.
+    """
+    samples = field.mu.shape[1]
+    for k in range(done, last):
+        score, base, turn = _best_common_base(tiles, key, query, field, raster, rows, k, apart)
+        if base < 0:
+            return k
+        c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
+        x = query.points[turn, 0, 0] + c * tiles.x[base] - s * tiles.y[base]
+        y = query.points[turn, 0, 1] + s * tiles.x[base] + c * tiles.y[base]
+        yaw = query.yaws[turn] + tiles.yaw[base]
+        own = _own_sample(field, tiles.yaw[base])
+        certain = exact
+        for m in range(query.points.shape[1]):
+            point = query.points[turn, m]
+            sample = own
+            if not query.same_yaw and m > 0:
+                _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
+            layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
+            certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
+            height_offset = point[2] - field.z0 - (layer + 0.5) * field.thickness
+            torso = field.torso[layer, sample, i, j] + height_offset
+            torsos[k, m] = min(tiles.torso_upper, max(tiles.torso_lower, torso))
+            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)
+        rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
+        rows[k, 4] = 1.0 if certain else 0.0
+    return last

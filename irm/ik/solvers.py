@@ -1,0 +1,305 @@
+"""Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
+
+`exact_solver` answers each YES with a configuration within the limits as its proof. An arm with the structure of
+Fetch's arm has a solver of its own (`irm.ik.closed_form_solver`). With a structure of `irm.ik.structure` the closed
+form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
+random configurations, and NO is a statement about its length alone.
+
+`arm_solutions` is for kernels. The free parameters are the height of the lift and, for seven joints, the angle of one
+of them. With these the closed form of the arm has up to eight solutions. An arm without a known closed form is solved
+by iteration from one of many stored configurations; the second parameter is then the number of that configuration.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.answers import NO, UNKNOWN, YES
+from irm.chain import ArmChain, ChainArrays, chain_arrays
+from irm.compilation import njit
+from irm.ik.closed_form import ik_arm
+from irm.ik.closed_form_solver import ClosedFormSolver
+from irm.ik.numerical import random_seeds, refine
+from irm.ik.parallel_axes import parallel_excess, parallel_solutions
+from irm.ik.spherical_wrist import scan_free_joint, spherical_solutions
+from irm.ik.structure import ParallelArm, SphericalArm, find_structure
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+_ROUNDING = 1e-9
+"""[m] Lengths that differ by less are equal."""
+LIFT_STEP = 0.02
+"""[m] Largest step between the first heights of the lift that are tried."""
+LIFT_HALVINGS = 6
+"""How often a step of the lift is halved before it is called open: down to 0.3 mm."""
+LIFT_SLOPE = 60.0
+"""[rad/m] Largest slope of the excess along the lift that is assumed."""
+SEEDS = 60
+"""Random configurations per lift height for arms without a closed form, and for poses that it leaves open."""
+CLOSED_FORM, SPHERICAL, PARALLEL, ITERATIVE = range(4)
+"""How an arm is solved: by `irm.ik.closed_form`, by the two structures of `irm.ik.structure`, or by iteration."""
+_UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
+"""Joints of `irm.ik.closed_form`: the one whose angle is free, and the elbow."""
+_SEEDS = 200
+"""Configurations from which an arm without a closed form is solved."""
+_EXACT = 1e-8
+"""[rad] Solutions of an arm with less slack need no refinement."""
+
+
+class ExactSolver(Protocol):
+    """Decides poses of one arm without a map."""
+
+    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+        """(n,) `Status` values of poses (n, 4, 4), and (n, 1 + dof) the configuration that reaches each of them; NaN
+        where none is known."""
+
+
+def exact_solver(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ExactSolver:
+    """The exact solver of an arm.
+
+    Args:
+        chain: of the arm.
+        torso_range: lowest and highest torso height to use [m]; None for the joint's limits.
+    """
+    torsos = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
+    if chain.has_closed_form:
+        return ClosedFormSolver(chain, torsos)
+    return GeneralSolver(chain, torsos)
+
+
+class GeneralSolver:
+    """Exact inverse kinematics of an arm of 6 or 7 hinges.
+
+    Attributes:
+        chain: of the arm.
+        torso_range: lowest and highest height of its lift [m]; equal if it does not move.
+        structure: of its closed form, None if it has none.
+
+    Example:
+        status, q = GeneralSolver(chain, (0.0, 0.0)).solve(T_base_tcp)
+    """
+
+    def __init__(self, chain: ArmChain, torso_range: tuple[float, float]) -> None:
+        self.chain = chain
+        self.torso_range = torso_range
+        self.structure = find_structure(chain)
+        self._arrays = chain_arrays(chain)
+
+    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+        """See `ExactSolver`."""
+        T = np.ascontiguousarray(T_base_tcp, dtype=float)
+        status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
+        away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
+        away[:, 2] -= np.clip(away[:, 2], *self.torso_range)
+        status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
+        if self.structure is not None:
+            self._solve_in_closed_form(T, status, q)
+        # Random configurations may still reach what is open.
+        low, high = self.torso_range
+        heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
+        seeds = np.concatenate([random_seeds(self.chain, SEEDS, height, rng) for height in heights])
+        for n in np.flatnonzero(status == UNKNOWN):
+            if _reach_from_seeds(self._arrays, T[n, :3, :3].copy(), T[n, :3, 3].copy(), seeds, q[n]):
+                status[n] = YES
+        return status, q
+
+    def _solve_in_closed_form(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
+        """Scan the lift for every open pose; what cannot be decided stays open.
+
+        Between two heights the excess could reach 0 only if it changes by their sum.
+        """
+        poses = np.flatnonzero(status == UNKNOWN)
+        low, high = self.torso_range
+        heights = np.linspace(low, high, int(np.ceil((high - low) / LIFT_STEP - _ROUNDING)) + 1)
+        excess = np.empty((len(poses), heights.size))
+        undecided = np.zeros(len(T), dtype=bool)
+        for k, height in enumerate(heights):
+            excess[:, k] = self._try_heights(T, poses, np.full(len(poses), height), status, q, undecided)
+        pose, start = poses.repeat(heights.size - 1), np.tile(heights[:-1], len(poses))
+        ends = np.column_stack([excess[:, :-1].ravel(), excess[:, 1:].ravel()])
+        step = heights[1] - heights[0] if heights.size > 1 else 0.0
+        for _ in range(LIFT_HALVINGS):
+            may_cross = (ends.sum(axis=1) < LIFT_SLOPE * step) & (status[pose] == UNKNOWN)
+            pose, start, ends, step = pose[may_cross], start[may_cross], ends[may_cross], step / 2
+            middle = self._try_heights(T, pose, start + step, status, q, undecided)
+            ends = np.concatenate([np.column_stack([ends[:, 0], middle]), np.column_stack([middle, ends[:, 1]])])
+            pose, start = np.tile(pose, 2), np.concatenate([start, start + step])
+        undecided[pose[ends.sum(axis=1) < LIFT_SLOPE * step]] = True
+        status[poses[(status[poses] == UNKNOWN) & ~undecided[poses]]] = NO
+
+    def _try_heights(
+        self,
+        T: Floats,
+        poses: Integers,
+        heights: Floats,
+        status: NDArray[np.int8],
+        q: Floats,
+        undecided: NDArray[np.bool_],
+    ) -> Floats:
+        """(m,) excess of some poses, each at one height of the lift; marks those that are reached, or are undecided."""
+        excess = np.zeros(len(poses))
+        rows = np.flatnonzero(status[poses] == UNKNOWN)
+        some = poses[rows]
+        R, p = np.ascontiguousarray(T[some, :3, :3]), np.ascontiguousarray(T[some, :3, 3])
+        found = np.zeros((len(rows), self.chain.size))
+        found[:, 0] = heights[rows]
+        kernel = _try_parallel if isinstance(self.structure, ParallelArm) else _try_spherical
+        answer, excess[rows] = kernel(self._arrays, self.structure, R, p, found)
+        status[some[answer == YES]] = YES
+        q[some[answer == YES]] = found[answer == YES]
+        undecided[some[answer == UNKNOWN]] = True
+        return excess
+
+
+@njit(cache=True)
+def _try_spherical(
+    chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats, q: Floats
+) -> tuple[NDArray[np.int8], Floats]:
+    """Answers and excesses (m,) for poses `R` (m, 3, 3), `p` (m, 3) at torso heights `q[:, 0]`; solutions into `q`."""
+    answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
+    for k in range(len(q)):
+        answers[k], excesses[k] = scan_free_joint(chain, arm, R[k], p[k], q[k])
+    return answers, excesses
+
+
+@njit(cache=True)
+def _try_parallel(
+    chain: ChainArrays, arm: ParallelArm, R: Floats, p: Floats, q: Floats
+) -> tuple[NDArray[np.int8], Floats]:
+    """The same for an arm with parallel axes."""
+    answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
+    lowered, best = np.empty(3), np.empty((1, 6))
+    for k in range(len(q)):
+        lowered[0], lowered[1], lowered[2] = p[k, 0], p[k, 1], p[k, 2] - q[k, 0]
+        excesses[k] = max(0.0, parallel_excess(arm, R[k], lowered, best) - arm.slack)
+        q[k, 1:] = best[0]
+        answers[k] = NO
+        if excesses[k] == 0.0:
+            answers[k] = YES if refine(chain, R[k], p[k], q[k]) else UNKNOWN
+    return answers, excesses
+
+
+@njit(cache=True)
+def _reach_from_seeds(chain: ChainArrays, R: Floats, p: Floats, seeds: Floats, q: Floats) -> bool:
+    """Whether a pose is reached from one of the configurations `seeds` (m, n); the solution into `q` (n,)."""
+    trial = np.empty(q.size)
+    for k in range(len(seeds)):
+        trial[:] = seeds[k]
+        if refine(chain, R, p, trial):
+            q[:] = trial
+            return True
+    return False
+
+
+class SolverArrays(NamedTuple):
+    """The solver of one arm, for kernels; the same type for all arms.
+
+    `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
+    has another one. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
+    chain whose angle is a parameter, -1 for none, and joint at the elbow.
+    """
+
+    kind: int
+    chain: ChainArrays
+    spherical: SphericalArm
+    parallel: ParallelArm
+    seeds: Floats
+    free: int
+    elbow: int
+
+
+_NO_SPHERE = SphericalArm(
+    *(np.zeros((7, 3)), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3)),
+    *(np.zeros(7), np.zeros(7), np.zeros(7, dtype=np.int64), False, 0.0, 0.0),
+)
+_NO_PARALLELS = ParallelArm(
+    np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6), np.zeros(6), 0.0
+)
+
+
+def solver_arrays(chain: ArmChain) -> SolverArrays:
+    """The solver of an arm; made once for all chains with the same arrays."""
+    return _solver_of(_Key(chain))
+
+
+def free_angles(chain: ArmChain, count: int) -> Floats:
+    """(count,) values of the second free parameter, evenly over its range; one value if the arm has none."""
+    solver = solver_arrays(chain)
+    if solver.kind == ITERATIVE:
+        return np.arange(float(min(count, len(solver.seeds))))
+    if solver.free < 0:
+        return np.zeros(1)
+    lower, upper = float(chain.lower[solver.free]), float(chain.upper[solver.free])
+    width = min(2 * np.pi, upper - lower)
+    return np.asarray(0.5 * (lower + upper) - 0.5 * width + (np.arange(count) + 0.5) * (width / count))
+
+
+class _Key:
+    """A chain that equals others with the same arrays, for `lru_cache`."""
+
+    def __init__(self, chain: ArmChain) -> None:
+        self.chain = chain
+        arrays = (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, chain.links)
+        self._content = tuple(array.tobytes() for array in arrays)
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self._content == other._content
+
+
+@lru_cache(maxsize=64)
+def _solver_of(key: _Key) -> SolverArrays:
+    chain = key.chain
+    arrays, none = chain_arrays(chain), np.zeros((0, chain.size))
+    if chain.has_closed_form:
+        return SolverArrays(CLOSED_FORM, arrays, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX)
+    structure = find_structure(chain)
+    if isinstance(structure, SphericalArm):
+        free, elbow = int(structure.columns[0]), int(structure.columns[3])
+        return SolverArrays(SPHERICAL, arrays, structure, _NO_PARALLELS, none, free, elbow)
+    if structure is not None:
+        return SolverArrays(PARALLEL, arrays, _NO_SPHERE, structure, none, -1, 3)
+    seeds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0))
+    return SolverArrays(ITERATIVE, arrays, _NO_SPHERE, _NO_PARALLELS, seeds, -1, chain.size // 2)
+
+
+@njit(cache=True)
+def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: float, found: Floats) -> int:
+    """Every configuration within the limits that reaches a TCP pose.
+
+    Args:
+        arm: its solver.
+        R, p: (3, 3), (3,) orientation and position [m] of the TCP in the base frame.
+        torso: height of the lift [m].
+        free: value of the second free parameter, see `free_angles`.
+        found: (8, 1 + n) filled with rows of (torso, arm).
+
+    Returns:
+        The number of rows.
+    """
+    if arm.kind == CLOSED_FORM:
+        return ik_arm(arm.chain.links, R, p, torso, free, arm.chain.lower, arm.chain.upper, found)
+    count, slack = 0, 1.0
+    if arm.kind == ITERATIVE:
+        found[0] = arm.seeds[int(free)]
+        count = 1
+    else:
+        lowered = np.empty(3)
+        lowered[0], lowered[1], lowered[2] = p[0], p[1], p[2] - torso
+        if arm.kind == SPHERICAL:
+            count, slack = spherical_solutions(arm.spherical, R, lowered, free, found), arm.spherical.slack
+        else:
+            count, slack = parallel_solutions(arm.parallel, R, lowered, found), arm.parallel.slack
+    kept = 0
+    for k in range(count):
+        found[k, 0] = torso
+        if slack < _EXACT or refine(arm.chain, R, p, found[k]):
+            found[kept] = found[k]
+            kept += 1
+    return kept

@@ -1,0 +1,338 @@
+"""What a query asks for: its keyword arguments, validated in one place, and the keys and turns that they stand for.
+
+The key of a TCP pose is a layer of heights and an orientation group (pitch, roll) of the map; its bases are laid out
+around the TCP at every allowed yaw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from math import ceil, copysign, inf, isfinite, pi
+from operator import index
+from typing import Any, NamedTuple, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.errors import QueryError
+from irm.free_space import EVERYWHERE, FreeSpace
+from irm.grid import MapGrid, Orientations
+from irm.rotations import wrap_to_pi
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+FULL_TURN = (-np.pi, np.pi)
+"""Every approach yaw."""
+YAW_STEP = float(np.radians(15))
+"""[rad] between the approach yaws tried."""
+SEPARATION = 0.1
+"""[m] between the bases of one answer, so that the second base is an alternative to the first one."""
+SMALLEST_YAW_STEP = 1e-3
+"""[rad]: 6,284 yaws per turn."""
+MOST_BASES = 100_000
+"""Largest `k`: more than there are bases for one TCP pose on any map of a reasonable size."""
+_ROUNDING = 1e-9
+"""[rad] by which a range may exceed a full turn."""
+
+
+class QueryKeywords(TypedDict, total=False):
+    """The keyword arguments that all queries share; `InverseReachabilityMap` says what they mean."""
+
+    pitch: float
+    roll: float
+    free_space: FreeSpace | None
+    k: int
+    separation: float
+    yaw_step: float
+    exact: bool | None
+
+
+class QueryOptions(NamedTuple):
+    """The same, validated; `space` is the free floor: `EVERYWHERE` if none was given."""
+
+    pitch: float
+    roll: float
+    space: FreeSpace
+    k: int
+    separation: float
+    yaw_step: float
+    exact: bool | None
+
+
+def checked_options(keywords: QueryKeywords) -> QueryOptions:
+    """The options of one call.
+
+    Raises:
+        QueryError: a value is not of its kind, not finite or out of its range.
+        TypeError: there is no such keyword.
+    """
+    try:
+        return _recent(**keywords)
+    except TypeError:  # an unknown keyword; or a value that has no hash, such as an array of one number
+        known = QueryKeywords.__annotations__
+        unknown = [name for name in keywords if name not in known]
+        if unknown:
+            raise TypeError(f"queries have no keyword argument {unknown[0]!r}; they have {', '.join(known)}") from None
+        return _validated(**keywords)
+
+
+def _validated(
+    *,
+    pitch: float = 0.0,
+    roll: float = 0.0,
+    free_space: FreeSpace | None = None,
+    k: int = 1,
+    separation: float = SEPARATION,
+    yaw_step: float = YAW_STEP,
+    exact: bool | None = None,
+) -> QueryOptions:
+    pitch, roll = _as_number("pitch", "[rad]", pitch), _as_number("roll", "[rad]", roll)
+    separation, yaw_step = _as_number("separation", "[m]", separation), _as_number("yaw_step", "[rad]", yaw_step)
+    if separation < 0.0:
+        raise QueryError(f"separation must be a number ≥ 0 [m], not {separation}")
+    if yaw_step < SMALLEST_YAW_STEP:
+        raise QueryError(f"yaw_step must be at least {SMALLEST_YAW_STEP} rad, not {yaw_step}")
+    if not (free_space is None or isinstance(free_space, FreeSpace)):
+        raise QueryError(f"free_space is a FreeSpace or None, not {type(free_space).__name__}")
+    if not (exact is None or isinstance(exact, bool | np.bool_)):
+        raise QueryError(f"exact is True, False or None, not {exact!r}")
+    try:
+        count = 0 if isinstance(k, bool) else index(k)
+    except TypeError:
+        count = 0
+    if not 1 <= count <= MOST_BASES:
+        raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {k!r}")
+    return QueryOptions(pitch, roll, free_space or EVERYWHERE, count, separation, yaw_step, exact)
+
+
+_recent = lru_cache(maxsize=16, typed=True)(_validated)
+"""Validation takes a tenth of the time of a query, and most queries repeat the options of the last one. Typed, since
+True and 1 are equal, and one of them is a wrong number of bases."""
+
+
+def _as_number(name: str, unit: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = inf
+    if not isfinite(number) or isinstance(value, str | bytes):
+        raise QueryError(f"{name} must be a finite number {unit}, not {value!r}")
+    return number
+
+
+def as_position(position: Iterable[float]) -> tuple[float, float, float]:
+    """Three finite numbers; anything else is a `QueryError`."""
+    try:
+        x, y, z = map(float, position)
+    except (TypeError, ValueError):
+        x = y = z = inf
+    if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        raise QueryError(f"a TCP position is three finite numbers [m], not {position!r}")
+    return x, y, z
+
+
+def as_positions(positions: ArrayLike) -> Floats:
+    """(n, 3) finite numbers, n ≥ 1; anything else is a `QueryError`."""
+    try:
+        points = np.ascontiguousarray(np.atleast_2d(np.asarray(positions, dtype=float)))
+    except (TypeError, ValueError):
+        raise QueryError(f"TCP positions are an array (n, 3) of finite numbers [m], not {positions!r}") from None
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
+        raise QueryError(f"TCP positions are an array (n, 3) of finite numbers [m] with n ≥ 1, not {points.shape}")
+    return points
+
+
+def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
+    """A pair of finite angles, at most a turn apart [rad]; anything else is a `QueryError`."""
+    try:
+        low, high = map(float, yaw_range)
+    except (TypeError, ValueError):
+        raise QueryError(f"yaw_range is a pair of numbers [rad], not {yaw_range!r}") from None
+    if not (isfinite(low) and isfinite(high)):
+        raise QueryError(f"yaw_range must be finite, not ({low}, {high})")
+    if low > high:
+        raise QueryError(f"yaw_range ({low}, {high}) is empty; a range across ±π is written like (3.0, 3.4)")
+    if high - low > 2 * pi + _ROUNDING:
+        raise QueryError(f"yaw_range ({low}, {high}) is longer than a full turn")
+    return low, high
+
+
+def as_yaw_ranges(yaw_ranges: ArrayLike) -> Floats:
+    """(r, 2) ranges, each as in `as_yaw_range`; one pair (2,) gives r = 1."""
+    try:
+        ranges = np.atleast_2d(np.asarray(yaw_ranges, dtype=float))
+    except (TypeError, ValueError):
+        raise QueryError(f"yaw_ranges are pairs of numbers [rad], not {yaw_ranges!r}") from None
+    if ranges.ndim != 2 or ranges.shape[1] != 2:
+        raise QueryError(f"yaw_ranges are pairs of numbers [rad], of shape (2,) or (n, 2), not {ranges.shape}")
+    low, high = ranges.T
+    valid = (low <= high) & (high - low <= 2 * pi + _ROUNDING) & np.isfinite(ranges).all(axis=1)
+    if not valid.all():
+        as_yaw_range(ranges[int(valid.argmin())])
+    return ranges
+
+
+_EXACT = 1e-6
+"""[rad] within which a TCP orientation counts as that of the map's ring."""
+_POLE_STEP = float(np.radians(15))
+"""[rad] Largest distance between the turns around a vertical approach."""
+_OUTER_STEP = float(np.radians(5))
+"""[rad] between the turns at which the outer map is searched."""
+_OUTER_STEPS = 1.5
+"""Yaw samples by which the outer map extends beyond a reachable one: to the far edge of its neighbour."""
+
+
+class Key(NamedTuple):
+    """A layer and an orientation group of the map, and the TCP's offsets from them.
+
+    `height_offset`: of the TCP above the layer's middle [m]. `exact`: whether pitch and roll are those of the group.
+    `yaw_shift`: what to subtract from the approach yaw to get the turn; at a pole, the roll [rad].
+    """
+
+    layer: int
+    group: int
+    height_offset: float
+    exact: bool
+    yaw_shift: float
+
+
+class YawWindow(NamedTuple):
+    """A range of turns: yaws at which a key's bases are laid out around the TCP. Kernels lay out the turns themselves.
+
+    `low`, `high` and the largest `step` between two turns [rad]; `samples`: for a full turn, the number of turns is a
+    multiple of this; `shift`: what to add to a turn to get the approach yaw [rad].
+    """
+
+    low: float
+    high: float
+    step: float
+    samples: int
+    shift: float
+
+
+def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
+    """The key of a TCP at height `z` [m]; None if no arm configuration reaches this height.
+
+    Raises:
+        QueryError: an angle is not finite, or the map was built without this height or pitch.
+    """
+    group, exact, shift = _find_group(grid.orientations, pitch, roll)
+    layer = grid.layer(z)
+    if not 0 <= layer < grid.layers:
+        _require_covered(grid, z)
+        return None
+    return Key(layer, group, z - grid.layer_height(layer), exact, shift)
+
+
+def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key, Integers, Floats]:
+    """Keys of many TCP heights (n,) at one pitch and roll.
+
+    Returns:
+        A key whose layer and height offset have no meaning; key numbers (n,), -1 where the height is out of reach; and
+        height offsets (n,) [m].
+
+    Raises:
+        QueryError: as `find_key`, for the lowest or the highest of them.
+    """
+    for height in (float(z.min()), float(z.max())):
+        if not 0 <= grid.layer(height) < grid.layers:
+            _require_covered(grid, height)
+    group, exact, shift = _find_group(grid.orientations, pitch, roll)
+    layers = np.floor((z - grid.bottom) / grid.thickness).astype(np.int64)
+    keys = layers * len(grid.orientations.pitch) + group
+    keys[(layers < 0) | (layers >= grid.layers)] = -1
+    return Key(0, group, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.thickness)
+
+
+@lru_cache(maxsize=1024)
+def _find_group(orientations: Orientations, pitch: float, roll: float) -> tuple[int, bool, float]:
+    """Group of a pitch and a roll, whether they are exactly those of the group, and the yaw shift."""
+    group = orientations.nearest(pitch, roll)
+    exact = abs(pitch - float(orientations.pitch[group])) < _EXACT
+    if orientations.free_roll:
+        return group, exact, 0.0
+    if orientations.is_pole(group):
+        return group, exact, copysign(roll, pitch)
+    off_roll = wrap_to_pi(roll - float(orientations.roll[group]))
+    return group, exact and abs(off_roll) < _EXACT, 0.0
+
+
+def _require_covered(grid: MapGrid, z: float) -> None:
+    """Raise if a height is outside the grid because of the map's parameters, not because of the arm's reach."""
+    if grid.cut_below if z < grid.bottom else grid.cut_above:
+        raise QueryError(f"this map covers TCP heights {grid.bottom:.2f} to {grid.top:.2f} m, not {z:.3f} m")
+
+
+def flat_key(grid: MapGrid, layer: int, group: int) -> int:
+    """Number of a key; the groups of one layer have consecutive numbers."""
+    return layer * len(grid.orientations.pitch) + group
+
+
+def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> YawWindow:
+    """The window of turns for a checked range of approach yaws.
+
+    For a vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
+    """
+    orientations, shift = grid.orientations, key.yaw_shift
+    samples = int(orientations.count[key.group])
+    if orientations.free_roll and orientations.is_pole(key.group):
+        return YawWindow(-pi, pi, min(step, _POLE_STEP), samples, shift)
+    return YawWindow(yaw_range[0] - shift, yaw_range[1] - shift, step, samples, shift)
+
+
+def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Floats:
+    """(n,) turns for a checked range of approach yaws, as kernels lay them out, read-only; see `yaw_window`."""
+    window = yaw_window(grid, key, yaw_range, step)
+    return _turns(window.low, window.high, window.step, window.samples)
+
+
+@lru_cache(maxsize=256)
+def _turns(low: float, high: float, step: float, samples: int) -> Floats:
+    turns = approach_yaws((low, high), step, samples)
+    turns.setflags(write=False)
+    return turns
+
+
+def approach_yaws(yaw_range: tuple[float, float], step: float, samples: int = 1) -> Floats:
+    """Approach yaws (n,) of a checked range, increasing [rad].
+
+    Args:
+        yaw_range: [rad].
+        step: largest distance between two of the yaws [rad].
+        samples: for a full turn, the number of yaws is a multiple of this.
+    """
+    low, high = yaw_range
+    if high - low >= 2 * pi - _ROUNDING:
+        count = samples * ceil(2 * pi / step / samples - _ROUNDING)
+        return np.asarray(low + np.arange(count) * (2 * pi / count))
+    count = ceil((high - low) / step - _ROUNDING) + 1
+    if count == 1:
+        return np.array([(low + high) / 2])
+    return np.asarray(low + np.arange(count) * ((high - low) / (count - 1)))
+
+
+def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
+    """Numbers of the keys whose cells touch those of a key; None if the map was built without some of them."""
+    orientations = grid.orientations
+    if (key.layer == 0 and grid.cut_below) or (key.layer == grid.layers - 1 and grid.cut_above):
+        return None
+    layers = range(max(0, key.layer - 1), min(grid.layers, key.layer + 2))
+    near = np.abs(orientations.pitch - orientations.pitch[key.group]) < 1.01 * orientations.step
+    sides = len(np.unique(np.round(orientations.pitch[near] / orientations.step)))
+    if not key.exact and sides < (2 if orientations.is_pole(key.group) else 3):
+        return None
+    return np.array([flat_key(grid, layer, int(group)) for layer in layers for group in np.flatnonzero(near)])
+
+
+def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:
+    """Turns (n,) for the outer map, and the largest distance of any yaw in the range from the nearest of them [rad]."""
+    widening = _OUTER_STEPS * 2 * np.pi / grid.orientations.count[key.group]
+    return linspace_angles((yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening))
+
+
+def linspace_angles(span: tuple[float, float]) -> tuple[Floats, float]:
+    """Yaws (n,) over a span, a full turn at most, `_OUTER_STEP` apart, and half their distance [rad]."""
+    low, high = span if span[1] - span[0] < 2 * np.pi else (-np.pi, np.pi)
+    count = max(1, int(np.ceil((high - low) / _OUTER_STEP)))
+    return np.linspace(low, high, count + 1), (high - low) / count / 2
