@@ -172,15 +172,21 @@ class _LocalProcesses:
 
 @contextmanager
 def _ctrl_c_left_to_this_process() -> Iterator[None]:
-    """Ignore Ctrl-C for a moment; processes that are started in it ignore it as long as they run, from the first."""
-    if threading.current_thread() is not threading.main_thread():  # where Python does not set handlers
+    """Hold Ctrl-C back for a moment; processes that are started in it never get it, this one gets it afterwards.
+
+    Ignored in place of held back, a Ctrl-C in that moment would be lost, and the command would go on.
+    """
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from loky.backend import resource_tracker
+
+    resource_tracker.ensure_running()  # its own start lets Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_parent(parent: int) -> None:

@@ -148,7 +148,7 @@ def test_files_and_modules_named_in_the_pages_exist(page: str) -> None:
 def test_the_results_in_readme_are_those_of_the_results_page() -> None:
     results = PAGES["docs/results.md"]
     rows = re.findall(r"^\|[^|\n]*`([\w-]+)`[^|\n]*\|[^|\n]*\| ([^|\n]+) \| ([^|\n]+) \|$", PAGES["README.md"], re.M)
-    assert [name for name, _, _ in rows] == ["lookahead", "keyframes", "greedy", "bulldozer"]
+    assert [name for name, _, _ in rows] == ["lookahead", "keyframes", "greedy", "direct-approach"]
     for name, clean, lifted in rows:
         assert re.search(rf"^\|[^|]*\| `{name}`[^|]*\|[^|]*\| {re.escape(clean)} \| {lifted} \|", results, re.M), name
     table = re.findall(r"^\| \d+ \| \d+ \| [\d.]+ \| .*solves.* \|$", PAGES["README.md"], re.M)
