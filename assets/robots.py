@@ -109,7 +109,7 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
         return _read(robot)
     if not isinstance(robot, str) or robot not in _ROBOTS:
         known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
-        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.robots.RobotSpec")
+        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.RobotSpec")
     return _ROBOTS[robot]
 
 

@@ -260,6 +260,4 @@ def find_layout(layout: object) -> Layout:
     if isinstance(layout, str) and layout in LAYOUTS:
         return LAYOUTS[layout]
     names = ", ".join(repr(name) for name in LAYOUTS)
-    raise ConfigError(
-        f"layout={layout!r} is not valid; valid names: {names}; or give a clutter_env.scene.layout.Layout"
-    )
+    raise ConfigError(f"layout={layout!r} is not valid; valid names: {names}; or give a clutter_env.Layout")
