@@ -107,7 +107,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         reward, terminated = self._advance()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), reward, terminated, False, self._info()
+        return self._observe(), reward, terminated, self.world.is_unstable, self._info()
 
     def render(self) -> NDArray[Any] | None:
         """An image (height, width, 3) uint8, a depth image (height, width) float32 [m], or None (shown in a window).
@@ -225,7 +225,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         assert scene is not None
         memory = {
             "task": self._memory(),
-            "judge": self._monitor.memory(),
+            "monitor": self._monitor.memory(),
             **self._simulator.memory(),
             "rng": self.np_random.bit_generator.state,
         }
@@ -240,7 +240,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         saved = unpack(state, self._kind)
         checked = self._simulator.check(saved)
         check_generator(self.np_random, saved.memory["rng"])
-        watched = checked_memory(saved.memory["judge"], saved.scene.num_objects, self.world.controller.num_grippers)
+        watched = checked_memory(saved.memory["monitor"], saved.scene.num_objects, self.world.controller.num_grippers)
         bookkeeping = self._read_memory(saved.memory["task"])
         self._simulator.restore(checked)
         self._monitor = SuccessMonitor.recall(watched, self.world, self.measurements, self.target_slot)
@@ -311,8 +311,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def _info(self) -> dict[str, Any]:
         """The info dictionary, the same keys in all environments."""
-        monitor, all_held = self._monitor, self.measurements.all_held
-        held = self.target_slot if monitor.is_target_held else max(all_held)
+        monitor, all_held = self._monitor, self.measurements.grip.held
+        held = self.target_slot if self.target_slot >= 0 and self.target_slot in all_held else max(all_held)
         return {
             "is_success": self._is_success(),
             "lifted": monitor.lifted,
@@ -321,6 +321,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "num_fallen": monitor.num_fallen,
             "num_disturbed": monitor.num_disturbed,
             "num_cleared": monitor.num_cleared,
+            "furniture_force": self.world.furniture_force,
+            "unstable": self.world.is_unstable,
             "ik_failures": self._simulator.ik_failures,
         }
 

@@ -232,7 +232,7 @@ class Observer:
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
             rows[: len(measurements.poses), _POSE] = poses[1:]
-            for slot in measurements.all_held:
+            for slot in measurements.grip.held:
                 if slot >= 0:
                     rows[slot, _HELD] = 1.0
         if self._shows_goal:

@@ -50,7 +50,7 @@ def potential_terms(world: World, measurements: Measurements, monitor: SuccessMo
     # From the TCP to the point on the target's axis where a side grasp holds it.
     x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - measurements.poses[target, :3])
     distance = math.hypot(x, y, z + float(world.scene.standing_extents[target, 2]) - world.robot.grasp_height)
-    is_held = float(monitor.is_target_held)
+    is_held = float(monitor.is_target_carried)
     return {
         "reach": 1.0 - math.tanh(REACH_SCALE * distance),
         "grasp": is_held,

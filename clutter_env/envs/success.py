@@ -1,15 +1,16 @@
 """Success of the retrieval task: has the target been lifted, and was everything else left alone?
 
-What counts, for each object and since reset:
+An object may travel only in the air, in the gripper. It is held while both fingers press on it from opposite sides, and
+carried while it is held and touches nothing else. What counts, for each object and since reset:
 
-- fallen: it has toppled or left its support without being held. A lying cylinder has toppled when it stands up.
-- disturbed: the path that it has moved while not in hand is longer than `DISTURBED_PATH`. The path is measured in
+- fallen: it has toppled or left its support, and is not carried. A lying cylinder has toppled when it stands up.
+- disturbed: the path that it has moved while not carried is longer than `DISTURBED_PATH`. The path is measured in
   chords of `CHORD`: a motion counts when it ends `CHORD` away from where the last chord ended. Jitter of an object at
-  rest stays within one chord and never adds up; slow nudging does.
-- cleared: it has been moved in hand by more than `DISTURBED_PATH` and put down, and has not fallen since.
+  rest stays within one chord and never adds up; slow nudging does. A chord that has begun counts as it is when the
+  object is lifted, and the next one begins where it was last carried.
+- cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been disturbed.
 
-An object is in hand while both fingers touch it, and until they have not for `RELEASE_STEPS` control steps in a row.
-Once it is released, its path goes on from where it was last touched by both.
+Neither may the robot press on the furniture with more than `FURNITURE_FORCE`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,11 @@ DISTURBED_PATH = 0.05
 CHORD = 0.005
 """[m] Length of the chords in which a path is measured; far above the jitter and creep of objects at rest."""
 RELEASE_STEPS = 2
-"""Control steps without contact of both fingers after which an object is released; a single one is contact noise."""
+"""Control steps in which it is not held after which an object is put down; a single one is contact noise."""
+
+FURNITURE_FORCE = 50.0
+"""[N] A robot that presses harder on the furniture is stopped by its protective controller, or moves the table: 50 N
+slide a light table of 10 kg on a smooth floor."""
 
 UPRIGHT = 0.9
 """Cosine of the largest tilt of an object that still is as it was placed."""
@@ -49,12 +54,13 @@ Array = NDArray[np.float64]
 
 @dataclass
 class _Hand:
-    """The slot of the object in a gripper, -1 without one, the control steps since both fingers touched it, and where
-    it was (3,) [m] when it was grasped."""
+    """The slot of the object in a gripper, -1 without one, the control steps since it was held, and where it was (3,)
+    [m] when it was grasped and when it was last held."""
 
     in_hand: int = -1
-    steps_without_contact: int = 0
+    steps_not_held: int = 0
     grasped_at: Array = field(default_factory=lambda: np.zeros(3))
+    last_at: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class SuccessMonitor:
@@ -62,9 +68,9 @@ class SuccessMonitor:
 
     Attributes:
         lift: [m] height of the target's lowest point above what it stood on at reset; 0 without a target.
-        is_target_held: whether both fingers touch the target.
+        is_target_carried: whether the target is held and touches nothing but the gripper.
         is_target_lost: whether the target is below the table top.
-        steps_held: control steps in a row with the target held and lifted.
+        steps_held: control steps in a row with the target carried and lifted.
         num_fallen: number of objects that have fallen since reset.
         num_disturbed: number of objects that have been disturbed since reset.
         num_cleared: number of objects that have been cleared since reset, the target not counted.
@@ -79,9 +85,9 @@ class SuccessMonitor:
         self._paths: Array = np.zeros(count)
         self._is_fallen = np.zeros(count, dtype=np.bool_)
         self._is_cleared = np.zeros(count, dtype=np.bool_)
-        self._hands = [_Hand() for _ in measurements.all_held]
+        self._hands = [_Hand() for _ in measurements.grip.held]
         self.steps_held = 0
-        self._last: Measurements | None = None
+        self._last = measurements
         self._derive()
         self._follow_target(measurements)
 
@@ -92,61 +98,53 @@ class SuccessMonitor:
 
     @property
     def is_clean(self) -> bool:
-        """No object has fallen or been disturbed since reset."""
-        return not self._num_spoilt
+        """No object has fallen or been disturbed since reset, and the robot has not pressed hard on the furniture."""
+        return not self._num_spoilt and self._world.furniture_force <= FURNITURE_FORCE
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step.
 
         The same measurements once more, with nothing in hand, change nothing.
         """
-        if measurements is self._last and not self._in_hand:
+        last, self._last = self._last, measurements
+        if measurements is last and not any(hand.steps_not_held for hand in self._hands):
             self.newly_disturbed = 0
             return
-        self._last = measurements
         before = self._num_spoilt
-        positions = measurements.poses[:, :3]
-        for hand, held in zip(self._hands, measurements.all_held, strict=True):
+        positions, carried = measurements.poses[:, :3], measurements.grip.carried
+        for hand, held in zip(self._hands, measurements.grip.held, strict=True):
             self._follow_gripper(hand, held, positions)
         offsets = positions - self._chord_starts
         offsets *= offsets
         squared = offsets[:, 0] + offsets[:, 1] + offsets[:, 2]
         is_chord = squared > self._chord_squared
-        for slot in self._in_hand:
-            is_chord[slot] = False
+        for slot in carried:
+            is_chord[slot] = slot not in last.grip.carried and squared[slot] > 0
         if np.count_nonzero(is_chord):
             self._paths[is_chord] += np.sqrt(squared[is_chord])
             self._chord_starts[is_chord] = positions[is_chord]
             self._derive()
-        if np.count_nonzero(measurements.is_fallen):
-            fallen = measurements.is_fallen & ~self._is_fallen
-            for slot in self._in_hand:
-                fallen[slot] = False
-            if np.count_nonzero(fallen):
-                self._is_fallen |= fallen
-                self._derive()
+        self._chord_starts[carried] = positions[carried]
+        if np.count_nonzero(measurements.is_fallen & ~self._is_fallen):
+            self._is_fallen |= measurements.is_fallen
+            self._derive()
         self.newly_disturbed = self._num_spoilt - before
         self._follow_target(measurements)
-        self.steps_held = self.steps_held + 1 if self.is_target_held and self.lift >= LIFT_HEIGHT else 0
+        self.steps_held = self.steps_held + 1 if self.is_target_carried and self.lift >= LIFT_HEIGHT else 0
 
     def memory(self) -> dict[str, Any]:
         """The past that a saved state must keep, as JSON values."""
-        first, *others = self._hands
-        memory = {
+        return {
             "chord_starts": self._chord_starts.tolist(),
             "paths": self._paths.tolist(),
             "is_fallen": self._is_fallen.tolist(),
             "is_cleared": self._is_cleared.tolist(),
-            "in_hand": first.in_hand,
-            "steps_without_contact": first.steps_without_contact,
-            "grasped_at": first.grasped_at.tolist(),
+            "hands": [
+                [float(hand.in_hand), float(hand.steps_not_held), *hand.grasped_at.tolist(), *hand.last_at.tolist()]
+                for hand in self._hands
+            ],
             "steps_held": self.steps_held,
         }
-        if others:
-            memory["other_hands"] = [
-                [float(hand.in_hand), float(hand.steps_without_contact), *hand.grasped_at.tolist()] for hand in others
-            ]
-        return memory
 
     @classmethod
     def recall(cls, memory: dict[str, Any], world: World, measurements: Measurements, target: int) -> SuccessMonitor:
@@ -159,41 +157,32 @@ class SuccessMonitor:
         monitor._derive()
         return monitor
 
-    @property
-    def _in_hand(self) -> list[int]:
-        """Slots of the objects in hand."""
-        return [hand.in_hand for hand in self._hands if hand.in_hand >= 0]
-
     def _follow_gripper(self, hand: _Hand, held: int, positions: Array) -> None:
-        """Begin or end the time in which an object is in hand; its motion until the last contact is not counted."""
+        """Begin or end the time in which an object is in hand."""
         if held >= 0:
             if held != hand.in_hand:
-                self._release(hand)
+                self._put_down(hand)
                 hand.in_hand, hand.grasped_at = held, positions[held].copy()
-            hand.steps_without_contact = 0
-            self._chord_starts[held] = positions[held]
+            hand.steps_not_held, hand.last_at = 0, positions[held].copy()
         elif hand.in_hand >= 0:
-            hand.steps_without_contact += 1
-            if hand.steps_without_contact >= RELEASE_STEPS:
-                self._release(hand)
+            hand.steps_not_held += 1
+            if hand.steps_not_held >= RELEASE_STEPS:
+                self._put_down(hand)
 
-    def _release(self, hand: _Hand) -> None:
-        """The object in a hand, if there is one, is put down; its path continues from where contact was lost."""
-        if hand.in_hand < 0:
-            return
-        x, y, z = (float(value) for value in self._chord_starts[hand.in_hand] - hand.grasped_at)
-        if math.sqrt(x * x + y * y + z * z) > DISTURBED_PATH:
+    def _put_down(self, hand: _Hand) -> None:
+        """The object in a hand, if there is one, is put down."""
+        if hand.in_hand >= 0 and math.dist(hand.last_at, hand.grasped_at) > DISTURBED_PATH:
             self._is_cleared[hand.in_hand] = True
-        hand.in_hand, hand.steps_without_contact = -1, 0
+        hand.in_hand, hand.steps_not_held = -1, 0
         self._derive()
 
     def _follow_target(self, measurements: Measurements) -> None:
         target = self._target
-        self.is_target_held = self.is_target_lost = False
+        self.is_target_carried = self.is_target_lost = False
         self.lift = 0.0
         if target >= 0:
             assert self._world.scene is not None
-            self.is_target_held = target in measurements.all_held
+            self.is_target_carried = target in measurements.grip.carried
             self.is_target_lost = bool(measurements.is_off[target])
             support = float(TABLE_HEIGHT + self._world.scene.levels[target])  # on which it stood at reset
             self.lift = self._world.lowest_point(measurements, target) - support
@@ -208,7 +197,7 @@ class SuccessMonitor:
         self._chord_squared: Array = np.where(is_disturbed, np.inf, chords * chords)
         self.num_disturbed = int(np.count_nonzero(is_disturbed))
         self.num_fallen = int(np.count_nonzero(self._is_fallen))
-        is_cleared = self._is_cleared & ~self._is_fallen
+        is_cleared = self._is_cleared & ~self._is_fallen & ~is_disturbed
         is_cleared[self._target : self._target + 1] = False  # an empty slice without a target
         self.num_cleared = int(np.count_nonzero(is_cleared))
         self._num_spoilt = int(np.count_nonzero(is_disturbed | self._is_fallen))
@@ -221,24 +210,16 @@ def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[s
     Raises:
         StateError: it is not the memory of so many objects and grippers.
     """
-    names = ("chord_starts", "paths", "is_fallen", "is_cleared", "in_hand", "steps_without_contact", "grasped_at")
-    others = num_grippers - 1
-    # "judge" is the name in the format of saved states since version 0.1; what stands in the message is the entry.
-    read = Fields(value, "judge", (*names, "steps_held", *["other_hands"] * (others > 0)))
-    rows = read.numbers("other_hands", (others, 5)).tolist() if others else []
-    if not all(-1 <= row[0] < num_objects for row in rows):
-        raise StateError(f"judge: other_hands of the state must hold slots of {num_objects} objects, or -1")
-    first = _Hand(
-        read.integer("in_hand", -1, num_objects - 1),
-        read.integer("steps_without_contact", 0, _MOST_STEPS),
-        read.numbers("grasped_at", (3,)),
-    )
+    read = Fields(value, "monitor", ("chord_starts", "paths", "is_fallen", "is_cleared", "hands", "steps_held"))
+    hands = read.numbers("hands", (num_grippers, 8))
+    if not ((hands[:, 0] >= -1) & (hands[:, 0] < num_objects)).all():
+        raise StateError(f"monitor: hands of the state must hold slots of {num_objects} objects, or -1")
     return {
         "chord_starts": read.numbers("chord_starts", (num_objects, 3)),
         "paths": read.numbers("paths", (num_objects,)),
         "is_fallen": read.flags("is_fallen", num_objects),
         "is_cleared": read.flags("is_cleared", num_objects),
-        "hands": [first, *(_Hand(int(row[0]), int(row[1]), np.array(row[2:])) for row in rows)],
+        "hands": [_Hand(int(row[0]), int(row[1]), row[2:5], row[5:]) for row in hands],
         "steps_held": read.integer("steps_held", 0, _MOST_STEPS),
     }
 

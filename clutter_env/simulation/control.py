@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets import ActingJoints, RobotSpec
-from clutter_env.config import CONTROL_HZ, PHYSICS_STEPS
+from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import ActionError
 from clutter_env.simulation.model import ModelIndex
 
@@ -130,27 +130,24 @@ class JointController:
         )
         data.ctrl[:] = self._position_command()
 
-    def follow(
-        self, model: mujoco.MjModel, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool
-    ) -> None:
-        """Advance the physics by one control step; the target moves at `velocity` as far as the limits allow.
+    def advance(self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool) -> Vector:
+        """Move the target at `velocity` for one control step, as far as the limits allow.
 
         Args:
-            model: the model.
-            data: its data, stepped `PHYSICS_STEPS` times.
+            data: the physics before the step.
             velocity: (4 + n,) wanted, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
             is_loaded: whether something is held.
+
+        Returns:
+            The motor commands (`SEGMENTS`, nu), for equal parts of the step.
         """
         before = self._position_command()
-        self._advance(data, velocity, grips, is_loaded)
+        self._move_target(data, velocity, grips, is_loaded)
         after = self._position_command()
         commands = before + _SHARES * (after - before)
         commands[:, self._index.drive_actuators] += self._feedforward * self.state.velocity
-        ctrl = data.ctrl
-        for command in commands:
-            ctrl[:] = command
-            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
+        return commands
 
     def action_towards(self, q_target: ArrayLike, gripper_width: ArrayLike, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
@@ -191,7 +188,7 @@ class JointController:
         width = float(checked_vector("gripper_width", [gripper_width], (1,))[0])
         return 2 * self._robot.finger_position(width) / self._robot.max_finger_position - 1
 
-    def _advance(self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool) -> None:
+    def _move_target(self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool) -> None:
         """Move the targets of joints and fingers by one control step, as far as the limits allow."""
         state = self.state
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])

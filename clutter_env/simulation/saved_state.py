@@ -21,17 +21,12 @@ from numpy.typing import NDArray
 from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
 
-_MAGIC = b"clutter-env state 1\n"
+_MAGIC = b"clutter-env state 2\n"
 _MOST_BYTES = 2**24
 """A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
 _PARTS = ("kind", "scene", "physics", "memory")
-MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
-"""Entries of the memory: what task, success monitor ("judge", its name in version 0.1), controller and environment
-remember besides the physics."""
-SEVERAL_ARMS = ("other_held", "other_fingers")
-"""Further entries of a robot that acts with several arms."""
-IK_FAILURES = "ik_failures"
-"""A further entry with "ee" control; states of version 0.1 lack it."""
+MEMORY = ("task", "monitor", "grip", "furniture_force", "target", "velocity", "fingers", "end_effector", "rng")
+"""Entries of the memory: what task, success monitor, controller and environment remember besides the physics."""
 
 _LARGEST_HALF_EXTENT = 1.0
 """[m]"""
@@ -99,6 +94,8 @@ def _decode(state: object) -> Any:
     if not isinstance(state, bytes):
         raise StateError(f"a saved state is bytes from save_state(), not {type(state).__name__}")
     head, digest, body = state[: len(_MAGIC)], state[len(_MAGIC) : len(_MAGIC) + 32], state[len(_MAGIC) + 32 :]
+    if head == _MAGIC.replace(b"2", b"1"):
+        raise StateError("version 0.1 saved this state, under another rule of success; save it again")
     if head != _MAGIC or hashlib.sha256(body).digest() != digest:
         raise StateError("these bytes are no saved state of this version, or they are damaged")
     try:
@@ -112,12 +109,8 @@ def _decode(state: object) -> Any:
 
 
 def _read_scene(value: object, most_objects: int) -> TableScene:
-    """The scene in a state of an environment with at most so many objects.
-
-    States that were saved before cylinders could lie, or objects stand on shelves, lack these entries.
-    """
-    missing = [name for name in ("is_lying", "levels") if isinstance(value, dict) and name not in value]
-    read = Fields(value, "scene", [entry.name for entry in fields(TableScene) if entry.name not in missing])
+    """The scene in a state of an environment with at most so many objects."""
+    read = Fields(value, "scene", [entry.name for entry in fields(TableScene)])
     count = len(read["yaws"]) if isinstance(read["yaws"], list) else 0
     if not min(most_objects, 1) <= count <= most_objects:
         raise StateError(
@@ -131,8 +124,8 @@ def _read_scene(value: object, most_objects: int) -> TableScene:
         masses=read.numbers("masses", (count,), *_MASS_RANGE),
         base=read.numbers("base", (3,), -_PLACE_RANGE, _PLACE_RANGE),
         target=read.integer("target", 0, count - 1) if count else read.integer("target", -1, -1),
-        is_lying=np.zeros(count, np.bool_) if "is_lying" in missing else read.flags("is_lying", count),
-        levels=np.zeros(count) if "levels" in missing else read.numbers("levels", (count,), 0.0, _PLACE_RANGE),
+        is_lying=read.flags("is_lying", count),
+        levels=read.numbers("levels", (count,), 0.0, _PLACE_RANGE),
     )
     if (scene.is_lying & scene.is_box).any():
         raise StateError("scene: is_lying of the state must be false for a box")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any
 
@@ -17,8 +17,8 @@ from clutter_env.simulation.control import ControlState, checked_action, checked
 from clutter_env.simulation.end_effector import EndEffectorController
 from clutter_env.simulation.physics_state import PhysicsState, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import IK_FAILURES, MEMORY, SEVERAL_ARMS, Fields, SavedState, check_quaternions
-from clutter_env.simulation.world import Measurements, World
+from clutter_env.simulation.saved_state import MEMORY, Fields, SavedState, check_quaternions
+from clutter_env.simulation.world import Grip, Measurements, World
 
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
@@ -34,9 +34,8 @@ class CheckedState:
     control: ControlState
     wanted_tcp: list[float] | None
     ik_failures: int
-    held: int
-    is_touching: bool
-    other_held: tuple[int, ...]
+    grip: Grip
+    furniture_force: float
 
 
 class Simulator:
@@ -111,7 +110,7 @@ class Simulator:
         if self._end_effector:
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
         self.check_started("joint_action()")
-        return self.world.controller.action_towards(q_target, gripper_width, self.measurements.is_holding)
+        return self.world.controller.action_towards(q_target, gripper_width, self.measurements.grip.is_holding)
 
     def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
         """The "ee" action (10,) towards a base and a TCP pose; see `BaseEnv.ee_action`."""
@@ -122,7 +121,7 @@ class Simulator:
         base = checked_vector("ee_action's base_target", base_target, (3,))
         pose = checked_vector("ee_action's T_world_tcp", T_world_tcp, (4, 4))
         goal = np.concatenate((base, controller.state.target[_BASE:]))
-        velocity = controller.velocity_towards(goal, self.measurements.is_holding)[:_BASE]
+        velocity = controller.velocity_towards(goal, self.measurements.grip.is_holding)[:_BASE]
         drive = np.clip(velocity / controller.max_velocity[:_BASE], -1.0, 1.0)
         T_world_base = np.eye(4)
         cosine, sine = np.cos(base[2]), np.sin(base[2])
@@ -134,16 +133,14 @@ class Simulator:
     def memory(self) -> dict[str, Any]:
         """Memory of controller and measurements besides the physics, as JSON values."""
         control = self.world.controller.state
-        several = {"other_held": self.measurements.other_held, "other_fingers": control.other_fingers}
+        ee = self._end_effector
         return {
-            **(several if control.other_fingers else {}),
-            "held": self.measurements.held,
-            "is_touching": self.measurements.is_touching,
+            "grip": asdict(self.measurements.grip),
+            "furniture_force": self.world.furniture_force,
             "target": control.target.tolist(),
             "velocity": control.velocity.tolist(),
-            "finger": control.finger,
-            "wanted_tcp": self._end_effector.wanted if self._end_effector else None,
-            **({IK_FAILURES: self._end_effector.failures} if self._end_effector else {}),
+            "fingers": control.fingers,
+            "end_effector": None if ee is None else {"wanted_tcp": ee.wanted, "ik_failures": ee.failures},
         }
 
     def check(self, saved: SavedState) -> CheckedState:
@@ -153,20 +150,18 @@ class Simulator:
             StateError: an entry is missing, of the wrong type or size, out of range, or does not agree with another.
         """
         world = self._world_for(saved.scene)
-        others = world.controller.num_grippers - 1
-        counts_failures = (
-            self._end_effector is not None and isinstance(saved.memory, dict) and IK_FAILURES in saved.memory
-        )
-        further = (*SEVERAL_ARMS * (others > 0), *(IK_FAILURES,) * counts_failures)
-        memory = Fields(saved.memory, "memory", (*MEMORY, *further))
-        wanted_tcp = None
+        memory = Fields(saved.memory, "memory", MEMORY)
+        wanted_tcp, ik_failures = None, 0
         if self._end_effector:
-            pose = memory.numbers("wanted_tcp", (7,))
+            entries = Fields(memory["end_effector"], "memory end_effector", ("wanted_tcp", "ik_failures"))
+            pose = entries.numbers("wanted_tcp", (7,))
             check_quaternions("memory wanted_tcp", pose[:4])
-            wanted_tcp = pose.tolist()
-        elif memory["wanted_tcp"] is not None:
-            raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
-        size, last_slot = len(world.controller.state.target), saved.scene.num_objects - 1
+            wanted_tcp, ik_failures = pose.tolist(), entries.integer("ik_failures", 0, 2**31)
+        elif memory["end_effector"] is not None:
+            raise StateError("memory: end_effector of the state must be null in control mode 'joint'")
+        grip = Fields(memory["grip"], "memory grip", [entry.name for entry in fields(Grip)])
+        size, grippers = len(world.controller.state.target), world.controller.num_grippers
+        finger, *other_fingers = memory.numbers("fingers", (grippers,)).tolist()
         return CheckedState(
             world=world,
             scene=saved.scene,
@@ -174,14 +169,17 @@ class Simulator:
             control=ControlState(
                 memory.numbers("target", (size,)),
                 memory.numbers("velocity", (size,)),
-                memory.number("finger"),
-                tuple(memory.numbers("other_fingers", (others,)).tolist()) if others else (),
+                finger,
+                tuple(other_fingers),
             ),
             wanted_tcp=wanted_tcp,
-            ik_failures=memory.integer(IK_FAILURES, 0, 2**31) if counts_failures else 0,
-            held=memory.integer("held", -1, last_slot),
-            is_touching=memory.flag("is_touching"),
-            other_held=tuple(memory.integers("other_held", others, -1, last_slot).tolist()) if others else (),
+            ik_failures=ik_failures,
+            grip=Grip(
+                held=tuple(grip.integers("held", grippers, -1, saved.scene.num_objects - 1).tolist()),
+                is_carried=tuple(grip.flags("is_carried", grippers).tolist()),
+                is_touching=grip.flag("is_touching"),
+            ),
+            furniture_force=memory.number("furniture_force", 0.0),
         )
 
     def restore(self, state: CheckedState) -> None:
@@ -195,7 +193,8 @@ class Simulator:
         self.world.controller.state = state.control
         if self._end_effector and state.wanted_tcp:
             self._end_effector.wanted, self._end_effector.failures = state.wanted_tcp, state.ik_failures
-        self.measurements = self.world.measure_objects(state.held, state.is_touching, state.other_held)
+        self.measurements = self.world.measure_objects(state.grip)
+        self.world.furniture_force = state.furniture_force
         self.has_started = True
 
     def check_started(self, call: str) -> None:

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets import ActingJoints, RobotSpec
+from clutter_env.config import PHYSICS_STEPS
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.apply_scene import apply_scene
-from clutter_env.simulation.control import JointController
+from clutter_env.simulation.control import SEGMENTS, JointController
 from clutter_env.simulation.model import ModelIndex, compile_model
 
 TOPPLED_ANGLE = math.radians(45.0)
@@ -23,35 +24,63 @@ TOPPLED_ANGLE = math.radians(45.0)
 _UPRIGHT = 0.0, (1 - math.cos(TOPPLED_ANGLE)) / 2
 _LYING = 0.5, math.sin(TOPPLED_ANGLE) / 2
 """qx² + qy² = (1 - cos tilt) / 2 of an object as it was placed, and its change beyond which the object has toppled."""
+LEAST_GRIP_FORCE = 1.0
+"""[N] with which each finger must press on an object that is held: half the weight of 0.2 kg."""
+_OPPOSITE = -math.sqrt(0.5)
+"""Cosine of the angle between the fingers' forces on an object that is held, at most: 45° from opposite."""
+_ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
+"""Kinds of geoms. Two of them in contact have a sum that no other two have."""
+_AWAKE = -(1 + int(mujoco.mjMINAWAKE))
+"""Entry of `tree_asleep` of a body that has just moved."""
 FALLEN_BELOW = TABLE_HEIGHT - 0.01
 """[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
+
+
+@dataclass(frozen=True)
+class Grip:
+    """What the grippers do, that of the active arm first.
+
+    Attributes:
+        held: slot of the object that both fingers press from opposite sides, -1 for none.
+        is_carried: whether it touches nothing but the gripper.
+        is_touching: whether any finger touches anything.
+    """
+
+    held: tuple[int, ...]
+    is_carried: tuple[bool, ...]
+    is_touching: bool
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether some gripper holds something."""
+        return max(self.held) >= 0
+
+    @property
+    def carried(self) -> list[int]:
+        """Slots of the objects that are carried."""
+        return [slot for slot, is_carried in zip(self.held, self.is_carried, strict=True) if is_carried]
 
 
 @dataclass(frozen=True)
 class Measurements:
     """Measured quantities after a control step, from which observation, reward and success follow.
 
-    `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
-    top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything. Of a robot that acts
-    with several arms, `other_held` are the slots in the other grippers; `held` is that of the active one.
+    Attributes:
+        poses: (n, 7) world poses of the objects.
+        is_fallen: (n,) whether each has toppled or is off the table.
+        is_off: (n,) whether each is below the table top.
+        grip: what the grippers hold and touch.
     """
 
     poses: NDArray[np.float64]
     is_fallen: NDArray[np.bool_]
     is_off: NDArray[np.bool_]
-    held: int
-    is_touching: bool
-    other_held: tuple[int, ...] = ()
+    grip: Grip
 
     @property
-    def all_held(self) -> tuple[int, ...]:
-        """The slot in each gripper, -1 for none, that of the active arm first."""
-        return self.held, *self.other_held
-
-    @property
-    def is_holding(self) -> bool:
-        """Whether some gripper holds something."""
-        return self.held >= 0 or any(slot >= 0 for slot in self.other_held)
+    def held(self) -> int:
+        """The slot in the gripper of the active arm, -1 for none."""
+        return self.grip.held[0]
 
 
 class World:
@@ -74,6 +103,11 @@ class World:
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
         self._slot_of_geom = [-1] * self.model.ngeom  # of what is no object
         self._slot_of_geom[self.index.object_geoms] = range(len(shapes))
+        self._kinds = self._kinds_of_geoms()
+        self._grippers = [self._gripper_geoms(pads) for pads in self.index.finger_geoms]
+        self._robot_tree = int(self.model.body_treeid[self.index.base_body])
+        self._warnings = self.data.warning.number
+        self.furniture_force = 0.0
         self.scene: TableScene | None = None
         self._last: tuple[bytes, Measurements] | None = None
 
@@ -97,7 +131,13 @@ class World:
         data.qpos[index.finger_qpos[:2]] = self.robot.max_finger_position
         data.qpos[index.still_qpos] = self.robot.still_configuration
         self.controller.reset(data)
+        self.furniture_force = 0.0
         mujoco.mj_forward(model, data)
+
+    @property
+    def is_unstable(self) -> bool:
+        """Whether MuJoCo has warned since the reset: the simulation has diverged, or its memory was too small."""
+        return any(self._warnings.tolist())
 
     def advance(
         self, measurements: Measurements, velocity: NDArray[np.float64], grips: Sequence[float]
@@ -112,17 +152,45 @@ class World:
             velocity: (4 + n,) wanted joint velocities, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
         """
-        self.data.eq_active[self.index.finger_couplings] = measurements.is_touching
-        self.controller.follow(self.model, self.data, velocity, grips, is_loaded=measurements.is_holding)
+        model, data, grip = self.model, self.data, measurements.grip
+        data.eq_active[self.index.finger_couplings] = grip.is_touching
+        for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
+            if data.ncon:
+                self._watch_contacts()
         # A physics step leaves body and site poses at the positions from which it started.
-        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_kinematics(model, data)
         return self.measure()
+
+    def _watch_contacts(self) -> None:
+        """Note the robot's force on furniture, and keep awake what the robot touches, with all that lies on it.
+
+        An object at rest in the gripper or on the arm is about to sleep; asleep it would stay in the air when the robot
+        lets go of it.
+        """
+        data = self.data
+        kinds = self._kinds[data.contact.geom].sum(axis=1)
+        is_furniture = kinds == _ROBOT + _FURNITURE
+        if is_furniture.any():
+            force = sum(float(np.linalg.norm(self._force(row))) for row in np.flatnonzero(is_furniture).tolist())
+            self.furniture_force = max(self.furniture_force, force)
+        if (kinds == _ROBOT + _OBJECT).any():
+            island = data.tree_island[self._robot_tree]
+            data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
+
+    def _force(self, row: int) -> NDArray[np.float64]:
+        """The normal force (3,) [N] of a contact on the second of its geoms."""
+        contact = self.data.contact[row]
+        if contact.efc_address < 0:
+            return np.zeros(3)
+        return contact.frame[:3] * self.data.efc_force[contact.efc_address]
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
-        return self.measure_objects(*self._grip())
+        return self.measure_objects(self._measure_grip())
 
-    def measure_objects(self, held: int, is_touching: bool, other_held: tuple[int, ...] = ()) -> Measurements:
+    def measure_objects(self, grip: Grip) -> Measurements:
         """The present state of the objects, where it is known what the fingers hold and touch.
 
         It is the same object as the last time if nothing has changed, as in most steps while all objects sleep.
@@ -130,17 +198,14 @@ class World:
         content = self.data.qpos[self.index.object_qpos].tobytes()
         if self._last is not None:
             before, last = self._last
-            is_same_grip = held == last.held and is_touching == last.is_touching and other_held == last.other_held
-            if content == before and is_same_grip:
+            if content == before and grip == last.grip:
                 return last
         poses = np.frombuffer(content).reshape(-1, 7)
         is_off = poses[:, 2] < FALLEN_BELOW
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
-        for slot in (held, *other_held):
-            if slot >= 0:
-                is_fallen[slot] = False
-        measurements = Measurements(poses, is_fallen, is_off, held, is_touching, other_held)
+        is_fallen[grip.carried] = False
+        measurements = Measurements(poses, is_fallen, is_off, grip)
         self._last = content, measurements
         return measurements
 
@@ -156,15 +221,53 @@ class World:
             side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
         return height - side - half_z * abs(down_z)
 
-    def _grip(self) -> tuple[int, bool, tuple[int, ...]]:
-        """The object that both fingers touch, -1 for none; whether a finger touches anything; the others' objects."""
-        grippers = self.index.finger_geoms
+    def _measure_grip(self) -> Grip:
+        """What the grippers hold and touch, from the contacts of the last physics step."""
+        nothing = (-1,) * len(self._grippers)
         if not self.data.ncon:
-            return -1, False, (-1,) * (len(grippers) - 1)
-        contacts, slot_of = self.data.contact.geom.tolist(), self._slot_of_geom
-        touched = [
-            [{max(slot_of[one], slot_of[other]) for one, other in contacts if pad in (one, other)} for pad in pads]
-            for pads in grippers
-        ]
-        held, *others = (min((slot for slot in right & left if slot >= 0), default=-1) for right, left in touched)
-        return held, any(right or left for right, left in touched), tuple(others)
+            return Grip(nothing, (False,) * len(nothing), False)
+        pairs, slot_of = self.data.contact.geom.tolist(), self._slot_of_geom
+        held, is_carried, is_touching = [], [], False
+        for pads, gripper in zip(self.index.finger_geoms, self._grippers, strict=True):
+            right, left = (
+                {max(slot_of[one], slot_of[other]) for one, other in pairs if pad in (one, other)} for pad in pads
+            )
+            is_touching |= bool(right or left)
+            slot = next((slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads)), -1)
+            held.append(slot)
+            is_carried.append(slot >= 0 and self._touches_only(slot, gripper, pairs))
+        return Grip(tuple(held), tuple(is_carried), is_touching)
+
+    def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
+        """Whether two pads press on an object from opposite sides."""
+        forces = np.zeros((2, 3))
+        for row, (one, other) in enumerate(self.data.contact.geom.tolist()):
+            for pad, force in zip(pads, forces, strict=True):
+                if pad in (one, other) and slot in (self._slot_of_geom[one], self._slot_of_geom[other]):
+                    force += self._force(row) * (1 if pad == one else -1)
+        right, left = np.linalg.norm(forces, axis=1).tolist()
+        return min(right, left) >= LEAST_GRIP_FORCE and float(forces[0] @ forces[1]) <= _OPPOSITE * right * left
+
+    def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
+        """Whether an object touches none but these geoms."""
+        slot_of = self._slot_of_geom
+        return all(
+            (slot_of[one] != slot or other in geoms) and (slot_of[other] != slot or one in geoms)
+            for one, other in pairs
+        )
+
+    def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
+        """The geoms of both fingers and of the body that carries them."""
+        fingers = self.model.geom_bodyid[list(pads)]
+        bodies = {*fingers.tolist(), *self.model.body_parentid[fingers].tolist()}
+        return set(np.flatnonzero(np.isin(self.model.geom_bodyid, list(bodies))).tolist())
+
+    def _kinds_of_geoms(self) -> NDArray[np.int8]:
+        """The kind of each geom, 0 of the floor."""
+        model, root = self.model, self.model.body_rootid
+        kinds = np.zeros(model.ngeom, np.int8)
+        is_static = model.body_weldid[model.geom_bodyid] == 0
+        kinds[is_static & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))] = _FURNITURE
+        kinds[root[model.geom_bodyid] == root[self.index.base_body]] = _ROBOT
+        kinds[self.index.object_geoms] = _OBJECT
+        return kinds

@@ -1,0 +1,164 @@
+"""Ways to move an object that are no carrying, each followed by a lift of the target: scripts in "ee" mode.
+
+None of them deserves a clean success; what each does to the other object is said in its docstring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.scene.layout import TABLE_HEIGHT
+from tests.clutter_env.envs.side_grasp import CLOSED, OPEN, PRE_GRASP, SideGrasp
+
+RADIUS, HEIGHT = 0.03, 0.14
+LOW, MIDDLE = 0.055, 0.6 * HEIGHT
+"""[m] of the gripper above the table: where a push does not topple, where an object is grasped."""
+TARGET, OTHER = 0, 1
+
+
+def cylinder(x: float, y: float) -> dict:
+    """The description of an object for `reset`."""
+    return {"shape": "cylinder", "radius": RADIUS, "height": HEIGHT, "position": (x, y)}
+
+
+class Cheat(SideGrasp):
+    """A robot before a target and another object, both of which it could grasp at once."""
+
+    def __init__(self, env: RetrieveEnv, *more: dict) -> None:
+        objects = [cylinder(-0.18, -0.12), cylinder(-0.24, 0.2), *more]
+        env.reset(seed=0, options={"objects": objects, "target": "object_00"})
+        super().__init__(env)
+
+    def at(self, slot: int, height: float = MIDDLE) -> np.ndarray:
+        """Position (3,) of the TCP around an object."""
+        x, y = self.env.measurements.poses[slot, :2]
+        return np.array([x, y, TABLE_HEIGHT + height])
+
+    def before(self, point: np.ndarray) -> None:
+        """Drive and reach to the place before a point, from above."""
+        self.drive_to(np.array([self.base[0], point[1], 0.0]))
+        self.drive_to(np.array([point[0] - self.standoff, point[1], 0.0]))
+        self.reach(point - (PRE_GRASP, 0, -0.25))
+        self.reach(point - (PRE_GRASP, 0, 0))
+
+    def grasp(self, slot: int, width: float = CLOSED) -> None:
+        """Close the fingers around an object, to this width [m]."""
+        self.before(self.at(slot))
+        self.reach(self.at(slot))
+        self.grip(width)
+
+    def grip(self, width: float) -> None:
+        self.width = width
+        self.wait(0.6)
+
+    def leave(self) -> None:
+        """Open the fingers, draw back, rise."""
+        self.grip(OPEN)
+        self.reach(self.point - (PRE_GRASP, 0, 0))
+        self.reach(self.point + (0, 0, 0.25))
+
+    def take_target(self) -> dict:
+        """Take the target and lift it; the info of the end."""
+        self.grasp(TARGET)
+        self.reach(self.point + (0, 0, 0.16))
+        self.wait(1.0)
+        return self.info
+
+    @property
+    def info(self) -> dict:
+        return self.record[-1][4]
+
+
+def push_with_two_fingers(cheat: Cheat) -> None:
+    """Both fingertips push it 9 cm along the table."""
+    there = cheat.at(OTHER, LOW)
+    cheat.before(there)
+    cheat.grip(0.64 * 2 * RADIUS)
+    cheat.reach(there + (0.05, 0.0, 0.0), speed=0.03)
+    cheat.leave()
+
+
+def drag_in_the_grip(cheat: Cheat) -> None:
+    """It is gripped, and dragged 12 cm along the table."""
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0.12, 0.0), speed=0.06)
+    cheat.leave()
+
+
+def nudge_and_touch(cheat: Cheat) -> None:
+    """One finger nudges it 4.5 mm; both fingers touch it; and so on, 20 times."""
+    cheat.grasp(OTHER, 2 * RADIUS + 0.01)
+    for _ in range(20):
+        cheat.reach(cheat.point + (0, 0.0045 + 0.005, 0), speed=0.05)
+        cheat.reach(cheat.point - (0, 0.005, 0), speed=0.05)
+        cheat.grip(CLOSED)
+        cheat.grip(2 * RADIUS + 0.01)
+    cheat.leave()
+
+
+def throw(cheat: Cheat) -> None:
+    """It is lifted, swung sideways and released in the swing."""
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0, 0.01))
+    start = cheat.point.copy()
+    for i in range(1, 13):
+        cheat.point = start + (0, 0.03 * i, 0)
+        cheat.width = CLOSED if i < 9 else OPEN
+        cheat.step()
+    cheat.wait(0.6)
+    cheat.leave()
+
+
+def drop(cheat: Cheat) -> None:
+    """It is carried up, and dropped from 12 cm."""
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0, 0.12))
+    cheat.leave()
+
+
+def drop_over_the_edge(cheat: Cheat) -> None:
+    """It is carried to before the table and released."""
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0, 0.12))
+    cheat.drive_to(cheat.base - (0.5, 0, 0))
+    cheat.leave()
+
+
+def shove_with_what_is_held(cheat: Cheat) -> None:
+    """A third object, carried, shoves it."""
+    cheat.grasp(2)
+    cheat.reach(cheat.point + (0, 0, 0.01))
+    cheat.reach(cheat.point - (0, 0.16, 0), speed=0.06)
+    cheat.reach(cheat.point + (0, 0.10, 0))
+    cheat.reach(cheat.point - (0, 0, 0.01))
+    cheat.leave()
+
+
+def topple_and_erect(cheat: Cheat) -> None:
+    """It is pushed over at its top, and lifted again by its upper end (should it still stand, it is pushed away)."""
+    there = cheat.at(OTHER, HEIGHT)
+    cheat.before(there)
+    cheat.grip(CLOSED)
+    cheat.reach(there + (0.05, 0, 0))
+    cheat.leave()
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0, 0.1))
+    cheat.leave()
+
+
+CHEATS: dict[str, Callable[[Cheat], None]] = {
+    cheat.__name__: cheat
+    for cheat in (
+        push_with_two_fingers,
+        drag_in_the_grip,
+        nudge_and_touch,
+        throw,
+        drop,
+        drop_over_the_edge,
+        shove_with_what_is_held,
+        topple_and_erect,
+    )
+}
