@@ -5,7 +5,7 @@ None of them deserves a clean success; what each does to the other object is sai
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -25,10 +25,10 @@ def cylinder(x: float, y: float) -> dict:
 
 
 class Cheat(SideGrasp):
-    """A robot before a target and another object, both of which it could grasp at once."""
+    """A robot before a target and other objects; by default one other, and it could grasp both at once."""
 
-    def __init__(self, env: RetrieveEnv, *more: dict) -> None:
-        objects = [cylinder(-0.18, -0.12), cylinder(-0.24, 0.2), *more]
+    def __init__(self, env: RetrieveEnv, objects: Sequence[dict] | None = None) -> None:
+        objects = objects or (cylinder(-0.18, -0.12), cylinder(-0.24, 0.2))
         env.reset(seed=0, options={"objects": objects, "target": "object_00"})
         super().__init__(env)
 
@@ -89,13 +89,15 @@ def drag_in_the_grip(cheat: Cheat) -> None:
 
 
 def nudge_and_touch(cheat: Cheat) -> None:
-    """One finger nudges it 4.5 mm; both fingers touch it; and so on, 20 times."""
-    cheat.grasp(OTHER, 2 * RADIUS + 0.01)
-    for _ in range(20):
-        cheat.reach(cheat.point + (0, 0.0045 + 0.005, 0), speed=0.05)
-        cheat.reach(cheat.point - (0, 0.005, 0), speed=0.05)
+    """One finger nudges it 4 mm, both fingers touch it, and so on, 18 times: 7 cm along the table."""
+    cheat.before(cheat.at(OTHER, LOW))
+    cheat.reach(cheat.at(OTHER, LOW))
+    cheat.grip(2 * RADIUS + 0.012)
+    for _ in range(18):
+        cheat.reach(cheat.point + (0, 0.010, 0), speed=0.03)
+        cheat.reach(cheat.point - (0, 0.006, 0), speed=0.03)
         cheat.grip(CLOSED)
-        cheat.grip(2 * RADIUS + 0.01)
+        cheat.grip(2 * RADIUS + 0.012)
     cheat.leave()
 
 
@@ -138,7 +140,7 @@ def shove_with_what_is_held(cheat: Cheat) -> None:
 
 
 def topple_and_erect(cheat: Cheat) -> None:
-    """It is pushed over at its top, and lifted again by its upper end (should it still stand, it is pushed away)."""
+    """It is pushed over at its top, then picked up and put down once more."""
     there = cheat.at(OTHER, HEIGHT)
     cheat.before(there)
     cheat.grip(CLOSED)
@@ -146,6 +148,14 @@ def topple_and_erect(cheat: Cheat) -> None:
     cheat.leave()
     cheat.grasp(OTHER)
     cheat.reach(cheat.point + (0, 0, 0.1))
+    cheat.leave()
+
+
+def press_on_the_table(cheat: Cheat) -> None:
+    """The closed gripper presses on the table beside it, with more than 50 N."""
+    cheat.before(cheat.at(OTHER) + (0, 0.15, 0))
+    cheat.grip(CLOSED)
+    cheat.reach(cheat.point + (PRE_GRASP, 0, -0.15))
     cheat.leave()
 
 
@@ -160,5 +170,6 @@ CHEATS: dict[str, Callable[[Cheat], None]] = {
         drop_over_the_edge,
         shove_with_what_is_held,
         topple_and_erect,
+        press_on_the_table,
     )
 }
