@@ -285,18 +285,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
 
     def _info(self, failure: str) -> dict[str, Any]:
+        info = self._physics_env.info
         if self._is_kinematic:
             held = self._scene.held
-            info: dict[str, Any] = {
+            info |= {
                 "is_success": self._is_taken,
                 "lifted": self._is_taken,
-                "target": self._target,
                 "held": held.name if held is not None else "",
-                "num_fallen": 0,
                 "num_disturbed": self._num_hit,
                 "num_cleared": len(set(self._moved)),
-                "ik_failures": 0,
             }
-        else:
-            info = self._physics_env.info
         return {**info, "failure": failure, "moved": tuple(self._moved), "num_refused": self._num_refused}

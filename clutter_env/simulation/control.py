@@ -59,12 +59,15 @@ class ControlState:
 
 
 def checked_action(action: ArrayLike, size: int) -> Vector:
-    """The action as a float64 vector clipped to [-1, 1].
+    """The action as float64, rounded to the action space's float32 and clipped to [-1, 1].
+
+    Rounded, so that actions kept as float32 replay an episode bit for bit.
 
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    return _clipped(checked_vector("the action", action, (size,)), -1.0, 1.0)
+    clipped = _clipped(checked_vector("the action", action, (size,)), -1.0, 1.0)
+    return clipped.astype(np.float32).astype(np.float64)
 
 
 def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vector:
