@@ -30,10 +30,8 @@ from planners import (
     Sensor,
     Skill,
     SkillFailure,
-    SkillGeometry,
     SkillPlanner,
     follow,
-    skill_geometry,
 )
 
 SIMULATIONS = ("physics", "kinematic")
@@ -99,7 +97,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
         bound = np.array(row * self._count + [1.0, 1.0], np.float32)
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        self._geometry: SkillGeometry | None = None
+        self._planner: SkillPlanner | None = None
         self._has_started = False
 
     # The Gymnasium surface.
@@ -181,9 +179,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
             mask[clears] &= body is not None and body.name != self._target
         is_geometric = self._geometric_mask if geometric is None else geometric
-        if is_geometric and self._geometry:
+        if is_geometric and self._planner is not None:
             for index in np.flatnonzero(mask):
-                mask[index] = not isinstance(self._geometry.grasps(self._scene, self.skill(int(index))), SkillFailure)
+                mask[index] = not isinstance(self._planner.grasps(self._scene, self.skill(int(index))), SkillFailure)
         mask[-1] |= not mask.any()
         return mask
 
@@ -218,14 +216,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._scene = Scene.from_mujoco(
             self._physics_env.model, self._physics_env.data, self._physics_env.robot, held=name
         )
-        self._geometry = self._geometry or skill_geometry(self._scene)
+        self._planner = self._planner or SkillPlanner.of(self._scene)
 
     def _simulate_kinematically(self, skill: Skill) -> str:
-        assert self._geometry is not None
-        result = self._geometry.simulate_kinematically(self._scene, self._target, skill, self._rng)
+        assert self._planner is not None
+        result = self._planner.simulate_kinematically(self._scene, self._target, skill, self._rng)
         if isinstance(result, SkillFailure):
             if result.reason == "blocked" and self._tries_all:
-                self._num_hit = len(self._geometry.in_the_way(self._scene, skill))
+                self._num_hit = len(self._planner.in_the_way(self._scene, skill))
                 return "collision"
             self._num_refused += 1
             return result.reason
@@ -234,11 +232,11 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return ""
 
     def _carry_out(self, skill: Skill) -> str:
-        assert self._geometry is not None
-        planner, config = SkillPlanner(self._geometry, self._rng), MonitorConfig()
-        actions = planner.plan(self._scene, self._target, skill)
+        assert self._planner is not None
+        config = MonitorConfig()
+        actions = self._planner.plan(self._scene, self._target, skill, self._rng)
         if isinstance(actions, SkillFailure) and actions.reason == "blocked" and self._tries_all:
-            actions, config = planner.plan_through(self._scene, self._target, skill), _PUSHING
+            actions, config = self._planner.plan_through(self._scene, self._target, skill, self._rng), _PUSHING
         if isinstance(actions, SkillFailure):
             self._num_refused += 1
             return actions.reason
