@@ -40,9 +40,7 @@ from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.static_obstacle import StaticObstacle
-from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
-from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
-from planners.skills.motion import SkillPlanner, plan_contact
+from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import AStar
 from planners.symbolic.problem import (
@@ -64,11 +62,9 @@ __all__ = [
     "CONTROL_STEP",
     "CYLINDER",
     "DIRECTIONS",
-    "DIRECTION_CLASSES",
     "SIDE",
     "STRATEGIES",
     "AStar",
-    "Alternatives",
     "ArmConfigurations",
     "ArmsError",
     "Body",
@@ -106,7 +102,6 @@ __all__ = [
     "Sensor",
     "Skill",
     "SkillFailure",
-    "SkillGeometry",
     "SkillPlanner",
     "Solution",
     "StaticObstacle",
@@ -123,7 +118,6 @@ __all__ = [
     "contact_of",
     "contacts",
     "controlled_env",
-    "direction_class",
     "drive_out",
     "driven_configurations",
     "execute",
@@ -145,7 +139,6 @@ __all__ = [
     "robot_arrays",
     "rotated",
     "scan_configurations",
-    "skill_geometry",
     "solve",
     "stand_at",
     "tcp_pose",

@@ -7,6 +7,7 @@ succeed on a kinematic model: the object is put where the plan would put it, and
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from itertools import compress
 from typing import Any, Literal
 
@@ -30,10 +31,8 @@ from planners import (
     Sensor,
     Skill,
     SkillFailure,
-    SkillGeometry,
     SkillPlanner,
     follow,
-    skill_geometry,
 )
 
 SIMULATIONS = ("physics", "kinematic")
@@ -69,6 +68,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     Keyword arguments: `simulation` ("physics" or "kinematic"), `budget` (skills), `geometric_mask` (what `action_masks`
     says), `feasibility`, and those of `RetrieveEnv` but for `control_mode`.
+
+    Attributes:
+        physics_env: the environment in which skills are carried out.
     """
 
     metadata: dict[str, Any] = RetrieveEnv.metadata
@@ -97,7 +99,6 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
         bound = np.array(row * self._count + [1.0, 1.0], np.float32)
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        self._geometry: SkillGeometry | None = None
 
     # The Gymnasium surface.
 
@@ -177,9 +178,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
             mask[clears] &= body is not None and body.name != self._target
         is_geometric = self._geometric_mask if geometric is None else geometric
-        if is_geometric and self._geometry:
+        if is_geometric:
             for index in np.flatnonzero(mask):
-                mask[index] = not isinstance(self._geometry.grasps(self._scene, self.skill(int(index))), SkillFailure)
+                mask[index] = not isinstance(self._planner.grasps(self._scene, self.skill(int(index))), SkillFailure)
         mask[-1] |= not mask.any()
         return mask
 
@@ -199,19 +200,20 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _read_scene(self) -> None:
         """Read the scene from the physics."""
-        held = self.physics_env.measurements.held
-        name = self.physics_env.world.names[held] if held >= 0 else ""
-        self._scene = Scene.from_mujoco(
-            self.physics_env.model, self.physics_env.data, self.physics_env.robot, held=name
-        )
-        self._geometry = self._geometry or skill_geometry(self._scene)
+        env, held = self.physics_env, self.physics_env.measurements.held
+        name = env.world.names[held] if held >= 0 else ""
+        self._scene = Scene.from_mujoco(env.model, env.data, env.robot, held=name)
+
+    @cached_property
+    def _planner(self) -> SkillPlanner:
+        """The planner of this robot and table; it is prepared once, for the scenes of all episodes."""
+        return SkillPlanner.of(self._scene)
 
     def _simulate_kinematically(self, skill: Skill) -> str:
-        assert self._geometry is not None
-        result = self._geometry.simulate_kinematically(self._scene, self._target, skill, self._rng)
+        result = self._planner.simulate_kinematically(self._scene, self._target, skill, self._rng)
         if isinstance(result, SkillFailure):
             if result.reason == "blocked" and self._tries_all:
-                self._num_hit = len(self._geometry.in_the_way(self._scene, skill))
+                self._num_hit = len(self._planner.in_the_way(self._scene, skill))
                 return "collision"
             self._num_refused += 1
             return result.reason
@@ -220,11 +222,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return ""
 
     def _carry_out(self, skill: Skill) -> str:
-        assert self._geometry is not None
-        planner, config = SkillPlanner(self._geometry, self._rng), MonitorConfig()
-        actions = planner.plan(self._scene, self._target, skill)
+        config = MonitorConfig()
+        actions = self._planner.plan(self._scene, self._target, skill, self._rng)
         if isinstance(actions, SkillFailure) and actions.reason == "blocked" and self._tries_all:
-            actions, config = planner.plan_through(self._scene, self._target, skill), _PUSHING
+            actions, config = self._planner.plan_through(self._scene, self._target, skill, self._rng), _PUSHING
         if isinstance(actions, SkillFailure):
             self._num_refused += 1
             return actions.reason
@@ -271,18 +272,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
 
     def _info(self, failure: str) -> dict[str, Any]:
-        if self._is_kinematic:
-            held = self._scene.held
-            info: dict[str, Any] = {
+        info = self.physics_env.info
+        if self._is_kinematic:  # the physics stays in the first state
+            info |= {
                 "is_success": self._is_taken,
                 "lifted": self._is_taken,
-                "target": self._target,
-                "held": held.name if held is not None else "",
-                "num_fallen": 0,
+                "held": self._scene.held.name if self._scene.held is not None else "",
                 "num_disturbed": self._num_hit,
                 "num_cleared": len(set(self._moved)),
-                "ik_failures": 0,
             }
-        else:
-            info = self.physics_env.info
         return {**info, "failure": failure, "moved": tuple(self._moved), "num_refused": self._num_refused}
