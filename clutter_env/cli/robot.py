@@ -5,7 +5,7 @@
     clutter-env robot check my_robot.xml --page my_robot.json
 
 Says what is missing or inconsistent, and draws the collision shapes, the frames of the joints and where the level
-gripper reaches. The page of an MJCF file is a JSON object with the fields of `assets.robot_reading.RobotPage`. Without
+gripper reaches. The page of an MJCF file is a JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without
 a `home` in it, configurations are suggested.
 """
 
