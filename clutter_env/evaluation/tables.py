@@ -111,7 +111,16 @@ def summarise(
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
-    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved / lower bound", "disturbed", "fallen"]
+    head = [
+        "scenes",
+        "policy",
+        "runs × scenes",
+        "clean success",
+        "lifted",
+        "moved / lower bound",
+        "disturbed",
+        "fallen",
+    ]
     head += ["refused", "steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
 
