@@ -29,7 +29,7 @@ Bit i is object i; an option that hits a bit of at least MAX_OBJECTS (a static o
 _NODES_PER_CALL = 256
 """Search nodes between two looks at the deadline; a node takes 20-300 µs."""
 MAX_EXPANSIONS = 20_000
-"""Search nodes visited before a proof is given up, 0.4 to 6 s. Work is counted, not time: a slow machine finds the same."""
+"""Search nodes before a proof is given up, 0.4 to 6 s. Work is counted, not time: so every machine answers the same."""
 
 
 @dataclass(frozen=True)
