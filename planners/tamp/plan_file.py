@@ -116,7 +116,7 @@ def _encode(plan: Stored) -> tuple[dict[str, Any], list[NDArray[Any]]]:
         if isinstance(value, np.ndarray):
             arrays.append(value)
             return {"array": len(arrays) - 1}
-        content = {name: encode(getattr(value, name)) for name in _field_types(type(value))}
+        content = {name: encode(getattr(value, name)) for name in _field_types(classes[type(value).__name__])}
         objects.append({"class": type(value).__name__, "fields": content})
         return {"object": len(objects) - 1}
 
