@@ -25,7 +25,6 @@ from planners.grasping.arm_configurations import (
     ArmConfigurations,
     ConfigurationGrid,
     GripperPoses,
-    driven_configurations,
     scan_configurations,
 )
 from planners.grasping.base_placement import map_parameters
@@ -125,7 +124,6 @@ __all__ = [
     "controlled_env",
     "direction_class",
     "drive_out",
-    "driven_configurations",
     "execute",
     "find_grasp_set",
     "find_strategy",

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from planners.clearing.lower_bound import FloorLimits, smallest_set
 from planners.context import PlanningContext
-from planners.grasping.canonical import CanonicalGrasps
+from planners.grasping.candidates import GraspCandidates
 from planners.motion.approaches import can_take
-from planners.placing.canonical import CanonicalPlacements, placement_cells
+from planners.placing.locations import placement_cells
+from planners.placing.placements import PlacementSearch, held_radius
 from planners.placing.surfaces import Surface
 from planners.planner import Planner
 from planners.scene import Scene
@@ -44,8 +45,8 @@ class Alternatives:
         placements: of the held object, canonical ones first.
     """
 
-    grasps: CanonicalGrasps
-    placements: CanonicalPlacements
+    grasps: GraspCandidates
+    placements: PlacementSearch
 
     @classmethod
     def of(cls, planner: Planner, scene: Scene) -> Alternatives:
@@ -53,10 +54,7 @@ class Alternatives:
         context = PlanningContext.of(
             scene.robot, scene, grasps=planner.grasps, supports=planner.support_choice, canonical=True
         )
-        grasps, placements = context.grasps(), context.placements()
-        assert isinstance(grasps, CanonicalGrasps)
-        assert isinstance(placements, CanonicalPlacements)
-        return cls(grasps, placements)
+        return cls(context.grasps(), context.placements())
 
     def free_grasps(self, scene: Scene) -> Flags:
         """Which straight grasps are free: (objects, families, `DIRECTION_CLASSES`); those of a held object are not."""
@@ -104,7 +102,7 @@ class Alternatives:
         found: list[int] = []
         for surface in surfaces:
             cells = placement_cells(surface.support)
-            are_free = self.placements.are_free(scene, surface, cells)
+            are_free = surface.are_free(cells, held_radius(scene))
             for cell, is_free in zip(cells, are_free, strict=True):
                 placement = next(self.placements.straight(world, cell[None]), None) if is_free else None
                 found.append(-1 if placement is None else direction_class(placement.yaw))

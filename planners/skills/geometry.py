@@ -14,11 +14,10 @@ import numpy as np
 from planners.clearing.commitments import grasped
 from planners.collision.world import CompiledScenes
 from planners.context import PlanningContext
-from planners.grasping.arm_configurations import GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.candidates import (
     OFF_TABLE,
     GraspCandidate,
-    SamplingConfig,
     as_candidates,
     gripper_poses,
 )
@@ -91,11 +90,11 @@ class SkillGeometry:
         world = self.compiled.world(scene)
         wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        arm = self.context.arms[scene.robot.arm_name]
-        bases, index = arm.placer.bases(wanted)
+        placer = self.context.arms[scene.robot.arm_name]
+        bases, index = placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
-        found = scan_configurations(world, poses, SamplingConfig().grid(arm.chain), opening, ignore=ignore)
+        found = scan_configurations(world, poses, ConfigurationGrid.over(placer.chain), opening, ignore=ignore)
         return as_candidates(body.name, poses, opening, found, scene.robot.arm_name)
 
     def placements(self, scene: Scene, target: str, rng: np.random.Generator) -> Iterator[Placement]:

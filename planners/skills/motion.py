@@ -12,12 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.contact import Contact
-from planners.grasping.arm_configurations import (
-    ConfigurationGrid,
-    GripperPoses,
-    driven_configurations,
-    scan_configurations,
-)
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.path import BlockedBy, NoPath
@@ -35,8 +30,6 @@ _GRASPS = 3
 """Grasps tried before a skill counts as failed."""
 _PLACEMENTS = 8
 """Placements tried for each of them."""
-_TORSOS, _ROLLS = 6, 18
-"""Torso heights and upper-arm rolls tried where those about the home configuration do not fit."""
 _CONFIGURATIONS = 4
 """Arm configurations tried for one pick or placement."""
 
@@ -177,14 +170,8 @@ def _configurations(
     """
     world, chain = motion_layer.compiled.world(scene), motion_layer.context.arms[scene.robot.arm_name].chain
     poses, ignore = GripperPoses(np.array(contact.base)[None], gripper[None]), scene.mask({contact.object})
-    for grid in (
-        ConfigurationGrid.about_home(chain, scene.robot.home),
-        ConfigurationGrid.over(chain, _TORSOS, _ROLLS),
-    ):
-        if is_covered(scene, body.foot):
-            found = driven_configurations(world, body, poses, grid, opening, held=scene.held, ignore=ignore)
-        else:
-            found = scan_configurations(world, poses, grid, opening, held=scene.held, ignore=ignore)
+    for grid in (ConfigurationGrid.about_home(chain, scene.robot.home), ConfigurationGrid.over(chain)):
+        found = scan_configurations(world, poses, grid, opening, body=body, held=scene.held, ignore=ignore)
         order = sorted(range(len(found.q)), key=lambda i: (int(found.hits[i]).bit_count(), -found.quality[i]))
         yield from ((found.q[i], int(found.hits[i])) for i in order)
 

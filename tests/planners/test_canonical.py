@@ -16,8 +16,8 @@ from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import SIDE
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
-from planners.placing.canonical import CanonicalPlacements, placement_cells
-from planners.placing.locations import rotated
+from planners.placing.locations import placement_cells, rotated
+from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import KeepClear
 from planners.planner import Planner
 from planners.scene import RobotState, Scene
@@ -161,5 +161,5 @@ def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_
 def test_where_no_cell_is_straight_the_placements_of_the_paper_follow(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = in_hand(random_scene(8, 1))
     world, search = CollisionWorld.from_scene(scene), canonical_context(scene).placements()
-    monkeypatch.setattr(CanonicalPlacements, "straight", lambda *_: iter(()))
+    monkeypatch.setattr(PlacementSearch, "straight", lambda *_: iter(()))
     assert next(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(0)), None) is not None
