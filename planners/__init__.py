@@ -39,9 +39,7 @@ from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.static_obstacle import StaticObstacle
-from planners.skills.alternatives import DIRECTION_CLASSES, Alternatives, direction_class
-from planners.skills.geometry import DIRECTIONS, Skill, SkillFailure, SkillGeometry, skill_geometry
-from planners.skills.motion import SkillPlanner, plan_contact
+from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import AStar
 from planners.symbolic.problem import (
@@ -63,11 +61,9 @@ __all__ = [
     "CONTROL_STEP",
     "CYLINDER",
     "DIRECTIONS",
-    "DIRECTION_CLASSES",
     "SIDE",
     "STRATEGIES",
     "AStar",
-    "Alternatives",
     "ArmConfigurations",
     "ArmsError",
     "Body",
@@ -105,7 +101,6 @@ __all__ = [
     "Sensor",
     "Skill",
     "SkillFailure",
-    "SkillGeometry",
     "SkillPlanner",
     "Solution",
     "StaticObstacle",
@@ -122,7 +117,6 @@ __all__ = [
     "contact_of",
     "contacts",
     "controlled_env",
-    "direction_class",
     "drive_out",
     "execute",
     "find_grasp_set",
@@ -143,7 +137,6 @@ __all__ = [
     "robot_arrays",
     "rotated",
     "scan_configurations",
-    "skill_geometry",
     "solve",
     "stand_at",
     "tcp_pose",

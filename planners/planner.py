@@ -181,14 +181,14 @@ class Planner:
             self.robot,
             scene,
             grasps=self.grasps,
-            supports=self.support_choice,
+            supports=self._support_choice,
             canonical=self.canonical,
             follower=self.follower,
             saves_time=self.saves_time,
         )
 
     @property
-    def support_choice(self) -> Supports:
+    def _support_choice(self) -> Supports:
         """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
         if self.supports is not None:
             return self.supports

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple, TypeAlias
@@ -22,13 +22,7 @@ from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from planners.collision.scene_arrays import link_frames
 from planners.collision.world import CompiledScenes, objects_on
-from planners.grasping.arm_configurations import (
-    ArmConfigurations,
-    ConfigurationGrid,
-    GripperPoses,
-    gripper_hits,
-    scan_configurations,
-)
+from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import STRAIGHT, TURNED, MapPlacer, facing_bases, farthest_reach
 from planners.grasping.grasp_poses import SIDE, GraspFamily, GraspPose, generate_grasps
 from planners.scene import Body, Scene
@@ -233,18 +227,6 @@ class GraspCandidates:
             found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
             new = [other for other in found if other.key not in kept]
             self._known[key] = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
-
-    def free_straight(self, scene: Scene, name: str, family: GraspFamily) -> Iterator[GraspCandidate]:
-        """All straight grasps of an object in which nothing is hit, one for each direction; none of a held object."""
-        body = scene.body(name)
-        wanted, opening = _wanted(scene, body, family)
-        if not len(wanted) or name in scene.held_names or body.bottom < scene.support.top - OFF_TABLE:
-            return
-        hits = gripper_hits(self.compiled.world(scene), wanted, opening, ignore=scene.mask({name}))
-        poses = self._facing(scene, wanted[hits == 0], STRAIGHT)
-        for base, pose in zip(poses.bases, poses.gripper_poses, strict=True):
-            found = self._scan(scene, body, GripperPoses(base[None], pose[None]), opening, about_home=True)
-            yield from (grasp for grasp in found if not grasp.blockers)
 
     def _stages(self) -> tuple[_Stage, ...]:
         """Where grasps are looked for, in this order."""

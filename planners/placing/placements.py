@@ -117,8 +117,8 @@ class PlacementSearch:
         scene, surfaces = world.scene, self.surfaces(world, keep_clear)
         if self.canonical:
             cells = self._cells_best_first(scene, surfaces)[: strategy.locations_per_level]
-            yield from (replace(found, surfaces=surfaces) for found in self.straight(world, cells, deadline))
-        levels = _free_levels(surfaces, held_radius(scene), scene.state.base, rng)
+            yield from (replace(found, surfaces=surfaces) for found in self._straight(world, cells, deadline))
+        levels = _free_levels(surfaces, _radius(scene), scene.state.base, rng)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             for look, locations in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
                 for location in itertools.takewhile(lambda _: not deadline.is_over, locations):
@@ -136,9 +136,7 @@ class PlacementSearch:
         obstacles = [self._volumes[grasp.key] for grasp in keep_clear.obstacles]
         return tuple(Surface.of(world.scene, support, body, height, target, obstacles) for support in supports)
 
-    def straight(
-        self, world: CollisionWorld, locations: Array, deadline: Deadline = NO_DEADLINE
-    ) -> Iterator[Placement]:
+    def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
         scene, placer = world.scene, self.arms[world.scene.robot.arm_name]
         grid = ConfigurationGrid.about_home(placer.chain, scene.robot.home)
@@ -157,7 +155,7 @@ class PlacementSearch:
     def _cells_best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
         """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
         _, body = _in_hand(scene)
-        radius = held_radius(scene)
+        radius = _radius(scene)
         cells = [surface.free(placement_cells(surface.support), radius) for surface in surfaces]
         margins = [_margins(surface, free, radius) for surface, free in zip(surfaces, cells, strict=True)]
         free, margin = np.concatenate(cells), np.concatenate(margins)
@@ -226,7 +224,7 @@ def _in_hand(scene: Scene) -> tuple[HeldObject, Body]:
     return scene.held, scene.body(scene.held.name)
 
 
-def held_radius(scene: Scene) -> float:
+def _radius(scene: Scene) -> float:
     """[m] around a location that the held object takes."""
     return _in_hand(scene)[1].radius + _GAP
 

@@ -108,13 +108,9 @@ class Surface:
         """Cells that the object must not touch."""
         return self.region.mask | self.occupied
 
-    def are_free(self, locations: Array, radius: float) -> NDArray[np.bool_]:
-        """Whether discs of that radius [m] at locations (n, 2 or 3) lie on free cells alone: (n,)."""
-        return is_free(self.grid, self.blocked, locations[:, :2], radius)
-
     def free(self, locations: Array, radius: float) -> Array:
         """The locations, of (n, 2 or 3), at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
-        inside = self.are_free(locations, radius)
+        inside = is_free(self.grid, self.blocked, locations[:, :2], radius)
         return np.column_stack((locations[inside, :2], np.full(np.count_nonzero(inside), self.support.top)))
 
 
