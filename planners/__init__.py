@@ -25,7 +25,6 @@ from planners.grasping.arm_configurations import (
     ArmConfigurations,
     ConfigurationGrid,
     GripperPoses,
-    driven_configurations,
     scan_configurations,
 )
 from planners.grasping.base_placement import map_parameters
@@ -117,7 +116,6 @@ __all__ = [
     "contacts",
     "controlled_env",
     "drive_out",
-    "driven_configurations",
     "execute",
     "find_grasp_set",
     "find_strategy",

@@ -116,7 +116,7 @@ class Planner:
             paper's), "tilted", "top" or "all" (default).
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
-            phase of a motion ends at rest; see `planners.grasping.canonical` and `planners.placing.canonical`.
+            phase of a motion ends at rest; see `planners.grasping.candidates` and `planners.placing.placements`.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
         saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving; None: if
             the robot acts with several arms.

@@ -29,9 +29,7 @@ from planners import (
     GripperPoses,
     HeldObject,
     Scene,
-    driven_configurations,
     gripper_opening,
-    is_covered,
     scan_configurations,
     stand_at,
 )
@@ -153,8 +151,7 @@ class Labels(NamedTuple):
 
 def label_picks(world: CollisionWorld, candidates: Candidates) -> Labels:
     """Labels of candidate picks; `index` is that of the object in the scene."""
-    bodies = world.scene.objects
-    return _labels(world, candidates, bodies, [body.foot for body in bodies])
+    return _labels(world, candidates, world.scene.objects)
 
 
 def label_places(world: CollisionWorld, candidates: Candidates, points: NDArray[np.float64]) -> Labels:
@@ -162,13 +159,11 @@ def label_places(world: CollisionWorld, candidates: Candidates, points: NDArray[
     held = world.scene.held
     assert held is not None
     body = world.scene.body(held.name)
-    return _labels(world, candidates, [stand_at(body, point) for point in points], list(points))
+    return _labels(world, candidates, [stand_at(body, point) for point in points])
 
 
-def _labels(
-    world: CollisionWorld, candidates: Candidates, bodies: Sequence[Body], feet: Sequence[NDArray[np.float64]]
-) -> Labels:
-    """Labels of candidates, each with its object as it stands there, and that object's lowest point (3,)."""
+def _labels(world: CollisionWorld, candidates: Candidates, bodies: Sequence[Body]) -> Labels:
+    """Labels of candidates, each with its object as it stands there."""
     scene = world.scene
     robot, held = scene.robot, scene.held
     grid = ConfigurationGrid.about_home(ArmChain.from_robot(robot), robot.home)
@@ -178,10 +173,7 @@ def _labels(
         own, opening = scene.mask({body.name}), gripper_opening(robot, body.half_width)
         # One at a time: scanned together, candidates that touch more objects than others would be left out.
         poses = GripperPoses(candidates.base[row : row + 1], candidates.tcp[row : row + 1])
-        if is_covered(scene, feet[index]):
-            found = driven_configurations(world, body, poses, grid, opening, held=held, ignore=own)
-        else:
-            found = scan_configurations(world, poses, grid, opening, held=held, ignore=0 if held else own)
+        found = scan_configurations(world, poses, grid, opening, body=body, held=held, ignore=own)
         if len(found.q):
             # The configuration that touches the fewest objects; of these the best.
             best = np.lexsort((-found.quality, np.bitwise_count(found.hits)))[0]
