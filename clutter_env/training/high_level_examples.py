@@ -29,9 +29,7 @@ from planners import (
     GripperPoses,
     HeldObject,
     Scene,
-    driven_configurations,
     gripper_opening,
-    is_covered,
     scan_configurations,
     stand_at,
 )
@@ -155,10 +153,7 @@ def label(scene: Scene, candidates: Candidates, bodies: Sequence[Body]) -> Label
         own, opening = scene.mask({body.name}), gripper_opening(robot, body.half_width)
         # One at a time: scanned together, candidates that touch more objects than others would be left out.
         poses = GripperPoses(candidates.base[row : row + 1], candidates.tcp[row : row + 1])
-        if is_covered(scene, body.foot):
-            found = driven_configurations(world, body, poses, grid, opening, held=held, ignore=own)
-        else:
-            found = scan_configurations(world, poses, grid, opening, held=held, ignore=0 if held else own)
+        found = scan_configurations(world, poses, grid, opening, body=body, held=held, ignore=own)
         if len(found.q):
             # The configuration that touches the fewest objects; of these the best.
             best = np.lexsort((-found.quality, np.bitwise_count(found.hits)))[0]

@@ -26,7 +26,7 @@ from clutter_env.policies.skill_network import YAWS, YAWS_OF_DIRECTION, GraspSco
 from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
 from clutter_env.training.run import Run
 from clutter_env.training.settings import PPO
-from planners import DIRECTIONS, Scene, SkillGeometry, generate_grasps, skill_geometry
+from planners import DIRECTIONS, Scene, SkillPlanner, generate_grasps
 
 MAX_CLEARANCES = 4
 """Scenes that need more clearances get no labels: the search grows with the power of their number."""
@@ -204,21 +204,21 @@ def collect_scenes(env: gym.Env[Any, Any], seeds: Sequence[int], rng: np.random.
     skills: Any = env.unwrapped
     bodies: list[NDArray[np.float32]] = []
     grasps: list[tuple[NDArray[np.bool_], NDArray[np.int64]]] = []
-    geometry: SkillGeometry | None = None
+    planner: SkillPlanner | None = None
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
-        geometry = geometry or skill_geometry(skills.scene)
+        planner = planner or SkillPlanner.of(skills.scene)
         for _ in range(rng.integers(skills.budget)):
             clearing = np.flatnonzero(skills.action_masks(geometric=False)[:-1])
             observation, *_ = env.step(int(rng.choice(clearing)))
         rows = observation[:-2].reshape(len(skills.scene.names), len(BODY_FIELDS) + DIRECTIONS)
         bodies.append(rows[:, : len(BODY_FIELDS)])
-        grasps.append(grasp_obstacles(geometry, skills.scene))
+        grasps.append(grasp_obstacles(planner, skills.scene))
     is_reachable, masks = (np.array(part) for part in zip(*grasps, strict=True))
     return LabelledScenes(np.array(bodies), is_reachable, masks)
 
 
-def grasp_obstacles(geometry: SkillGeometry, scene: Scene) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def grasp_obstacles(planner: SkillPlanner, scene: Scene) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Reachable grasps (n, yaws) of a scene in which nothing is held, and masks of what is in their way.
 
     Yaws of boxes count as the nearest ones of round objects.
@@ -228,7 +228,7 @@ def grasp_obstacles(geometry: SkillGeometry, scene: Scene) -> tuple[NDArray[np.b
     for i, body in enumerate(scene.objects):
         for pose in generate_grasps(body, scene.robot):
             yaw = round(pose.yaw / (2 * math.pi / YAWS)) % YAWS
-            found = [grasp.blockers for grasp in geometry.candidates(scene, body, [pose])]
+            found = [grasp.blockers for grasp in planner.candidates(scene, body, [pose])]
             if is_reachable[i, yaw]:
                 found.append(int(masks[i, yaw]))
             if found:

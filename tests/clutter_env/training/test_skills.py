@@ -20,7 +20,7 @@ from clutter_env.training.skills import (
     grasp_obstacles,
     skill_labels,
 )
-from planners import DIRECTIONS, skill_geometry
+from planners import DIRECTIONS, SkillPlanner
 
 OBSTRUCTED = Task("clutter_env/Skill-o10-v0", {"simulation": "kinematic", "obstructed": True})
 OBJECTS = "abcdet"
@@ -72,8 +72,8 @@ def test_good_skills_are_free_and_bring_the_target_nearer() -> None:
     env: Any = OBSTRUCTED.make().unwrapped
     for seed in range(1):
         env.reset(seed=seed)
-        geometry, target = skill_geometry(env.scene), env.scene.names.index(env.target)
-        before = skill_labels(*grasp_obstacles(geometry, env.scene), target)
+        planner, target = SkillPlanner.of(env.scene), env.scene.names.index(env.target)
+        before = skill_labels(*grasp_obstacles(planner, env.scene), target)
         needed = before.clearances
         assert needed >= 1
         assert np.array_equal(before.is_free, env.action_masks(geometric=True))
@@ -82,7 +82,7 @@ def test_good_skills_are_free_and_bring_the_target_nearer() -> None:
             _, _, is_over, _, info = env.step(int(np.flatnonzero(before.is_good)[0]))
             assert not info["failure"]
             if not is_over:
-                after = skill_labels(*grasp_obstacles(geometry, env.scene), target)
+                after = skill_labels(*grasp_obstacles(planner, env.scene), target)
                 assert after.clearances < before.clearances
                 before = after
         assert info["is_success"]
