@@ -6,7 +6,7 @@ from typing import Any
 
 from clutter_env.config import EnvConfig, check_integer
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
+from clutter_env.envs.reward import Way, dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.scene.layout import TABLE
 from clutter_env.simulation.saved_state import Fields
@@ -32,7 +32,7 @@ class RetrieveEnv(BaseEnv):
 
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
-        self._potential = 0.0
+        self._potential, self._way = 0.0, Way()
         super().__init__(EnvConfig.from_keywords(keywords))
 
     @property
@@ -59,7 +59,7 @@ class RetrieveEnv(BaseEnv):
         is_over = is_success or monitor.is_target_lost or is_spoilt
         if self.config.reward_mode == "sparse":
             return float(is_success), is_over
-        before, self._potential = self._potential, self._measure_potential()
+        before, self._potential = self._potential, 0.0 if is_over else self._measure_potential()
         return dense_reward(before, self._potential, event_terms(monitor, is_success)), is_over
 
     def _observe(self) -> dict[str, Any]:
@@ -82,4 +82,5 @@ class RetrieveEnv(BaseEnv):
         """The potential of the present state; 0 with the sparse reward, which has none."""
         if self.config.reward_mode == "sparse":
             return 0.0
-        return potential(potential_terms(self.world, self.measurements, self._monitor, self.target_slot))
+        in_the_way = self._way.count(self.world, self.layout, self.measurements, self.target_slot)
+        return potential(potential_terms(self.world, self.measurements, self._monitor, self.target_slot, in_the_way))

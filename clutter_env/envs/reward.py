@@ -9,13 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
 from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor
+from clutter_env.scene.layout import Layout
+from clutter_env.scene.obstruction import UNREACHABLE, count_blockers, robots_with_approaches, side_approaches
 from clutter_env.simulation.world import Measurements, World
 
 DISCOUNT = 0.99
 """The discount that the dense reward is made for."""
+_FAR_AWAY = 100.0
+"""[m]"""
 REACH_SCALE = 5.0
 """[1/m] The reaching term falls to a quarter at 0.2 m."""
 
@@ -68,6 +75,38 @@ def potential_terms(
         "grasp": is_held,
         "lift": is_carried * min(max(monitor.lift / LIFT_HEIGHT, 0.0), 1.0),
     }
+
+
+class Way:
+    """Counts the objects in the way of the best side grasp of the target, by the geometric test of resets.
+
+    None are once the target is held, and for a robot without a table of side approaches. What is held, has toppled or
+    is off the table is in nobody's way. Poses are rounded to millimetres and milliradians, and counted again only when
+    one of them has changed.
+    """
+
+    def __init__(self) -> None:
+        self._last, self._count = (b"", -1), 0
+
+    def count(self, world: World, layout: Layout, measurements: Measurements, target: int) -> int:
+        """The number in the present state."""
+        scene, robot, held = world.scene, world.robot.full_name, measurements.grip.held
+        assert scene is not None
+        if target in held or robot not in robots_with_approaches():
+            return 0
+        is_away = measurements.is_fallen.copy()
+        is_away[[slot for slot in held if slot >= 0]] = True
+        turns = 2 * np.arctan2(measurements.poses[:, 6], measurements.poses[:, 3])
+        rounded = np.round(np.column_stack((measurements.poses[:, :2], turns)), 3)
+        rounded[is_away] = _FAR_AWAY
+        state = rounded.tobytes(), id(scene)
+        if state != self._last:
+            yaws = np.where(scene.is_lying, scene.yaws, rounded[:, 2])
+            now = replace(scene, positions=rounded[:, :2], yaws=yaws)
+            blockers = count_blockers(side_approaches(robot), layout, now, world.robot.max_opening, only=target)
+            self._count = scene.num_objects if blockers[target] == UNREACHABLE else int(blockers[target])
+            self._last = state
+        return self._count
 
 
 def event_terms(monitor: SuccessMonitor, is_success: bool) -> dict[str, float]:

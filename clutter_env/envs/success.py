@@ -8,7 +8,8 @@ carried while it is held and touches nothing else. What counts, for each object 
   chords of `CHORD`: a motion counts when it ends `CHORD` away from where the last chord ended. Jitter of an object at
   rest stays within one chord and never adds up; slow nudging does. A chord that has begun counts as it is when the
   object is lifted, and the next one begins where it was last carried.
-- cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been disturbed.
+- cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been
+  disturbed.
 
 Neither may the robot press on the furniture with more than `FURNITURE_FORCE`.
 """

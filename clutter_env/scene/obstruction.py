@@ -131,7 +131,7 @@ def side_approaches(robot: str) -> SideApproaches:
 
 
 def count_blockers(
-    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float
+    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float, only: int | None = None
 ) -> NDArray[np.int64]:
     """The fewest objects in the way of any reachable side grasp, for every object: (n,), or `UNREACHABLE`.
 
@@ -140,6 +140,7 @@ def count_blockers(
         layout: the table and its surroundings.
         scene: what stands where.
         max_opening: [m] of the gripper.
+        only: the object to be grasped; the others are then given as unreachable.
     """
     yaws, opening, is_offered = _grasps(approaches.margins, scene, max_opening)
     approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
@@ -148,6 +149,8 @@ def count_blockers(
     heights = 2 * scene.standing_extents[:, 2]
     is_high = heights - approaches.pad_half_height >= approaches.grasp_height
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
+    if only is not None:
+        is_offered[np.arange(scene.num_objects) != only] = False
     own, direction = np.nonzero(is_offered)
     grasps = tcp[own, direction], approach[own, direction], opening[own, direction]
     hits = _hits(approaches, scene, *grasps)

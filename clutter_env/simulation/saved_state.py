@@ -25,8 +25,6 @@ _MAGIC = b"clutter-env state 2\n"
 _MOST_BYTES = 2**24
 """A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
 _PARTS = ("kind", "scene", "physics", "memory")
-MEMORY = ("task", "monitor", "grip", "furniture_force", "target", "velocity", "fingers", "end_effector", "rng")
-"""Entries of the memory: what task, success monitor, controller and environment remember besides the physics."""
 
 _LARGEST_HALF_EXTENT = 1.0
 """[m]"""
