@@ -81,7 +81,7 @@ class Way:
     """Counts the objects in the way of the best side grasp of the target, by the geometric test of resets.
 
     None are once the target is held, and for a robot without a table of side approaches. What is held, has toppled or
-    is off the table is in nobody's way. Poses are rounded to millimetres and milliradians, and counted again only when
+    is off the table is in nobody's way. Poses are rounded to 0.1 mm and 0.1 mrad, and counted again only when
     one of them has changed.
     """
 
@@ -97,7 +97,7 @@ class Way:
         is_away = measurements.is_fallen.copy()
         is_away[[slot for slot in held if slot >= 0]] = True
         turns = 2 * np.arctan2(measurements.poses[:, 6], measurements.poses[:, 3])
-        rounded = np.round(np.column_stack((measurements.poses[:, :2], turns)), 3)
+        rounded = np.round(np.column_stack((measurements.poses[:, :2], turns)), 4)
         rounded[is_away] = _FAR_AWAY
         state = rounded.tobytes(), id(scene)
         if state != self._last:
