@@ -142,17 +142,8 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
-    head = [
-        "scenes",
-        "policy",
-        "runs × scenes",
-        "clean success",
-        "lifted",
-        "moved / lower bound",
-        "disturbed",
-        "fallen",
-    ]
-    head += ["refused", "steps", "sim s", "wall s", "failures"]
+    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved / lower bound"]
+    head += ["disturbed", "fallen", "refused", "steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
 
 
