@@ -1,7 +1,7 @@
 """Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
 
-`exact_solver` answers each YES with a configuration within the limits as its proof. An arm with the structure of
-Fetch's arm has a solver of its own (`irm.ik.closed_form_solver`). With a structure of `irm.ik.structure` the closed
+`ExactSolver` answers each YES with a configuration within the limits as its proof. An arm with the structure of
+Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
 form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
 random configurations, and NO is a statement about its length alone.
 
@@ -13,7 +13,7 @@ by iteration from one of many stored configurations; the second parameter is the
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,10 @@ from numpy.typing import NDArray
 from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, chain_arrays
 from irm.compilation import njit
-from irm.ik.closed_form import ik_arm
-from irm.ik.closed_form_solver import ClosedFormSolver
+from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
-from irm.ik.parallel_axes import parallel_excess, parallel_solutions
-from irm.ik.spherical_wrist import scan_free_joint, spherical_solutions
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
+from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -50,54 +48,37 @@ _EXACT = 1e-8
 """[rad] Solutions of an arm with less slack need no refinement."""
 
 
-class ExactSolver(Protocol):
-    """Decides poses of one arm without a map."""
+class ExactSolver:
+    """Decides poses of one arm without a map.
+
+    Attributes:
+        chain: of an arm of 6 or 7 hinges.
+        torso_range: lowest and highest height of its lift [m]; equal if it does not move.
+        structure: of its closed form, None if it has none, or that of `irm.ik.closed_form`.
+
+    Example:
+        status, q = ExactSolver(chain).solve(T_base_tcp)
+    """
+
+    def __init__(self, chain: ArmChain, torso_range: tuple[float, float] | None = None) -> None:
+        self.chain = chain
+        self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
+        self.structure = None if chain.has_closed_form else find_structure(chain)
+        self._arrays = chain_arrays(chain, self.torso_range)
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """(n,) `Status` values of poses (n, 4, 4), and (n, 1 + dof) the configuration that reaches each of them; NaN
         where none is known."""
-
-
-def exact_solver(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ExactSolver:
-    """The exact solver of an arm.
-
-    Args:
-        chain: of the arm.
-        torso_range: lowest and highest torso height to use [m]; None for the joint's limits.
-    """
-    torsos = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-    if chain.has_closed_form:
-        return ClosedFormSolver(chain, torsos)
-    return GeneralSolver(chain, torsos)
-
-
-class GeneralSolver:
-    """Exact inverse kinematics of an arm of 6 or 7 hinges.
-
-    Attributes:
-        chain: of the arm.
-        torso_range: lowest and highest height of its lift [m]; equal if it does not move.
-        structure: of its closed form, None if it has none.
-
-    Example:
-        status, q = GeneralSolver(chain, (0.0, 0.0)).solve(T_base_tcp)
-    """
-
-    def __init__(self, chain: ArmChain, torso_range: tuple[float, float]) -> None:
-        self.chain = chain
-        self.torso_range = torso_range
-        self.structure = find_structure(chain)
-        self._arrays = chain_arrays(chain)
-
-    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
-        """See `ExactSolver`."""
         T = np.ascontiguousarray(T_base_tcp, dtype=float)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
+        if self.chain.has_closed_form:
+            decide_poses(self._arrays, T, status, q)
+            return status, q
         away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
         away[:, 2] -= np.clip(away[:, 2], *self.torso_range)
         status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
         if self.structure is not None:
-            self._solve_in_closed_form(T, status, q)
+            self._solve_by_structure(T, status, q)
         # Random configurations may still reach what is open.
         low, high = self.torso_range
         heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
@@ -107,7 +88,7 @@ class GeneralSolver:
                 status[n] = YES
         return status, q
 
-    def _solve_in_closed_form(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
+    def _solve_by_structure(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
         """Scan the lift for every open pose; what cannot be decided stays open.
 
         Between two heights the excess could reach 0 only if it changes by their sum.
@@ -284,7 +265,7 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
         The number of rows.
     """
     if arm.kind == CLOSED_FORM:
-        return ik_arm(arm.chain.links, R, p, torso, free, arm.chain.lower, arm.chain.upper, found)
+        return ik_arm(arm.chain, R, p, torso, free, found)
     count, slack = 0, 1.0
     if arm.kind == ITERATIVE:
         found[0] = arm.seeds[int(free)]
