@@ -245,7 +245,7 @@ class ArmChain:
         """
         from irm.model_reading import read_arm  # needs the simulator, which the package does not
 
-        chain = ArmChain(*read_arm(model, base, tip, approach))
+        chain = ArmChain(**read_arm(model, base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
 
     @staticmethod
@@ -256,7 +256,7 @@ class ArmChain:
         """
         from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
 
-        chain = ArmChain(*read_arm(load_urdf(Path(path)), base, tip, approach))
+        chain = ArmChain(**read_arm(load_urdf(Path(path)), base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
 
 

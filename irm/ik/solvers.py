@@ -54,7 +54,6 @@ class ExactSolver:
     Attributes:
         chain: of an arm of 6 or 7 hinges.
         torso_range: lowest and highest height of its lift [m]; equal if it does not move.
-        structure: of its closed form, None if it has none, or that of `irm.ik.closed_form`.
 
     Example:
         status, q = ExactSolver(chain).solve(T_base_tcp)
@@ -63,28 +62,27 @@ class ExactSolver:
     def __init__(self, chain: ArmChain, torso_range: tuple[float, float] | None = None) -> None:
         self.chain = chain
         self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-        self.structure = None if chain.has_closed_form else find_structure(chain)
-        self._arrays = chain_arrays(chain, self.torso_range)
+        self._arrays = solver_arrays(chain)
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """(n,) `Status` values of poses (n, 4, 4), and (n, 1 + dof) the configuration that reaches each of them; NaN
         where none is known."""
         T = np.ascontiguousarray(T_base_tcp, dtype=float)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
-        if self.chain.has_closed_form:
-            decide_poses(self._arrays, T, status, q)
+        if self._arrays.kind == CLOSED_FORM:
+            decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
             return status, q
         away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
         away[:, 2] -= np.clip(away[:, 2], *self.torso_range)
         status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
-        if self.structure is not None:
+        if self._arrays.kind != ITERATIVE:
             self._solve_by_structure(T, status, q)
         # Random configurations may still reach what is open.
         low, high = self.torso_range
         heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
         seeds = np.concatenate([random_seeds(self.chain, SEEDS, height, rng) for height in heights])
         for n in np.flatnonzero(status == UNKNOWN):
-            if _reach_from_seeds(self._arrays, T[n, :3, :3].copy(), T[n, :3, 3].copy(), seeds, q[n]):
+            if _reach_from_seeds(self._arrays.chain, T[n, :3, :3].copy(), T[n, :3, 3].copy(), seeds, q[n]):
                 status[n] = YES
         return status, q
 
@@ -128,8 +126,7 @@ class ExactSolver:
         R, p = np.ascontiguousarray(T[some, :3, :3]), np.ascontiguousarray(T[some, :3, 3])
         found = np.zeros((len(rows), self.chain.size))
         found[:, 0] = heights[rows]
-        kernel = _try_parallel if isinstance(self.structure, ParallelArm) else _try_spherical
-        answer, excess[rows] = kernel(self._arrays, self.structure, R, p, found)
+        answer, excess[rows] = _try_poses(self._arrays, R, p, found)
         status[some[answer == YES]] = YES
         q[some[answer == YES]] = found[answer == YES]
         undecided[some[answer == UNKNOWN]] = True
@@ -137,30 +134,20 @@ class ExactSolver:
 
 
 @njit(cache=True)
-def _try_spherical(
-    chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats, q: Floats
-) -> tuple[NDArray[np.int8], Floats]:
+def _try_poses(arm: SolverArrays, R: Floats, p: Floats, q: Floats) -> tuple[NDArray[np.int8], Floats]:
     """Answers and excesses (m,) for poses `R` (m, 3, 3), `p` (m, 3) at torso heights `q[:, 0]`; solutions into `q`."""
-    answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
-    for k in range(len(q)):
-        answers[k], excesses[k] = scan_free_joint(chain, arm, R[k], p[k], q[k])
-    return answers, excesses
-
-
-@njit(cache=True)
-def _try_parallel(
-    chain: ChainArrays, arm: ParallelArm, R: Floats, p: Floats, q: Floats
-) -> tuple[NDArray[np.int8], Floats]:
-    """The same for an arm with parallel axes."""
     answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
     lowered, best = np.empty(3), np.empty((1, 6))
     for k in range(len(q)):
+        if arm.kind == SPHERICAL:
+            answers[k], excesses[k] = scan_free_joint(arm.chain, arm.spherical, R[k], p[k], q[k])
+            continue
         lowered[0], lowered[1], lowered[2] = p[k, 0], p[k, 1], p[k, 2] - q[k, 0]
-        excesses[k] = max(0.0, parallel_excess(arm, R[k], lowered, best) - arm.slack)
+        excesses[k] = max(0.0, parallel_excess(arm.parallel, R[k], lowered, best) - arm.parallel.slack)
         q[k, 1:] = best[0]
         answers[k] = NO
         if excesses[k] == 0.0:
-            answers[k] = YES if refine(chain, R[k], p[k], q[k]) else UNKNOWN
+            answers[k] = YES if refine(arm.chain, R[k], p[k], q[k]) else UNKNOWN
     return answers, excesses
 
 

@@ -138,9 +138,6 @@ def test_matrices_that_are_no_poses_are_refused(coarse_map):
                 answer(coarse_map, [np.eye(4), bad])
         with pytest.raises(QueryError, match="array"):
             answer(coarse_map, "poses")
-    for margin in (-1, 0.5, None, True):
-        with pytest.raises(QueryError, match="margin"):
-            classify(coarse_map, np.eye(4)[None], margin=margin)
 
 
 def random_poses(rm, count, rng):
