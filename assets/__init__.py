@@ -1,11 +1,23 @@
-"""What things are: robots, furniture, PDDL text, trained weights. Imports nothing else of the project."""
+"""What things are: robots, PDDL text, trained weights. Imports of the project only `irm.chain`, to read MJCF files."""
 
-from assets.acting_joints import ActingJoints
+from typing import TYPE_CHECKING, Any
+
 from assets.files import folder, names, path
-from assets.pr2 import PR2
-from assets.robot_parts import ArmSpec, ChainLink, InvalidRobot, LinkMesh, rotation_of
-from assets.robot_spec import RobotSpec
-from assets.robots import FETCH, UnknownRobot, robot
+
+if TYPE_CHECKING:
+    from assets.robots import (
+        FETCH,
+        PR2,
+        ActingJoints,
+        ArmSpec,
+        ChainLink,
+        InvalidRobot,
+        LinkMesh,
+        RobotSpec,
+        UnknownRobot,
+        robot,
+        rotation_of,
+    )
 
 __all__ = [
     "FETCH",
@@ -23,3 +35,14 @@ __all__ = [
     "robot",
     "rotation_of",
 ]
+
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """Everything about robots, made when it is first asked for: `import assets` for a file's path stays fast."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from assets import robots
+
+        return getattr(robots, name)

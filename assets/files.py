@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-__all__ = ["folder", "names", "path"]
-
 _ROOT = Path(__file__).resolve().parent
 
 

@@ -10,8 +10,6 @@ import math
 from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, LinkMesh
 from assets.robot_spec import RobotSpec
 
-__all__ = ["PR2"]
-
 _GREY = (0.45, 0.46, 0.48, 1.0)
 _WHITE = (0.92, 0.92, 0.90, 1.0)
 _BLACK = (0.20, 0.20, 0.22, 1.0)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,6 @@ from assets.files import path as asset_path
 from assets.robot_parts import ChainLink, InvalidRobot
 from irm.chain import ArmChain
 from irm.errors import ChainError
-
-__all__ = ["RobotPage", "page_of", "read_fields"]
 
 Floats = NDArray[np.float64]
 
@@ -30,104 +27,81 @@ _ROUNDING = 9
 """Decimals that are kept of what is computed."""
 
 
-@dataclass(frozen=True)
-class RobotPage:
-    """What must be said about a robot beside its MJCF file; fields as in `RobotSpec`.
-
-    Attributes:
-        base_joints: names of the joints that move the base along x, along y and about z; their body is the base.
-        tip: name of the TCP's site: x along the approach, y along the finger motion.
-        finger_joints: names of the two joints of the fingers; at 0 the gripper is closed.
-        home: configuration to start, drive and carry in, lift and arm.
-        name: "" for that of the file.
-        finger_geoms: names of the pads; () if each finger has one geom only.
-        head_joints, head_configuration: joints that are held still, and where.
-        max_velocity, max_acceleration: (4 + n,); () for slow ones: a model has no such limits.
-        max_loaded_yaw_rate, max_tcp_velocity, max_finger_velocity: as in `RobotSpec`.
-        grasp_height, grasp_axis_offset: the side grasp.
-    """
-
-    base_joints: tuple[str, str, str]
-    tip: str
-    finger_joints: tuple[str, str]
-    home: tuple[float, ...]
-    name: str = ""
-    finger_geoms: tuple[str, ...] = ()
-    head_joints: tuple[str, ...] = ()
-    head_configuration: tuple[float, ...] = ()
-    max_velocity: tuple[float, ...] = ()
-    max_acceleration: tuple[float, ...] = ()
-    max_loaded_yaw_rate: float = 0.6
-    max_tcp_velocity: tuple[float, float] = (0.3, 1.0)
-    max_finger_velocity: float = 0.05
-    grasp_height: float = 0.065
-    grasp_axis_offset: float = 0.0
+_NEEDED = ("base_joints", "tip", "finger_joints", "home")
+_DEFAULTS: Mapping[str, Any] = {
+    "name": "",
+    "finger_geoms": (),
+    "head_joints": (),
+    "head_configuration": (),
+    "max_velocity": (),
+    "max_acceleration": (),
+    "max_loaded_yaw_rate": 0.6,
+    "max_tcp_velocity": (0.3, 1.0),
+    "max_finger_velocity": 0.05,
+    "grasp_height": 0.065,
+    "grasp_axis_offset": 0.0,
+}
+"""What may be said about a robot beside its MJCF file; empty values are read from it, or stand for slow limits."""
 
 
-def read_fields(mjcf: str | Path, page: RobotPage) -> dict[str, Any]:
-    """The fields of a robot's `RobotSpec`; see `RobotSpec.from_mjcf`.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        InvalidRobot: the file lacks what the page names, or they do not describe a robot.
-    """
+def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a robot's `RobotSpec`; arguments and exceptions as of `RobotSpec.from_mjcf`."""
+    known = (*_NEEDED, *_DEFAULTS)
+    if wrong := [*(set(page) - set(known)), *(set(_NEEDED) - set(page))]:
+        raise InvalidRobot(
+            f"these do not describe a robot (unknown or missing: {', '.join(sorted(wrong))}); "
+            f"what can be said: {', '.join(known)}"
+        )
+    said = {**_DEFAULTS, **{name: tuple(value) if isinstance(value, list) else value for name, value in page.items()}}
     file = Path(mjcf).resolve() if Path(mjcf).is_file() else mjcf
     path = asset_path(str(file))
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
         raise InvalidRobot(f"{path} cannot be read as an MJCF file: {problem}") from problem
-    base = model.body(model.jnt_bodyid[_joint(model, page.base_joints[0])]).name
+    tip = said.pop("tip")
+    base = model.body(model.jnt_bodyid[_joint(model, said["base_joints"][0])]).name
     try:
-        arm = ArmChain.from_mjcf(model, base, page.tip)
+        arm = ArmChain.from_mjcf(model, base, tip)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
     if not arm.joints[0]:
         raise InvalidRobot(f"{mjcf}: between {base!r} and the arm there must be a lift: a slide along z with a range")
     arm_count = len(arm.joints) - 1
-    return dict(
-        name=page.name or arm.robot,
-        mjcf=str(file),
-        base_body=base,
-        base_joints=page.base_joints,
-        chain=_chain(arm),
-        tcp_offset=_numbers(arm.tip[:3]),
-        tcp_quaternion=_quaternion(arm.tip),
-        tcp_site=page.tip,
-        gripper_body=model.body(model.site(page.tip).bodyid[0]).name,
-        finger_joints=page.finger_joints,
-        head_joints=page.head_joints,
-        head_configuration=page.head_configuration,
-        cameras=tuple(model.camera(number).name for number in range(model.ncam)),
-        home=page.home,
-        max_velocity=page.max_velocity or (*_BASE_LIMITS, _LIFT_LIMITS[0], *[_ARM_LIMITS[0]] * arm_count),
-        max_acceleration=page.max_acceleration or (*_BASE_LIMITS, _LIFT_LIMITS[1], *[_ARM_LIMITS[1]] * arm_count),
-        max_loaded_yaw_rate=page.max_loaded_yaw_rate,
-        max_tcp_velocity=page.max_tcp_velocity,
-        max_finger_velocity=page.max_finger_velocity,
-        grasp_height=page.grasp_height,
-        grasp_axis_offset=page.grasp_axis_offset,
-        **_gripper(model, page),
+    return {
+        **said,
+        "name": said["name"] or arm.robot,
+        "mjcf": str(file),
+        "base_body": base,
+        "chain": _chain(arm),
+        "tcp_offset": _numbers(arm.tip[:3]),
+        "tcp_quaternion": _quaternion(arm.tip),
+        "tcp_site": tip,
+        "gripper_body": model.body(model.site(tip).bodyid[0]).name,
+        "cameras": tuple(model.camera(number).name for number in range(model.ncam)),
+        "max_velocity": said["max_velocity"] or (*_BASE_LIMITS, _LIFT_LIMITS[0], *[_ARM_LIMITS[0]] * arm_count),
+        "max_acceleration": said["max_acceleration"] or (*_BASE_LIMITS, _LIFT_LIMITS[1], *[_ARM_LIMITS[1]] * arm_count),
+        **_gripper(model, said["finger_joints"], said["finger_geoms"]),
         **_footprint(model, base),
-    )
+    }
 
 
 def _chain(arm: ArmChain) -> tuple[ChainLink, ...]:
     """The chain with the frames that were read, their numbers rounded."""
-    links = []
-    for joint, place, axis, lower, upper in zip(arm.joints, arm.offsets, arm.axes, arm.lower, arm.upper, strict=True):
-        links.append(
-            ChainLink(
-                joint,
-                _numbers(place[:3]),
-                "xyz"[int(axis) % 3],
-                round(float(lower), _ROUNDING),
-                round(float(upper), _ROUNDING),
-                prismatic=bool(axis >= 3),
-                quaternion=_quaternion(place),
-            )
+    return tuple(
+        ChainLink(
+            joint,
+            _numbers(place[:3]),
+            "xyz"[int(axis) % 3],
+            round(float(lower), _ROUNDING),
+            round(float(upper), _ROUNDING),
+            prismatic=bool(axis >= 3),
+            quaternion=_quaternion(place),
         )
-    return tuple(links)
+        for joint, place, axis, lower, upper in zip(
+            arm.joints, arm.offsets, arm.axes, arm.lower, arm.upper, strict=True
+        )
+    )
 
 
 def _numbers(values: Floats) -> Any:
@@ -152,10 +126,10 @@ def _joint(model: mujoco.MjModel, name: str) -> int:
     return int(number)
 
 
-def _gripper(model: mujoco.MjModel, page: RobotPage) -> dict[str, Any]:
+def _gripper(model: mujoco.MjModel, finger_joints: tuple[str, ...], pads: tuple[str, ...]) -> dict[str, Any]:
     """Pads, range and thickness of the fingers, and the gap between the pads of the closed gripper."""
-    joints = [_joint(model, name) for name in page.finger_joints]
-    geoms = page.finger_geoms or tuple(_only_geom(model, int(model.jnt_bodyid[joint])) for joint in joints)
+    joints = [_joint(model, name) for name in finger_joints]
+    geoms = pads or tuple(_only_geom(model, int(model.jnt_bodyid[joint])) for joint in joints)
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
@@ -211,20 +185,3 @@ def _footprint(model: mujoco.MjModel, base: str) -> dict[str, float]:
         raise InvalidRobot(f"the base {base!r} has no geom that can touch something")
     radius, height = max(found)
     return {"base_radius": round(radius, 6), "base_height": round(height, 6)}
-
-
-def page_of(fields: dict[str, Any]) -> RobotPage:
-    """The page with these fields, lists as tuples.
-
-    Raises:
-        InvalidRobot: an unknown or a missing field.
-    """
-    try:
-        return RobotPage(**{name: _as_tuple(value) for name, value in fields.items()})
-    except TypeError as problem:
-        known = ", ".join(RobotPage.__dataclass_fields__)
-        raise InvalidRobot(f"these do not describe a robot ({problem}); what can be said: {known}") from None
-
-
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value

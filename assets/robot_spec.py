@@ -11,10 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.files import folder, path
-from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, InvalidRobot, LinkMesh, rotation_of
-from assets.spec_checks import check_chain, check_names, check_numbers, check_unit, require
-
-__all__ = ["NO_TURN", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec"]
+from assets.robot_parts import (
+    NO_TURN,
+    ArmSpec,
+    ChainLink,
+    InvalidRobot,
+    LinkMesh,
+    check_chain,
+    check_names,
+    check_numbers,
+    check_unit,
+    require,
+    rotation_of,
+)
 
 
 @dataclass(frozen=True)
@@ -137,16 +146,18 @@ class RobotSpec:
 
         Args:
             path: of the file; a path below `assets/` names a file of the package.
-            **page: what the file does not say, the fields of `assets.robot_reading.RobotPage`; needed are
-                `base_joints`, `tip`, `finger_joints` and `home`.
+            **page: what the file does not say. Needed are `base_joints`, names of the joints that move the base along
+                x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
+                `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
+                and the limits, which are slow ones otherwise: a model has none.
 
         Raises:
             FileNotFoundError: there is no such file.
             InvalidRobot: the file lacks what the page names, or they do not describe a robot; the message says what.
         """
-        from assets.robot_reading import page_of, read_fields  # a function needs the simulator, the package does not
+        from assets.robot_reading import read_fields  # a function needs the simulator, the package does not
 
-        return cls(**read_fields(path, page_of(page)))
+        return cls(**read_fields(path, page))
 
     @property
     def mjcf_path(self) -> Path:
@@ -258,6 +269,52 @@ class RobotSpec:
         """
         motors = [(model.joint(name), model.actuator(name)) for name in joints or self.drive_joints]
         return [float((joint.damping.flat[0] - motor.biasprm[2]) / motor.gainprm[0]) for joint, motor in motors]
+
+
+@dataclass(frozen=True)
+class ActingJoints:
+    """The joints that actions move, in their order: base, torso and the active arm (4 + n), then other arms that act.
+
+    Attributes:
+        names: of the joints.
+        velocity, acceleration: their limits [m/s], [rad/s]; per second.
+        lower, upper: ranges of torso and arms, without the base [m], [rad].
+        home: of torso and arms.
+        arms: names of the arms, the active one first.
+        finger_joints, finger_geoms: of each arm's gripper.
+    """
+
+    names: tuple[str, ...]
+    velocity: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    home: tuple[float, ...]
+    arms: tuple[str, ...]
+    finger_joints: tuple[tuple[str, str], ...]
+    finger_geoms: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of(cls, robot: RobotSpec) -> ActingJoints:
+        """Those of a robot."""
+        others = robot.idle_arms if robot.acts_with_all_arms else ()
+        links = (*robot.chain, *(link for arm in others for link in arm.chain))
+        return cls(
+            names=(*robot.base_joints, *(link.joint for link in links)),
+            velocity=(*robot.max_velocity, *(value for arm in others for value in arm.max_velocity)),
+            acceleration=(*robot.max_acceleration, *(value for arm in others for value in arm.max_acceleration)),
+            lower=tuple(link.lower for link in links),
+            upper=tuple(link.upper for link in links),
+            home=(*robot.home, *(value for arm in others for value in arm.home)),
+            arms=robot.acting_arms,
+            finger_joints=(robot.finger_joints, *(arm.finger_joints for arm in others)),
+            finger_geoms=(robot.finger_geoms, *(arm.finger_geoms for arm in others)),
+        )
+
+    @property
+    def num_grippers(self) -> int:
+        """How many grippers act."""
+        return len(self.arms)
 
 
 _ARM_FIELDS = ("tcp_offset", "tcp_quaternion", "tcp_site", "gripper_body", "finger_joints", "finger_geoms")

@@ -8,10 +8,22 @@ from functools import cache
 from typing import Any
 
 from assets.pr2 import PR2
-from assets.robot_parts import ArmSpec, ChainLink, InvalidRobot, LinkMesh
-from assets.robot_spec import RobotSpec
+from assets.robot_parts import ArmSpec, ChainLink, InvalidRobot, LinkMesh, rotation_of
+from assets.robot_spec import ActingJoints, RobotSpec
 
-__all__ = ["FETCH", "PR2", "ArmSpec", "ChainLink", "InvalidRobot", "LinkMesh", "RobotSpec", "UnknownRobot", "robot"]
+__all__ = [
+    "FETCH",
+    "PR2",
+    "ActingJoints",
+    "ArmSpec",
+    "ChainLink",
+    "InvalidRobot",
+    "LinkMesh",
+    "RobotSpec",
+    "UnknownRobot",
+    "robot",
+    "rotation_of",
+]
 
 
 class UnknownRobot(ValueError):

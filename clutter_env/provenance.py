@@ -32,7 +32,7 @@ _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
 _RULES = {
-    "physics": tuple(f"simulation/{name}.py" for name in ("control", "world", "simulator", "apply_scene", "model")),
+    "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
     "end-effector control": ("simulation/end_effector.py",),
     "scenes": ("scene/layout.py", "scene/object_sets.py", "scene/random_scene.py", "scene/obstruction.py"),
     "success": ("envs/success.py",),

@@ -5,7 +5,7 @@
     clutter-env robot check my_robot.xml --page my_robot.json
 
 Says what is missing or inconsistent, and draws the collision shapes, the frames of the joints and where the level
-gripper reaches. The page of an MJCF file is a JSON object with the fields of `assets.robot_reading.RobotPage`. Without
+gripper reaches. The page of an MJCF file is a JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without
 a `home` in it, configurations are suggested.
 """
 
@@ -73,6 +73,8 @@ def robot_by_name(name: str) -> RobotSpec:
     module, _, attribute = name.partition(":")
     if not (module and attribute):
         return assets.robot(name)
+    if (here := str(Path.cwd())) not in sys.path:  # a console script does not look in the current directory
+        sys.path.insert(0, here)
     try:
         found = getattr(importlib.import_module(module), attribute, None)
     except ModuleNotFoundError as problem:

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -22,23 +23,51 @@ from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.success import SuccessMonitor, checked_memory
+from clutter_env.errors import ActionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.end_effector import TcpFollower
-from clutter_env.simulation.physics_state import capture_physics
-from clutter_env.simulation.saved_state import SavedState, check_generator, pack, unpack
-from clutter_env.simulation.simulator import Simulator
+from clutter_env.simulation.control import ControlState, checked_action, checked_vector
+from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
+from clutter_env.simulation.physics_state import capture_physics, read_physics, restore_physics
+from clutter_env.simulation.robot_check import check_robot
+from clutter_env.simulation.saved_state import Fields, SavedState, check_generator, check_quaternions, pack, unpack
 from clutter_env.simulation.world import Measurements, World
 
+_BASE, _TWIST = 3, 6
+"""Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
+_MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
+"""Entries of a saved state's memory: what task, success monitor ("judge", its name in version 0.1), controller and
+environment remember besides the physics."""
+_SEVERAL_ARMS = ("other_held", "other_fingers")
+"""Further entries of a robot that acts with several arms."""
+_IK_FAILURES = "ik_failures"
+"""A further entry with "ee" control; states of version 0.1 lack it."""
 _PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
 """Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
 
 
 class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
-    """A robot, a table, objects; subclasses define the task by the abstract methods."""
+    """A robot, a table, objects; subclasses define the task by the abstract methods.
+
+    All numbers of an action are in [-1, 1]. "joint": base forward, left, yaw rate, torso and arm joint rates, each a
+    share of the maximum; "ee": base forward, left, yaw rate, then linear and angular TCP velocity in the base frame.
+    Last comes the opening of each gripper. Both modes end in joint velocities, which `JointController.follow` carries
+    out.
+
+    Attributes:
+        world: the simulated world; explicit scenes may have one of their own.
+        measurements: of the present state.
+        action_size: numbers in an action.
+
+    Raises:
+        ConfigError: the robot's data do not fit its MJCF file.
+    """
+
+    measurements: Measurements
+    _monitor: SuccessMonitor
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
     """An instance on a machine without a display leaves out "human": checkers try every mode that is listed."""
@@ -52,15 +81,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.robot: RobotSpec = config.find_robot()
         self.layout: Layout = config.find_layout()
         self._rendering = EnvRenderer(config)
-        self._simulator = Simulator(
-            self.robot,
-            self.layout,
-            slot_shapes(config.shapes, config.num_objects),
-            config.control_mode,
-            image_size=self._rendering.largest,
-            show_meshes=config.render_mode is not None or config.obs_mode == "rgbd",
+        check_robot(self.robot)
+        show_meshes = config.render_mode is not None or config.obs_mode == "rgbd"
+        self._make_world = partial(
+            World, self.robot, self.layout, image_size=self._rendering.largest, show_meshes=show_meshes
         )
-        self._monitor: SuccessMonitor
+        self.world = self._home_world = self._make_world(shapes=slot_shapes(config.shapes, config.num_objects))
+        self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
+        self._has_started = False
+        self.action_size = _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
@@ -89,7 +118,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             if checked.state is not None:
                 self.restore_state(checked.state)
             else:
-                self._simulator.start(self._draw_scene(checked))
+                self._start(self._draw_scene(checked))
                 self._monitor = SuccessMonitor(self.world, self.measurements, self.target_slot)
                 self._begin()
         if self.render_mode == "human":
@@ -102,7 +131,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
-        self._simulator.step(action)
+        checked = checked_action(action, self.action_size)
+        self.check_started("step()")
+        grips = checked[-self.world.controller.num_grippers :].tolist()
+        self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips)
         self._monitor.update(self.measurements)
         reward, terminated = self._advance()
         if self.render_mode == "human":
@@ -116,7 +148,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             ActionError: `reset` has not been called.
             RenderingUnavailable: no OpenGL, or no display for a window.
         """
-        self._simulator.check_started("render()")
+        self.check_started("render()")
         return self._rendering.render(self.world)
 
     def close(self) -> None:
@@ -128,16 +160,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._rendering.wait_for_window()
 
     # Beyond Gymnasium.
-
-    @property
-    def world(self) -> World:
-        """The simulated world; explicit scenes may have one of their own."""
-        return self._simulator.world
-
-    @property
-    def measurements(self) -> Measurements:
-        """Measurements of the present state."""
-        return self._simulator.measurements
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -161,13 +183,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: `reset` has not been called.
         """
-        self._simulator.check_started("target")
+        self.check_started("target")
         return self.world.names[self.target_slot] if self.target_slot >= 0 else ""
 
     @property
     def info(self) -> dict[str, Any]:
         """The info of the present state; raises ActionError before `reset`."""
-        self._simulator.check_started("info")
+        self.check_started("info")
         return self._info()
 
     @property
@@ -180,11 +202,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Index of the target among the objects."""
         assert self.world.scene is not None
         return self.world.scene.target
-
-    @property
-    def action_size(self) -> int:
-        """Numbers in an action."""
-        return self._simulator.action_size
 
     def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
@@ -199,7 +216,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: not finite, the wrong shape, or this environment's control mode is "ee".
         """
-        return self._simulator.joint_action(q_target, gripper_width)
+        if self._end_effector:
+            raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
+        self.check_started("joint_action()")
+        return self.world.controller.action_towards(q_target, gripper_width, self.measurements.is_holding)
 
     def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
         """The "ee" action that brings base and TCP targets to these, or as near as one step allows.
@@ -212,7 +232,21 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: not finite, the wrong shape, or this environment's control mode is "joint".
         """
-        return self._simulator.ee_action(base_target, T_world_tcp, gripper_width)
+        if not self._end_effector:
+            raise ActionError("ee_action needs control_mode='ee'; this environment has 'joint', use joint_action")
+        self.check_started("ee_action()")
+        controller = self.world.controller
+        base = checked_vector("ee_action's base_target", base_target, (3,))
+        pose = checked_vector("ee_action's T_world_tcp", T_world_tcp, (4, 4))
+        goal = np.concatenate((base, controller.state.target[_BASE:]))
+        velocity = controller.velocity_towards(goal, self.measurements.is_holding)[:_BASE]
+        drive = np.clip(velocity / controller.max_velocity[:_BASE], -1.0, 1.0)
+        T_world_base = np.eye(4)
+        cosine, sine = np.cos(base[2]), np.sin(base[2])
+        T_world_base[:2, :2] = ((cosine, -sine), (sine, cosine))
+        T_world_base[:2, 3] = base[:2]
+        twist = self._end_effector.twist_towards(np.linalg.inv(T_world_base) @ pose)
+        return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
@@ -220,13 +254,21 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""
-        self._simulator.check_started("save_state()")
-        scene = self.world.scene
+        self.check_started("save_state()")
+        scene, control, arm = self.world.scene, self.world.controller.state, self._end_effector
         assert scene is not None
+        several = {"other_held": self.measurements.other_held, "other_fingers": control.other_fingers}
         memory = {
             "task": self._memory(),
             "judge": self._monitor.memory(),
-            **self._simulator.memory(),
+            **(several if control.other_fingers else {}),
+            "held": self.measurements.held,
+            "is_touching": self.measurements.is_touching,
+            "target": control.target.tolist(),
+            "velocity": control.velocity.tolist(),
+            "finger": control.finger,
+            "wanted_tcp": arm.wanted if arm else None,
+            **({_IK_FAILURES: arm.failures} if arm else {}),
             "rng": self.np_random.bit_generator.state,
         }
         return pack(SavedState(self._kind, scene, capture_physics(self.world), memory))
@@ -238,18 +280,44 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
         saved = unpack(state, self._kind)
-        checked = self._simulator.check(saved)
-        check_generator(self.np_random, saved.memory["rng"])
-        watched = checked_memory(saved.memory["judge"], saved.scene.num_objects, self.world.controller.num_grippers)
-        bookkeeping = self._read_memory(saved.memory["task"])
-        self._simulator.restore(checked)
-        self._monitor = SuccessMonitor.recall(watched, self.world, self.measurements, self.target_slot)
+        world, arm = self._world_for(saved.scene), self._end_effector
+        size, last_slot = len(world.controller.state.target), saved.scene.num_objects - 1
+        others = world.controller.num_grippers - 1
+        counts_failures = arm is not None and isinstance(saved.memory, dict) and _IK_FAILURES in saved.memory
+        further = (*_SEVERAL_ARMS * (others > 0), *(_IK_FAILURES,) * counts_failures)
+        memory = Fields(saved.memory, "memory", (*_MEMORY, *further))
+        wanted_tcp = None
+        if arm:
+            wanted_tcp = memory.numbers("wanted_tcp", (7,))
+            check_quaternions("memory wanted_tcp", wanted_tcp[:4])
+        elif memory["wanted_tcp"] is not None:
+            raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
+        physics = read_physics(world, saved.physics)
+        control = ControlState(
+            memory.numbers("target", (size,)),
+            memory.numbers("velocity", (size,)),
+            memory.number("finger"),
+            tuple(memory.numbers("other_fingers", (others,)).tolist()) if others else (),
+        )
+        ik_failures = memory.integer(_IK_FAILURES, 0, 2**31) if counts_failures else 0
+        held, is_touching = memory.integer("held", -1, last_slot), memory.flag("is_touching")
+        other_held = tuple(memory.integers("other_held", others, -1, last_slot).tolist()) if others else ()
+        check_generator(self.np_random, memory["rng"])
+        watched = checked_memory(memory["judge"], saved.scene.num_objects, others + 1)
+        bookkeeping = self._read_memory(memory["task"])
+        restore_physics(world, saved.scene, physics)  # the last that may refuse the state
+        self.world, world.controller.state = world, control
+        if arm and wanted_tcp is not None:
+            arm.wanted, arm.failures = wanted_tcp.tolist(), ik_failures
+        self.measurements = world.measure_objects(held, is_touching, other_held)
+        self._has_started = True
+        self._monitor = SuccessMonitor.recall(watched, world, self.measurements, self.target_slot)
         self._recall(bookkeeping)
-        self.np_random.bit_generator.state = saved.memory["rng"]
+        self.np_random.bit_generator.state = memory["rng"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
-        saved = self.save_state() if self._simulator.has_started else None
+        saved = self.save_state() if self._has_started else None
         attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
         return _unpickled, (type(self), self.config.keywords(), attributes, saved)
 
@@ -289,6 +357,37 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     # Inside.
 
+    def check_started(self, call: str) -> None:
+        """Raise ActionError unless an episode has begun; `call` is what needs one."""
+        if not self._has_started:
+            raise ActionError(f"call reset() before {call}")
+
+    def _start(self, scene: TableScene) -> None:
+        """Begin an episode with the robot at rest in its home configuration."""
+        self.world = self._world_for(scene)
+        self.world.reset(scene)
+        if self._end_effector:
+            self._end_effector.reset(self.world.controller.state.target[_BASE:])
+        self.measurements = self.world.measure()
+        self._has_started = True
+
+    def _world_for(self, scene: TableScene) -> World:
+        """A world for a scene: explicit scenes may have fewer objects or other shapes than the environment's own."""
+        for world in (self.world, self._home_world):
+            if scene.shapes == world.shapes:
+                return world
+        return self._make_world(shapes=scene.shapes)
+
+    def _joint_velocity(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Velocities (4 + n,) that an action asks for, base x and y in the base's frame."""
+        controller = self.world.controller
+        state, limit = controller.state, controller.max_velocity
+        if not self._end_effector:
+            return action[: len(limit)] * limit
+        base, twist = action[:_BASE] * limit[:_BASE], action[_BASE : _BASE + _TWIST]
+        arm = self._end_effector.joint_velocity(twist, state.target[_BASE:], state.velocity[_BASE:])
+        return np.concatenate((base, arm))
+
     @property
     def _kind(self) -> dict[str, Any]:
         """Properties that a saved state and the environment that restores it must share; JSON values."""
@@ -321,7 +420,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "num_fallen": monitor.num_fallen,
             "num_disturbed": monitor.num_disturbed,
             "num_cleared": monitor.num_cleared,
-            "ik_failures": self._simulator.ik_failures,
+            "ik_failures": self._end_effector.failures if self._end_effector else 0,
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:

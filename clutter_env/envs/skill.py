@@ -7,6 +7,7 @@ succeed on a kinematic model: the object is put where the plan would put it, and
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from itertools import compress
 from typing import Any, Literal
 
@@ -30,10 +31,8 @@ from planners import (
     Sensor,
     Skill,
     SkillFailure,
-    SkillGeometry,
     SkillPlanner,
     follow,
-    skill_geometry,
 )
 
 SIMULATIONS = ("physics", "kinematic")
@@ -69,6 +68,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     Keyword arguments: `simulation` ("physics" or "kinematic"), `budget` (skills), `geometric_mask` (what `action_masks`
     says), `feasibility`, and those of `RetrieveEnv` but for `control_mode`.
+
+    Attributes:
+        physics_env: the environment in which skills are carried out.
     """
 
     metadata: dict[str, Any] = RetrieveEnv.metadata
@@ -83,24 +85,20 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     ) -> None:
         check_choice("simulation", simulation, SIMULATIONS)
         check_choice("feasibility", feasibility, FEASIBILITIES)
-        self._physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
-        if self._physics_env.robot.acts_with_all_arms:
-            raise ConfigError(
-                f"skills use one arm; give robot {self._physics_env.robot.name!r} without with_all_arms()"
-            )
+        self.physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
+        if self.physics_env.robot.acts_with_all_arms:
+            raise ConfigError(f"skills use one arm; give robot {self.physics_env.robot.name!r} without with_all_arms()")
         self._is_kinematic = simulation == "kinematic"
         self._geometric_mask, self._tries_all = geometric_mask, feasibility == "none"
-        self._count = self._physics_env.config.num_objects
+        self._count = self.physics_env.config.num_objects
         self.budget = skill_budget(self._count) if budget is None else budget
         check_integer("budget", self.budget, 1)
-        self.render_mode, self.metadata = self._physics_env.render_mode, self._physics_env.metadata
+        self.render_mode, self.metadata = self.physics_env.render_mode, self.physics_env.metadata
         self._size = self._count * DIRECTIONS + 1
         self.action_space = spaces.Discrete(self._size)
         row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
         bound = np.array(row * self._count + [1.0, 1.0], np.float32)
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        self._geometry: SkillGeometry | None = None
-        self._has_started = False
 
     # The Gymnasium surface.
 
@@ -114,9 +112,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         """
         with restored_generator(self):
             super().reset(seed=seed)
-            _, info = self._physics_env.reset(seed=seed, options=options)
+            _, info = self.physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
-        names, table_scene = self._physics_env.world.names, self._physics_env.world.scene
+        names, table_scene = self.physics_env.world.names, self.physics_env.world.scene
         assert table_scene is not None
         self._lying = frozenset(compress(names, table_scene.is_lying))
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
@@ -126,7 +124,6 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._moved: list[str] = []
         self._num_refused, self._num_hit = 0, 0
         self._is_taken = self._is_physics_over = False
-        self._has_started = True
         return self._observe(), self._info("")
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -154,17 +151,17 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def render(self) -> Any:
         """Render as `RetrieveEnv.render` does; with the kinematic model the images show the first state."""
-        return self._physics_env.render()
+        return self.physics_env.render()
 
     def close(self) -> None:
         """Free the OpenGL resources."""
-        self._physics_env.close()
+        self.physics_env.close()
 
     # Beyond Gymnasium.
 
     def skill(self, action: int) -> Skill:
         """The skill of an action."""
-        self._check_started("skill()")
+        self.physics_env.check_started("skill()")
         if action == self._count * DIRECTIONS:
             return Skill(self._target)
         return Skill(self._scene.names[action // DIRECTIONS], action % DIRECTIONS)
@@ -175,57 +172,48 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Args:
             geometric: also leave out skills without a free grasp; by default as the environment was made.
         """
-        self._check_started("action_masks()")
+        self.physics_env.check_started("action_masks()")
         mask = ~self._failed
         for i, body in enumerate(self._bodies()):
             clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
             mask[clears] &= body is not None and body.name != self._target
         is_geometric = self._geometric_mask if geometric is None else geometric
-        if is_geometric and self._geometry:
+        if is_geometric:
             for index in np.flatnonzero(mask):
-                mask[index] = not isinstance(self._geometry.grasps(self._scene, self.skill(int(index))), SkillFailure)
+                mask[index] = not isinstance(self._planner.grasps(self._scene, self.skill(int(index))), SkillFailure)
         mask[-1] |= not mask.any()
         return mask
 
     @property
     def scene(self) -> Scene:
         """The scene that the planner works on now."""
-        self._check_started("scene")
+        self.physics_env.check_started("scene")
         return self._scene
 
     @property
     def target(self) -> str:
         """Name of the target."""
-        self._check_started("target")
+        self.physics_env.check_started("target")
         return self._target
-
-    @property
-    def physics_env(self) -> RetrieveEnv:
-        """The environment in which skills are carried out."""
-        return self._physics_env
 
     # Private.
 
-    def _check_started(self, call: str) -> None:
-        """Raise ActionError unless an episode has begun; `call` is what needs one."""
-        if not self._has_started:
-            raise ActionError(f"call reset() before {call}")
-
     def _read_scene(self) -> None:
         """Read the scene from the physics."""
-        held = self._physics_env.measurements.held
-        name = self._physics_env.world.names[held] if held >= 0 else ""
-        self._scene = Scene.from_mujoco(
-            self._physics_env.model, self._physics_env.data, self._physics_env.robot, held=name
-        )
-        self._geometry = self._geometry or skill_geometry(self._scene)
+        env, held = self.physics_env, self.physics_env.measurements.held
+        name = env.world.names[held] if held >= 0 else ""
+        self._scene = Scene.from_mujoco(env.model, env.data, env.robot, held=name)
+
+    @cached_property
+    def _planner(self) -> SkillPlanner:
+        """The planner of this robot and table; it is prepared once, for the scenes of all episodes."""
+        return SkillPlanner.of(self._scene)
 
     def _simulate_kinematically(self, skill: Skill) -> str:
-        assert self._geometry is not None
-        result = self._geometry.simulate_kinematically(self._scene, self._target, skill, self._rng)
+        result = self._planner.simulate_kinematically(self._scene, self._target, skill, self._rng)
         if isinstance(result, SkillFailure):
             if result.reason == "blocked" and self._tries_all:
-                self._num_hit = len(self._geometry.in_the_way(self._scene, skill))
+                self._num_hit = len(self._planner.in_the_way(self._scene, skill))
                 return "collision"
             self._num_refused += 1
             return result.reason
@@ -234,17 +222,17 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return ""
 
     def _carry_out(self, skill: Skill) -> str:
-        assert self._geometry is not None
-        planner, config = SkillPlanner(self._geometry, self._rng), MonitorConfig()
-        actions = planner.plan(self._scene, self._target, skill)
+        config = MonitorConfig()
+        actions = self._planner.plan(self._scene, self._target, skill, self._rng)
         if isinstance(actions, SkillFailure) and actions.reason == "blocked" and self._tries_all:
-            actions, config = planner.plan_through(self._scene, self._target, skill), _PUSHING
+            actions, config = self._planner.plan_through(self._scene, self._target, skill, self._rng), _PUSHING
         if isinstance(actions, SkillFailure):
             self._num_refused += 1
             return actions.reason
-        physics_env = self._physics_env
+        physics_env = self.physics_env
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
-        deviation = follow(actions, physics_env.robot, sensor, self._command, config)
+        stopped_by = follow(actions, physics_env.robot, sensor, self._command, config).deviation
+        deviation = "" if stopped_by is None else str(stopped_by.kind)
         if skill.direction is None and not deviation:
             controller = physics_env.world.controller
             for _ in range(FINAL_HOLD_STEPS):  # stand still and hold the target
@@ -256,11 +244,11 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return "not held"
 
     def _command(self, command: Command) -> bool:
-        return self._step_physics(self._physics_env.joint_action(command.drive, command.opening))
+        return self._step_physics(self.physics_env.joint_action(command.drive, command.opening))
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
         """One control step; whether the episode of the physics environment is over."""
-        _, _, self._is_physics_over, _, info = self._physics_env.step(action)
+        _, _, self._is_physics_over, _, info = self.physics_env.step(action)
         self._is_taken = info["lifted"]
         return self._is_physics_over or self._is_taken
 
@@ -285,18 +273,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
 
     def _info(self, failure: str) -> dict[str, Any]:
-        if self._is_kinematic:
-            held = self._scene.held
-            info: dict[str, Any] = {
+        info = self.physics_env.info
+        if self._is_kinematic:  # the physics stays in the first state
+            info |= {
                 "is_success": self._is_taken,
                 "lifted": self._is_taken,
-                "target": self._target,
-                "held": held.name if held is not None else "",
-                "num_fallen": 0,
+                "held": self._scene.held.name if self._scene.held is not None else "",
                 "num_disturbed": self._num_hit,
                 "num_cleared": len(set(self._moved)),
-                "ik_failures": 0,
             }
-        else:
-            info = self._physics_env.info
         return {**info, "failure": failure, "moved": tuple(self._moved), "num_refused": self._num_refused}

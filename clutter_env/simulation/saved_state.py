@@ -25,13 +25,6 @@ _MAGIC = b"clutter-env state 1\n"
 _MOST_BYTES = 2**24
 """A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
 _PARTS = ("kind", "scene", "physics", "memory")
-MEMORY = ("task", "judge", "held", "is_touching", "target", "velocity", "finger", "wanted_tcp", "rng")
-"""Entries of the memory: what task, success monitor ("judge", its name in version 0.1), controller and environment
-remember besides the physics."""
-SEVERAL_ARMS = ("other_held", "other_fingers")
-"""Further entries of a robot that acts with several arms."""
-IK_FAILURES = "ik_failures"
-"""A further entry with "ee" control; states of version 0.1 lack it."""
 
 _LARGEST_HALF_EXTENT = 1.0
 """[m]"""

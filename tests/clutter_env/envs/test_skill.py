@@ -16,8 +16,8 @@ from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEn
 from clutter_env.envs.success import is_as_placed
 from clutter_env.errors import ActionError, ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
+from planners import DIRECTIONS
 from planners.scene import Body
-from planners.skills.geometry import DIRECTIONS
 
 BLOCKED_SEED = 2
 """Of ten objects, the target's grasps are all blocked."""

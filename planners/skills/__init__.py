@@ -1,1 +1,0 @@
-"""Skills: clear one object from one direction, or take the target."""
