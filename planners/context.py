@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from assets.robots import RobotSpec
-from irm.chain import ArmChain
 from planners.collision.world import CompiledScenes
-from planners.grasping.base_placement import Arm, MapPlacer, inverse_map
-from planners.grasping.candidates import GraspCandidates, SamplingConfig
-from planners.grasping.canonical import CanonicalGrasps
+from planners.grasping.base_placement import MapPlacer
+from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import GraspFamily, find_grasp_set
 from planners.motion.tcp_following import TcpFollower
-from planners.placing.canonical import CanonicalPlacements
 from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import Supports, find_supports
 from planners.scene import Scene
@@ -36,7 +33,7 @@ class PlanningContext:
     """A robot among static obstacles, with the choices that hold for a whole solve.
 
     Attributes:
-        arms: the arms that act, by name: free ground, inverse reachability map and joints of each.
+        arms: base poses for each arm that acts, by its name.
         families: the grasp set.
         supports: names of the supports where objects may be put.
         canonical: whether grasps and placements are canonical, so that plans can be learned.
@@ -45,7 +42,7 @@ class PlanningContext:
         saves_time: whether strategies that plan ahead choose grasps that take less time.
     """
 
-    arms: Mapping[str, Arm]
+    arms: Mapping[str, MapPlacer]
     families: tuple[GraspFamily, ...]
     supports: tuple[str, ...]
     canonical: bool = False
@@ -77,10 +74,7 @@ class PlanningContext:
             UnknownGraspSet: no grasp set of that name.
             UnknownSupport: the scene declares no support of a name.
         """
-        arms = {
-            name: Arm(map_placer(robot.using(name), scene.using(name)), ArmChain.from_robot(robot.using(name)))
-            for name in robot.acting_arms
-        }
+        arms = {name: MapPlacer.of_scene(scene.using(name), _BASES) for name in robot.acting_arms}
         return cls(
             MappingProxyType(arms),
             find_grasp_set(grasps),
@@ -92,22 +86,16 @@ class PlanningContext:
 
     def only_near_home(self) -> PlanningContext:
         """The same with arm configurations near home only, from more base poses."""
-        arms = {
-            name: arm._replace(placer=replace(arm.placer, per_gripper_pose=_BASES_NEAR_HOME))
-            for name, arm in self.arms.items()
-        }
+        arms = {name: replace(arm, per_gripper_pose=_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
     def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
         """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
-        kind = CanonicalGrasps if self.canonical else GraspCandidates
-        config, worlds = SamplingConfig(near_home=self.near_home), compiled or CompiledScenes()
-        return kind(self.arms, self.families, config, worlds)
+        return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, compiled or CompiledScenes())
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""
-        kind = CanonicalPlacements if self.canonical else PlacementSearch
-        return kind(self.arms, near_home=self.near_home, supports=self.supports)
+        return PlacementSearch(self.arms, self.supports, self.canonical, self.near_home)
 
 
 def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, canonical: bool) -> None:
@@ -126,8 +114,3 @@ def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, cano
         what = "control mode 'ee'" if is_told_tcp_poses else "canonical plans"
         arms = ", ".join(map(repr, robot.acting_arms))
         raise ArmsError(f"{what} are for one arm; robot.using(arm) of {robot.name!r} has one of: {arms}")
-
-
-def map_placer(robot: RobotSpec, scene: Scene) -> MapPlacer:
-    """Base poses for gripper poses of the active arm, among the static obstacles of a scene."""
-    return MapPlacer.of_scene(inverse_map(robot), scene, _BASES)

@@ -22,10 +22,9 @@ from planners.context import PlanningContext
 from planners.grasping.arm_configurations import (
     ConfigurationGrid,
     GripperPoses,
-    driven_configurations,
     scan_configurations,
 )
-from planners.grasping.candidates import OFF_TABLE, GraspCandidate, SamplingConfig, as_candidates, gripper_poses
+from planners.grasping.candidates import OFF_TABLE, GraspCandidate, as_candidates, gripper_poses
 from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_opening
 from planners.motion.path import BlockedBy, NoPath
 from planners.placing.locations import put_down
@@ -49,8 +48,6 @@ _GRASPS = 3
 """Grasps tried before a skill counts as failed."""
 _PLACEMENTS = 8
 """Placements tried for each of them."""
-_TORSOS, _ROLLS = 6, 18
-"""Torso heights and upper-arm rolls tried where those about the home configuration do not fit."""
 _CONFIGURATIONS = 4
 """Arm configurations tried for one pick or placement."""
 
@@ -125,11 +122,11 @@ class SkillPlanner:
         world = self.compiled.world(scene)
         wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        arm = self.context.arms[scene.robot.arm_name]
-        bases, index = arm.placer.bases(wanted)
+        placer = self.context.arms[scene.robot.arm_name]
+        bases, index = placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
-        found = scan_configurations(world, poses, SamplingConfig().grid(arm.chain), opening, ignore=ignore)
+        found = scan_configurations(world, poses, ConfigurationGrid.over(placer.chain), opening, ignore=ignore)
         return as_candidates(body.name, poses, opening, found, scene.robot.arm_name)
 
     def placements(self, scene: Scene, target: str, rng: np.random.Generator) -> Iterator[Placement]:
@@ -281,14 +278,8 @@ def _configurations(
     """
     world, chain = motion_layer.compiled.world(scene), motion_layer.context.arms[scene.robot.arm_name].chain
     poses, ignore = GripperPoses(np.array(contact.base)[None], gripper[None]), scene.mask({contact.object})
-    for grid in (
-        ConfigurationGrid.about_home(chain, scene.robot.home),
-        ConfigurationGrid.over(chain, _TORSOS, _ROLLS),
-    ):
-        if is_covered(scene, body.foot):
-            found = driven_configurations(world, body, poses, grid, opening, held=scene.held, ignore=ignore)
-        else:
-            found = scan_configurations(world, poses, grid, opening, held=scene.held, ignore=ignore)
+    for grid in (ConfigurationGrid.about_home(chain, scene.robot.home), ConfigurationGrid.over(chain)):
+        found = scan_configurations(world, poses, grid, opening, body=body, held=scene.held, ignore=ignore)
         order = sorted(range(len(found.q)), key=lambda i: (int(found.hits[i]).bit_count(), -found.quality[i]))
         yield from ((found.q[i], int(found.hits[i])) for i in order)
 

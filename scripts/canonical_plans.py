@@ -149,7 +149,7 @@ def spread_table(plans: Mapping[str, Sequence[PlannedScene]]) -> str:
             "plans": name,
             "solved": f"{sum(plan.clearances is not None for plan in some)} of {len(some)}",
             "clearances": f"{np.mean([plan.clearances or 0 for plan in chosen]):.2f}",
-            "clearances - minimum": f"{np.mean(beyond):+.2f}",
+            "clearances - lower bound": f"{np.mean(beyond):+.2f}",
             "simulated time [s]": f"{np.mean([plan.duration for plan in chosen]):.1f}",
             "planning [CPU s]": f"{np.mean([plan.planning_s for plan in some]):.2f}",
             "straight contacts": f"{sum(entry.contact.is_straight for entry in contacts)} of {len(contacts)}",

@@ -20,7 +20,7 @@ from clutter_env.reporting.intervals import times
 from clutter_env.reporting.tables import NOTHING, markdown_table
 from planners import find_strategy
 
-HEAD = ["layout", "N", "solved / taken alone", "scenes", "cleared / floor", "above the floor", "twice"]
+HEAD = ["layout", "N", "solved / taken alone", "scenes", "cleared / lower bound", "above the bound", "twice"]
 HEAD += ["whole solve [CPU s]: median (95%)", "causes", "crashed"]
 
 

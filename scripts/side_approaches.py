@@ -25,12 +25,11 @@ from assets.robots import RobotSpec
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, find_layout
-from irm.chain import ArmChain, pose_of
+from irm.chain import pose_of
 from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import PADDING, CollisionWorld
-from planners.context import map_placer
-from planners.grasping.arm_configurations import GripperPoses, driven_configurations, scan_configurations
-from planners.grasping.candidates import SamplingConfig
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.base_placement import MapPlacer
 from planners.grasping.grasp_poses import FINGER_GAP, SIDE, even_yaws, gripper_clearances, gripper_opening
 from planners.scene import Scene
 from planners.scene.cover import BACK, HELD_GAP
@@ -97,12 +96,8 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
     )
     alone = Scene.from_mujoco(env.model, env.data, robot)
     scene, is_driven = replace(alone, objects=()), layout.board_height is not None
-    grid = SamplingConfig().grid(ArmChain.from_robot(robot))
-    world, placer, opening = (
-        CollisionWorld.from_scene(scene),
-        map_placer(scene.robot, scene),
-        gripper_opening(robot, RADIUS),
-    )
+    world, placer, opening = CollisionWorld.from_scene(scene), MapPlacer.of_scene(scene), gripper_opening(robot, RADIUS)
+    grid = ConfigurationGrid.over(placer.chain)
     yaws = even_yaws(SIDE.directions)
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):
@@ -114,11 +109,7 @@ def reachable_yaws(robot: RobotSpec, layout: Layout, points: Array) -> NDArray[n
             mine = bases[pose_of == yaw]
             if len(mine):
                 tried = GripperPoses(mine, np.tile(poses[yaw], (len(mine), 1)))
-                configurations = (
-                    driven_configurations(world, body, tried, grid, opening, first_free=True)
-                    if is_driven
-                    else scan_configurations(world, tried, grid, opening, first_free=True)
-                )
+                configurations = scan_configurations(world, tried, grid, opening, body=body, first_free=True)
                 found[index, yaw] = len(configurations.q) > 0
     return found
 

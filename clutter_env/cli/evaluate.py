@@ -83,7 +83,7 @@ def _text(content: Mapping[str, Any]) -> str:
     summary = content["summary"]
     rows = {
         "all": summary,
-        **{f"floor {name}, {content['grasps']} grasps": rates for name, rates in summary["by_floor"].items()},
+        **{f"lower bound {name}, {content['grasps']} grasps": rates for name, rates in summary["by_floor"].items()},
     }
     cells = []
     for name, rates in rows.items():

@@ -318,7 +318,7 @@ def counts_text(played: Sequence[Attempt], floors: Mapping[int, int | None]) -> 
         "clean success": f"{len(solved)} of {len(ended)}: {wilson(len(solved), len(ended))}",
         "target lifted": f"{lifted} of {len(ended)}: {wilson(lifted, len(ended))}",
         "objects cleared": f"{_mean([len(attempt.clearances) for attempt in solved]):.2f} on average",
-        "minimum number of clearances": f"{_mean(known):.2f} on average",
+        "lower bound of clearances": f"{_mean(known):.2f} on average",
         "cleared twice or more": f"{sum(attempt.duplicated for attempt in ended)} objects",
         "replans after deviations": f"{sum(attempt.replans for attempt in ended)}",
         "toppled or off the table": f"{sum(attempt.fallen for attempt in ended)} objects",

@@ -1,7 +1,7 @@
 """Play one episode of a policy, to look at: in a window, or as a film on a machine without a display.
 
     clutter-env play --policy keyframes --objects 15
-    clutter-env play --policy outputs/my_policy:MyPolicy --objects 5 --film outputs/play
+    clutter-env play --policy my_policy:MyPolicy --objects 5 --film outputs/play
 
 "keyframes" is a trained policy that comes with the package.
 """

@@ -73,6 +73,8 @@ def robot_by_name(name: str) -> RobotSpec:
     module, _, attribute = name.partition(":")
     if not (module and attribute):
         return assets.robot(name)
+    if (here := str(Path.cwd())) not in sys.path:  # a console script does not look in the current directory
+        sys.path.insert(0, here)
     try:
         found = getattr(importlib.import_module(module), attribute, None)
     except ModuleNotFoundError as problem:

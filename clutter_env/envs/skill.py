@@ -230,7 +230,8 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             return actions.reason
         physics_env = self.physics_env
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
-        deviation = follow(actions, physics_env.robot, sensor, self._command, config)
+        stopped_by = follow(actions, physics_env.robot, sensor, self._command, config).deviation
+        deviation = "" if stopped_by is None else str(stopped_by.kind)
         if skill.direction is None and not deviation:
             controller = physics_env.world.controller
             for _ in range(FINAL_HOLD_STEPS):  # stand still and hold the target

@@ -212,10 +212,10 @@ def markdown(summary: Summary, is_physics: bool, cap: int = 20) -> str:
     parts = [
         markdown_section("Table 1: objects cleared, and objects cleared twice or more", head_1, table_1),
         _section(
-            "Success and distance from the floor",
+            "Success and distance from the lower bound",
             rows,
             {"N": "{objects}", "strategy": "{strategy}", "solved": "{solved} / {scenes}", **success}
-            | {"p": "{p_success:.2g}", "cleared / floor": "{ratio}", "exactly the floor": "{at_floor:.0%}"}
+            | {"p": "{p_success:.2g}", "cleared / lower bound": "{ratio}", "exactly the lower bound": "{at_floor:.0%}"}
             | {"replans": "{replans}", "crashed": "{crashed}"},
         ),
         _section(
@@ -227,7 +227,7 @@ def markdown(summary: Summary, is_physics: bool, cap: int = 20) -> str:
         ),
         markdown_section(
             "Scenes that every strategy solves: objects cleared (twice or more)",
-            ["N", "scenes", "floor", *names],
+            ["N", "scenes", "lower bound", *names],
             on_shared,
         ),
         markdown_section(
@@ -243,7 +243,7 @@ def markdown(summary: Summary, is_physics: bool, cap: int = 20) -> str:
             [{**entry, "floor_time": _milliseconds(entry["floor_time"])} for entry in summary["scenes"]],
             {"N": "{objects}", "resets": "{seeds}", "free": "{free}", "obstructed": "{obstructed}"}
             | {"no self-clearable set": "{without_set}", "unreachable": "{unreachable}", "not assessed": "{crashed}"}
-            | {"floor unproved": "{unproved}", "floor": "{floor}", "floor [CPU ms]": "{floor_time}"},
+            | {"lower bound unproved": "{unproved}", "lower bound": "{floor}", "lower bound [CPU ms]": "{floor_time}"},
         ),
     ]
     return "\n".join(parts)
@@ -274,11 +274,10 @@ def write_page(table: Table, command: str, summary: Summary, page: Path, cap: in
     which = ", whose target no level grasp reaches at once" if table.only_obstructed else ""
     page.write_text(
         f"# Clearance table ({kind})\n\n```sh\n{command}\n```\n\n"
-        f"Robot {common.robot!r}, layout {common.layout!r}, grasp set {common.grasps!r}: plans and minimum "
-        f"numbers of clearances (floors) are for these grasps.{put} Each strategy is tried on the same scenes: resets "
+        f"Robot {common.robot!r}, layout {common.layout!r}, grasp set {common.grasps!r}: plans and lower "
+        f"bounds are for these grasps.{put} Each strategy is tried on the same scenes: resets "
         f"of the environment, from seed {common.seed} on{which}. Success rates have Wilson's 95% interval, all other "
-        "means a 95% bootstrap interval over the scenes. How to read the columns: "
-        "[planners.md](planners.md#reading-the-clearance-table).\n\n"
+        "means a 95% bootstrap interval over the scenes. What the words mean: docs/glossary.md.\n\n"
         f"![Clearance table]({picture.relative_to(page.parent)})\n\n{markdown(summary, common.physics, cap)}"
     )
 
@@ -316,7 +315,7 @@ def draw(summary: Summary) -> Figure:
         at = objects.index(number)
         ends, heights = [at - _FLOOR, at + _FLOOR], [entry["floor"]] * 2
         clearances.plot(ends, heights, color="black", linewidth=1.4, zorder=1, gid="floor")
-    legend = [Line2D([], [], color="black", linewidth=1.4, label="floor (minimum) of the same scenes")]
+    legend = [Line2D([], [], color="black", linewidth=1.4, label="lower bound of the same scenes")]
     dashed: dict[str, Any] = {"linestyle": "--", "linewidth": 1, "alpha": 0.6}
     for name, said in (("srivastava", "Srivastava"), ("ngr", "NGR")):
         legend.append(Line2D([], [], color=COLOURS[name], label=f"{said} in the paper (other scenes)", **dashed))

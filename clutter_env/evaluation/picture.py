@@ -61,7 +61,7 @@ def _draw_by_floor(axes: Any, rows: Sequence[Row]) -> None:
         rates = [row.by_floor[name].clean if name in row.by_floor else None for row in rows]
         scenes = max(row.by_floor[name].scenes for row in rows if name in row.by_floor)
         _draw(axes, rates, offset, _FLOOR_COLOURS[name], f"{name} ({scenes} scenes)", marker="s")
-    axes.set_title("clean success, by minimum of clearances", fontsize=10)
+    axes.set_title("clean success, by lower bound", fontsize=10)
     axes.set_xlim(-0.03, 1.03)
     if strata:
         _key(axes)
@@ -75,7 +75,7 @@ def _key(axes: Any) -> None:
 def _draw_moved(axes: Any, rows: Sequence[Row]) -> None:
     _draw(axes, [row.moved_per_floor for row in rows], 0.0, _MOVED, "", marker="D")
     axes.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
-    axes.set_title("moved / minimum, solved", fontsize=9)
+    axes.set_title("moved / lower bound, solved", fontsize=9)
     axes.set_xlim(left=0)
 
 

@@ -111,7 +111,16 @@ def summarise(
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
-    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved / minimum", "disturbed", "fallen"]
+    head = [
+        "scenes",
+        "policy",
+        "runs × scenes",
+        "clean success",
+        "lifted",
+        "moved / lower bound",
+        "disturbed",
+        "fallen",
+    ]
     head += ["refused", "steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
 
@@ -130,7 +139,7 @@ def markdown_by_floor(rows: Sequence[Row]) -> str:
         ]
         for row in known
     ]
-    return markdown_table(["scenes", "policy", *(f"minimum {name}" for name in strata)], cells)
+    return markdown_table(["scenes", "policy", *(f"lower bound {name}" for name in strata)], cells)
 
 
 def _cells(row: Row) -> list[str]:

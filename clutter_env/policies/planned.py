@@ -13,7 +13,6 @@ from clutter_env.policies.parsed_observation import Observation, parse_observati
 from planners import (
     Command,
     Contact,
-    ExecutionStatus,
     Executor,
     Infeasible,
     MonitorConfig,
@@ -150,8 +149,8 @@ class PlannedMotionPolicy:
     def act(self, observation: Observation) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         if self._executor is not None:
-            self._last, status = self._executor.advance(self._sensor.read())
-            if status is not ExecutionStatus.RUNNING:
+            self._last = self._executor.advance(self._sensor.read())
+            if self._executor.is_over:
                 deviation, self._executor = self._executor.deviation, None
                 self._end("" if deviation is None else str(deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))

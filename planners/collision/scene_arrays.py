@@ -188,7 +188,7 @@ def robot_of(scene: Scene) -> RobotArrays:
 def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArrays:
     body, chain = scene.body(one.held.name), ArmChain.from_robot(scene.robot.using(one.arm))
     home = next(arm.home for arm in scene.robot.arms if arm.name == one.arm)
-    R, p = _link_frames(chain, np.array((scene.robot.home[0], *home)))
+    R, p = link_frames(chain, np.array((scene.robot.home[0], *home)))
     T = one.held.T_tcp_object
     position, rotation = R[0].T @ (p[-1] + R[-1] @ T[:3, 3] - p[0]), R[0].T @ R[-1] @ T[:3, :3]
     bound, added = body_bound(body), len(arrays.core)
@@ -210,7 +210,7 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
     )
 
 
-def _link_frames(chain: ArmChain, q: Array) -> tuple[Array, Array]:
+def link_frames(chain: ArmChain, q: Array) -> tuple[Array, Array]:
     """Orientations (n + 1, 3, 3) and origins (n + 1, 3) of the links and the TCP in the base frame."""
     R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
     fk_frames(chain.offsets, chain.axes, chain.tip, q, R, p)
@@ -233,7 +233,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     geoms, links, chain = collision_geoms(model, robot), link_of_body(model, robot), ArmChain.from_robot(robot)
     link = np.array([links[int(model.geom_bodyid[geom])] for geom in geoms], dtype=np.int64)
     # The frames of all links at zero in the world; that of the base, whose number is -1, takes the place of the TCP's.
-    R, p = _link_frames(chain, np.zeros(chain.size))
+    R, p = link_frames(chain, np.zeros(chain.size))
     R[BASE], p[BASE] = np.eye(3), 0.0
     base = data.body(robot.base_body)
     turn = base.xmat.reshape(3, 3)

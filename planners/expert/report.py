@@ -65,7 +65,7 @@ class EpisodeReport:
             "planned, executed, scored": ", ".join("yes" if done else "no" for done in flags),
             "objects cleared": f"{len(self.clearances)} ({', '.join(self.clearances) or 'none'})",
             "cleared twice or more": str(len(self.duplicated)),
-            "minimum number of clearances": "not proved" if self.floor is None else str(self.floor),
+            "lower bound of clearances": "not proved" if self.floor is None else str(self.floor),
             "replans after deviations": f"{self.replans} ({'; '.join(self.deviations)})" if self.replans else "0",
             "planning": f"{self.planning_s:.2f} s of CPU time",
             "simulated time": f"{self.sim_s:.1f} s",

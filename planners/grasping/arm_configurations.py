@@ -18,7 +18,7 @@ from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
 from planners.scene import SELF_BIT, Body, HeldObject, Scene
-from planners.scene.cover import BACK, LEAST_LIFT, direction_out, distance_out, objects_before
+from planners.scene.cover import BACK, LEAST_LIFT, direction_out, distance_out, is_covered, objects_before
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class ConfigurationGrid(NamedTuple):
     nearest_home: bool = False
 
     @classmethod
-    def over(cls, chain: ArmChain, torsos: int, rolls: int) -> ConfigurationGrid:
+    def over(cls, chain: ArmChain, torsos: int = 6, rolls: int = 18) -> ConfigurationGrid:
         """Evenly spaced torso heights, off the limits, and angles of the free joint."""
         heights = np.unique(np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1])
         return cls(np.asarray(heights, np.float64), free_angles(chain, rolls))
@@ -108,39 +108,83 @@ def scan_configurations(
     grid: ConfigurationGrid,
     opening: float,
     *,
+    body: Body | None = None,
     held: HeldObject | None = None,
     ignore: int = 0,
     first_free: bool = False,
-    driven: CollisionWorld | None = None,
 ) -> ArmConfigurations:
     """Arm configurations that hit no static obstacle, not the robot itself, and as few objects as possible.
 
-    A base pose is left out if the robot in its home configuration would hit a static obstacle there, unless the base
-    drives to it with the arm in its final configuration, which must then be free on the whole drive. A configuration is
+    A base pose is left out if the robot in its home configuration would hit a static obstacle there. A configuration is
     left out if another one hits only a part of what it hits. Of those with the same hits, the best are kept by quality:
     manipulability, more for a high elbow, less for travel from the home configuration.
+
+    Under a shelf the base drives straight in and out with the arm rigid; see `cover.drive_out`. Hits are then those of
+    the configuration, of the drive, and of the object `body`, moved out.
 
     Args:
         world: the scene, compiled.
         poses: pairs of base pose and gripper pose to try.
         grid: free parameters to try for each.
         opening: of the gripper [m].
+        body: the object that is grasped or put down, where it then stands; None if no shelf can be above it.
         held: the held object.
         ignore: mask of bits that do not count.
         first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
-        driven: where the base drives to its pose with the arm rigid, `driven_world` of that drive. What is hit on it
-            counts; of what the arm hits at its start, and not on the way, only what the gripper hits is known.
+    """
+    if body is None or not is_covered(world.scene, body.foot):
+        return _scan(world, world, poses, grid, opening, held, ignore, first_free)
+    none = np.zeros(0, np.int64)
+    parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]
+    extents: dict[bytes, Extents] = {}
+    for drive, rows in _drives(world.scene, poses):
+        chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
+        backed_off = body.at(body.position + [*drive.offset, 0.0])
+        before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
+        if first_free and before:
+            continue
+        key = drive.direction.tobytes()
+        extents[key] = extents.get(key) or Extents.of(world, drive.direction)
+        driven = extents[key].driven_world(drive, body if held is None else None)
+        found = _scan(world, driven, chosen, grid, opening, held, ignore, first_free)
+        inside = [
+            world.hits(chosen.bases[pair], q, opening, held, ignore)
+            for q, pair in zip(found.q, found.pair, strict=True)
+        ]
+        hits = found.hits | np.array(inside, dtype=np.uint64) | np.uint64(before)
+        found = found._replace(pair=rows[found.pair], hits=hits)
+        if not first_free:
+            parts.append(found)
+        elif not hits.all():
+            return ArmConfigurations(*(column[hits == 0] for column in found))
+    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _scan(
+    world: CollisionWorld,
+    checked: CollisionWorld,
+    poses: GripperPoses,
+    grid: ConfigurationGrid,
+    opening: float,
+    held: HeldObject | None,
+    ignore: int,
+    first_free: bool,
+) -> ArmConfigurations:
+    """The scan in the world `checked`, `world` itself or that of a drive.
+
+    What is hit on a drive counts; of what the arm hits at its start, and not on the way, only what the gripper hits.
     """
     bases, gripper_poses = _rows(poses.bases), _rows(poses.gripper_poses)
-    known = gripper_hits(world, gripper_poses, opening, held=held, ignore=ignore)
-    if driven is not None:
-        known |= gripper_hits(driven, gripper_poses, opening, held=held, ignore=ignore)
-    query, home = (driven or world).query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
+    known, is_driven = gripper_hits(world, gripper_poses, opening, held=held, ignore=ignore), checked is not world
+    if is_driven:
+        known |= gripper_hits(checked, gripper_poses, opening, held=held, ignore=ignore)
+    query, home = checked.query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
     # Those whose gripper hits fewest objects come first: what they find rules out most of the others.
     by_hits = np.argsort(np.bitwise_count(known & ~np.uint64(FIXED_BITS)), kind="stable")
-    order, needs_home = np.arange(len(bases)) if first_free else by_hits, driven is None
+    order = np.arange(len(bases)) if first_free else by_hits
     memory, (torsos, rolls, nearest_home) = make_memory(len(home)), grid
-    scan(query, memory, home, bases, gripper_poses, known, order, torsos, rolls, nearest_home, needs_home)
+    # On a drive the arm is in its final configuration from the start: that it fits at home does not matter.
+    scan(query, memory, home, bases, gripper_poses, known, order, torsos, rolls, nearest_home, not is_driven)
     kept, count = memory.kept, int(memory.kept.size[0])
     return ArmConfigurations(kept.q[:count], kept.pair[:count], kept.hits[:count], kept.quality[:count])
 
@@ -196,49 +240,6 @@ def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
         self_pairs=np.empty((0, 2), dtype=np.int64),
         held_from=int(last.sum()),
     )
-
-
-def driven_configurations(
-    world: CollisionWorld,
-    body: Body,
-    poses: GripperPoses,
-    grid: ConfigurationGrid,
-    opening: float,
-    *,
-    held: HeldObject | None = None,
-    ignore: int = 0,
-    first_free: bool = False,
-) -> ArmConfigurations:
-    """As `scan_configurations`, for a base that drives straight in and out with the arm rigid; see `cover.drive_out`.
-
-    Hits are those of the configuration, of the drive, and of the object `body` that is grasped or put down, moved out.
-    """
-    none = np.zeros(0, np.int64)
-    parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]
-    extents: dict[bytes, Extents] = {}
-    for drive, rows in _drives(world.scene, poses):
-        chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
-        backed_off = body.at(body.position + [*drive.offset, 0.0])
-        before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
-        if first_free and before:
-            continue
-        key = drive.direction.tobytes()
-        extents[key] = extents.get(key) or Extents.of(world, drive.direction)
-        driven = extents[key].driven_world(drive, body if held is None else None)
-        found = scan_configurations(
-            world, chosen, grid, opening, held=held, ignore=ignore, first_free=first_free, driven=driven
-        )
-        inside = [
-            world.hits(chosen.bases[pair], q, opening, held, ignore)
-            for q, pair in zip(found.q, found.pair, strict=True)
-        ]
-        hits = found.hits | np.array(inside, dtype=np.uint64) | np.uint64(before)
-        found = found._replace(pair=rows[found.pair], hits=hits)
-        if not first_free:
-            parts.append(found)
-        elif not hits.all():
-            return ArmConfigurations(*(column[hits == 0] for column in found))
-    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,40 +120,37 @@ def farthest_reach(robot: RobotSpec) -> float:
     return reach + float(np.linalg.norm(np.add(links[0].offset, links[1].offset)[:2]))
 
 
-class Arm(NamedTuple):
-    """One arm that acts: its base poses among the static obstacles of a scene, and its joints."""
-
-    placer: MapPlacer
-    chain: ArmChain
-
-
 @dataclass(frozen=True)
 class MapPlacer:
     """Base poses from an inverse reachability map.
 
     Attributes:
+        robot: whose outline must fit too if it is not round.
         map: of the robot.
         ground: where the base may stand for a level gripper; the lower bounds of the frozen suites rest on it.
         open_ground: where it may stand for a tilted gripper: not behind walls.
+        outlines: corners (v, 2) of the obstacles that an outline must fit between.
         per_gripper_pose: base poses returned for each gripper pose at most.
-        robot: whose outline must fit too, None for a round one.
-        outlines: corners (v, 2) of the obstacles that it must fit between.
     """
 
+    robot: RobotSpec
     map: InverseReachabilityMap
     ground: FreeSpace
     open_ground: FreeSpace
-    per_gripper_pose: int = 3
-    robot: RobotSpec | None = None
-    outlines: tuple[Array, ...] = ()
+    outlines: tuple[Array, ...]
+    per_gripper_pose: int
 
     @classmethod
-    def of_scene(cls, inverse_map: InverseReachabilityMap, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
-        """Base poses among the static obstacles of a scene."""
-        placer = cls(inverse_map, free_ground(scene), free_ground(scene, with_shadows=True), per_gripper_pose)
-        if not scene.robot.base_outline:
-            return placer
-        return replace(placer, robot=scene.robot, outlines=tuple(one.outline for one in _beside_base(scene)))
+    def of_scene(cls, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
+        """Base poses for the active arm among the static obstacles of a scene."""
+        robot, outlines = scene.robot, tuple(one.outline for one in _beside_base(scene))
+        free, in_the_open = free_ground(scene), free_ground(scene, with_shadows=True)
+        return cls(robot, inverse_map(robot), free, in_the_open, outlines, per_gripper_pose)
+
+    @cached_property
+    def chain(self) -> ArmChain:
+        """The joints of torso and arm."""
+        return ArmChain.from_robot(self.robot)
 
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
         """Base poses from which gripper poses can be reached.
@@ -186,11 +183,11 @@ class MapPlacer:
             yaw_ranges=ranges,
             pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
             free_space=self.open_ground if pitch else self.ground,
-            k=wanted if self.robot is None else _SPARE * wanted,
+            k=_SPARE * wanted if self.robot.base_outline else wanted,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)
-        if self.robot is None:
+        if not self.robot.base_outline:
             return found.poses[index, rank], index
         fitting = fits(self.robot, found.poses[index, rank], self.outlines, GROUND_MARGIN)
         index, rank = index[fitting], rank[fitting]
@@ -215,7 +212,7 @@ def fits(robot: RobotSpec, bases: Array, obstacles: Sequence[Array], margin: flo
     Two convex polygons are apart if an edge of one of them separates them; at corners the margin is measured across
     the edges, and may be a little more than asked for.
     """
-    if not robot.base_outline or not len(bases):
+    if not len(bases):
         return np.ones(len(bases), dtype=np.bool_)
     corners = np.array(robot.base_outline)
     c, s = np.cos(bases[:, 2]), np.sin(bases[:, 2])

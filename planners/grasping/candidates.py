@@ -1,4 +1,10 @@
-"""Grasps of an object where it stands: gripper pose, base pose and arm configuration, and the blockers of each."""
+"""Grasps of an object where it stands: gripper pose, base pose and arm configuration, and the blockers of each.
+
+Canonical grasps are, of all grasps of an object, the same plain one in similar scenes, so that plans can be learned:
+the base faces the gripper and both have the same yaw, as near to the world's x axis as possible; the arm is as near to
+its home configuration as possible. Only where all such grasps are blocked, others are looked at: first those with the
+gripper turned relative to the base, then those of the reachability map.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +12,18 @@ import itertools
 import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
 from irm.chain import ArmChain
+from planners.collision.scene_arrays import link_frames
 from planners.collision.world import CompiledScenes, objects_on
-from planners.grasping.arm_configurations import (
-    ArmConfigurations,
-    ConfigurationGrid,
-    GripperPoses,
-    driven_configurations,
-    scan_configurations,
-)
-from planners.grasping.base_placement import Arm
+from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.base_placement import STRAIGHT, TURNED, MapPlacer, facing_bases, farthest_reach
 from planners.grasping.grasp_poses import SIDE, GraspFamily, GraspPose, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
@@ -34,26 +37,16 @@ _REFILLS = 8
 """Times that grasps are looked for again once all of one kind are refuted, before an object counts as without more."""
 OFF_TABLE = 0.02
 """[m] An object whose lowest point is this far below the table top does not stand on it."""
-
-
-@dataclass(frozen=True)
-class SamplingConfig:
-    """How finely grasps are sampled.
-
-    Attributes:
-        torsos, rolls: values of torso height and upper-arm roll tried for each gripper pose.
-        near_home: only the configuration nearest to home, for robots that follow TCP poses.
-    """
-
-    torsos: int = 6
-    rolls: int = 18
-    near_home: bool = False
-
-    def grid(self, chain: ArmChain) -> ConfigurationGrid:
-        """The values of the free parameters that are tried for an arm."""
-        if self.near_home:
-            return ConfigurationGrid.near_home(chain)
-        return ConfigurationGrid.over(chain, self.torsos, self.rolls)
+_MAP: tuple[float, ...] = ()
+"""Instead of the gripper's yaws relative to the base: bases of the reachability map, which may stand anyhow."""
+_WORSE = 100.0
+"""Quality that canonical grasps lose by each stage looked at before: more than all other terms together."""
+_YAW_COST, _TORSO_COST = 0.5, 3.0
+"""Cost of a radian of the base's yaw and of a metre of the torso from home; one of the pan and the rolls is 1."""
+_ACROSS = 0.7
+"""Cosine of the angle between a joint's axis and the robot's y axis from which on it bends the arm in its plane."""
+_DECIMALS = 6
+"""Of a canonical quality: differences by rounding decide nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +105,11 @@ def as_candidates(
     return candidates
 
 
-class Stage(NamedTuple):
-    """A family of grasps, and how its base poses are chosen: 0 for those of the map."""
+class _Stage(NamedTuple):
+    """A family of grasps, and the yaws [rad] that the gripper may have relative to the base."""
 
     family: GraspFamily
-    bases: int = 0
+    turns: tuple[float, ...] = _MAP
 
 
 _Grasps: TypeAlias = tuple[GraspCandidate, ...]
@@ -126,7 +119,7 @@ class _Known(NamedTuple):
     """Knowledge of one object's grasps."""
 
     candidates: tuple[GraspCandidate, ...]
-    unseen: tuple[Stage, ...]  # not looked at yet
+    unseen: tuple[_Stage, ...]  # not looked at yet
     tried: frozenset[tuple[bytes, float, float]] = frozenset()  # found worse than expected by motion planning
     refills: int = 0  # how often grasps were looked for again without these
 
@@ -143,15 +136,18 @@ class GraspCandidates:
     so once all that hit the same are refuted, the object's other grasps are looked for.
 
     Attributes:
-        arms: the arms that act, by name; while one of them grasps, the others are at home with what they hold.
+        arms: base poses for each arm that acts, by its name; while one of them grasps, the others are at home with what
+            they hold.
         families: the grasp set.
-        config: how finely grasps are sampled.
+        canonical: whether canonical grasps come first, for robots that act with one arm.
+        near_home: only the configuration nearest to home, for end-effector-controlled robots.
         compiled: the compiled scenes, shared with the other users in one solve.
     """
 
-    arms: Mapping[str, Arm]
+    arms: Mapping[str, MapPlacer]
     families: tuple[GraspFamily, ...] = (SIDE,)
-    config: SamplingConfig = field(default_factory=SamplingConfig)
+    canonical: bool = False
+    near_home: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     _scene: Scene | None = None
     _views: dict[str, Scene] = field(default_factory=dict)
@@ -175,18 +171,16 @@ class GraspCandidates:
         for view in self._views_of(scene).values():
             body = view.body(name)
             for family in self.families:
-                grasps = generate_grasps(body, view.robot, (family,))
-                wanted, opening = gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
+                wanted, opening = _wanted(view, body, family)
                 poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                of_family = self._scan(view, body, poses, self._grid(view), opening) if grasps else []
-                found += of_family
-                if of_family:
+                if of_family := self._scan(view, body, poses, opening):
+                    found += of_family
                     break
         return best_first(found)
 
     def blank_copy(self) -> GraspCandidates:
         """The same arms and grasp set, with nothing known of any scene."""
-        return type(self)(self.arms, self.families, self.config, self.compiled)
+        return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, self.compiled)
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
@@ -234,26 +228,41 @@ class GraspCandidates:
             new = [other for other in found if other.key not in kept]
             self._known[key] = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
 
-    def _stages(self) -> tuple[Stage, ...]:
+    def _stages(self) -> tuple[_Stage, ...]:
         """Where grasps are looked for, in this order."""
-        return tuple(Stage(family) for family in self.families)
+        every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
+        return tuple(_Stage(family, turns) for family in self.families for turns in every_turn)
 
-    def _of_stage(self, scene: Scene, body: Body, stage: Stage) -> Iterable[GraspCandidate]:
-        grasps = generate_grasps(body, scene.robot, (stage.family,))
-        covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name].placer
+    def _of_stage(self, scene: Scene, body: Body, stage: _Stage) -> list[GraspCandidate]:
+        wanted, opening = _wanted(scene, body, stage.family)
+        if not len(wanted):
+            return []
+        if stage.turns:
+            poses = self._untried(scene, body, self._facing(scene, wanted, stage.turns))
+            found = self._scan(scene, body, poses, opening, about_home=True)
+        else:
+            found = self._from_map(scene, body, wanted, opening)
+        if not self.canonical:
+            return found
+        worse, robot = _WORSE * self._stages().index(stage), scene.robot
+        return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
+
+    def _from_map(self, scene: Scene, body: Body, wanted: Array, opening: float) -> list[GraspCandidate]:
+        """The grasps from base poses of the reachability map."""
+        covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         candidates: list[GraspCandidate] = []
-        for most in _BASES if grasps else ():
-            wanted = gripper_poses(grasps)
+        for most in _BASES:
             bases, index = placer.bases(wanted, most)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-            opening = max(grasp.opening for grasp in grasps)
-            candidates = self._scan(scene, body, poses, self._grid(scene), opening)
+            candidates = self._scan(scene, body, poses, opening)
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
         return candidates
 
-    def _grid(self, scene: Scene) -> ConfigurationGrid:
-        return self.config.grid(self.arms[scene.robot.arm_name].chain)
+    def _facing(self, scene: Scene, wanted: Array, turns: tuple[float, ...]) -> GripperPoses:
+        """Base poses that face the wanted gripper poses (k, 5), the least turned first."""
+        bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, farthest_reach(scene.robot), turns)
+        return GripperPoses(bases, wanted[index])
 
     def _untried(self, scene: Scene, body: Body, poses: GripperPoses) -> GripperPoses:
         """The pairs of base pose and gripper pose at which no grasp of the object was refuted."""
@@ -265,17 +274,42 @@ class GraspCandidates:
         return GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
 
     def _scan(
-        self, scene: Scene, body: Body, poses: GripperPoses, grid: ConfigurationGrid, opening: float
+        self, scene: Scene, body: Body, poses: GripperPoses, opening: float, about_home: bool = False
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
-        covered, world, arm = is_covered(scene, body.foot), self.compiled.world(scene), scene.robot.arm_name
-        ignore = scene.mask({body.name, *scene.held_names})
-        if covered:
-            found = driven_configurations(world, body, poses, grid, opening, ignore=ignore)
+        world, arm = self.compiled.world(scene), scene.robot.arm_name
+        chain = self.arms[arm].chain
+        if about_home:
+            grid = ConfigurationGrid.about_home(chain, scene.robot.home)
         else:
-            found = scan_configurations(world, poses, grid, opening, ignore=ignore)
+            grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
+        ignore = scene.mask({body.name, *scene.held_names})
+        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
-        return as_candidates(body.name, poses, opening, found, arm, covered)
+        return as_candidates(body.name, poses, opening, found, arm, is_covered(scene, body.foot))
+
+
+def _wanted(scene: Scene, body: Body, family: GraspFamily) -> tuple[Array, float]:
+    """The gripper poses (k, 5) of a family of grasps of an object, and how far the gripper is open before [m]."""
+    grasps = generate_grasps(body, scene.robot, (family,))
+    return gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
+
+
+def _canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:
+    """Less for a base that is turned, an arm out of its vertical plane and a torso away from home."""
+    home, turning = robot.home, _turning_joints(robot)
+    turns = np.remainder(q[turning] - np.array(home)[turning] + np.pi, 2 * np.pi) - np.pi
+    yaw = np.remainder(base[2] + np.pi, 2 * np.pi) - np.pi
+    cost = _YAW_COST * abs(yaw) + np.abs(turns).sum() + _TORSO_COST * abs(q[0] - home[0])
+    return -round(float(cost), _DECIMALS)
+
+
+@cache
+def _turning_joints(robot: RobotSpec) -> list[int]:
+    """The joints that turn the arm out of its vertical plane: at home their axes are not across the robot."""
+    chain = ArmChain.from_robot(robot)
+    R, _ = link_frames(chain, np.array(robot.home))
+    return [k for k in range(1, chain.size) if abs(R[k, 1, chain.axes[k]]) < _ACROSS]
 
 
 def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:

@@ -23,6 +23,8 @@ _MARGIN = 0.045
 """[m] l of the paper: distance of the outermost locations from the edges."""
 _FINEST = 0.015
 """[m] between locations, below which the grid is not refined further."""
+_SPACING = 0.05
+"""[m] between the centres of the cells of canonical plans."""
 
 
 def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
@@ -37,6 +39,14 @@ def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
 def placement_grid(support: StaticObstacle) -> Array:
     """The (c + 1)(r + 1) corners of the cells of a grid on the support plane (Figs. 7 and 8), shape (n, 2) [m]."""
     return _grid(*_bounds(support), _ROWS, _COLUMNS)
+
+
+def placement_cells(support: StaticObstacle) -> Array:
+    """The cells (n, 3) [m] of a support where a canonical plan puts objects: centres of squares, x before y."""
+    half = support.extent[:2] - _MARGIN
+    x, y = (_SPACING * np.arange(-(h // _SPACING), h // _SPACING + 1) for h in half)
+    cells = support.position[:2] + np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack((cells, np.full(len(cells), support.top)))
 
 
 def placement_levels(support: StaticObstacle, rng: np.random.Generator) -> Iterator[Array]:

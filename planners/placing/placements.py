@@ -1,4 +1,10 @@
-"""Placements of the held object: a location, a base pose and an arm configuration without collision."""
+"""Placements of the held object: a location, a base pose and an arm configuration without collision.
+
+Canonical placements are, of all places for an object, the same one in similar scenes, so that plans can be learned.
+Locations are the cells of a fixed grid: near where the object was taken and clear of what stands around is best. The
+base always drives there, faces the gripper, and both have the same yaw. Only where no cell can be used so, the
+placements of the paper are tried.
+"""
 
 from __future__ import annotations
 
@@ -9,26 +15,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import (
-    ConfigurationGrid,
-    GripperPoses,
-    driven_configurations,
-    gripper_hits,
-    scan_configurations,
-)
-from planners.grasping.base_placement import Arm, farthest_reach
-from planners.grasping.candidates import SamplingConfig
+from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.approaches import can_put_down
-from planners.placing.locations import placement_levels, put_down, rotated
+from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
+from planners.placing.negative_goal_region import SweptVolume
 from planners.placing.surfaces import KeepClear, Surface
-from planners.placing.swept_volume import GraspVolumes
-from planners.scene import Body, Scene, StaticObstacle
+from planners.placing.swept_volume import grasp_volume
+from planners.scene import Body, HeldObject, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
-from planners.scene.cover import is_covered
 from planners.strategies import Strategy
 
 Array = NDArray[np.float64]
@@ -39,6 +39,10 @@ _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
 _FACES_DOWN = math.radians(75)
 """[rad] A gripper of a larger pitch has no front that would have to face away from the base."""
+_CLEAR, _CLEAR_WORTH = 0.03, 3.0
+"""[m] of free space around the object that is worth a longer distance, and the distance that a metre of it is worth."""
+_DECIMALS = 6
+"""Decimals of canonical costs and turns: differences by rounding decide nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +77,17 @@ class PlacementSearch:
     """Finds placements; see `find`.
 
     Attributes:
-        arms: those that act, by name: an object is put down by the one that holds it.
-        near_home: only the configuration nearest to home, for end-effector-controlled robots.
+        arms: base poses for each arm that acts, by its name: an object is put down by the one that holds it.
         supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
-        volumes: what grasps sweep, as far as it is known already.
+        canonical: whether canonical placements come first.
+        near_home: only the configuration nearest to home, for end-effector-controlled robots.
     """
 
-    arms: Mapping[str, Arm]
-    near_home: bool = False
+    arms: Mapping[str, MapPlacer]
     supports: tuple[str, ...] = ()
-    volumes: GraspVolumes = field(default_factory=GraspVolumes, repr=False, compare=False)
+    canonical: bool = False
+    near_home: bool = False
+    _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
 
     def supports_in(self, scene: Scene) -> tuple[StaticObstacle, ...]:
         """The supports on which objects are put; raises `SceneError` if one is missing."""
@@ -110,8 +115,10 @@ class PlacementSearch:
             deadline: when to stop.
         """
         scene, surfaces = world.scene, self.surfaces(world, keep_clear)
-        yield from (replace(found, surfaces=surfaces) for found in self._preferred(world, surfaces, strategy, deadline))
-        levels = _free_levels(surfaces, self._radius(scene), scene.state.base, rng)
+        if self.canonical:
+            cells = self._cells_best_first(scene, surfaces)[: strategy.locations_per_level]
+            yield from (replace(found, surfaces=surfaces) for found in self._straight(world, cells, deadline))
+        levels = _free_levels(surfaces, _radius(scene), scene.state.base, rng)
         for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             for look, locations in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
                 for location in itertools.takewhile(lambda _: not deadline.is_over, locations):
@@ -119,21 +126,42 @@ class PlacementSearch:
 
     def surfaces(self, world: CollisionWorld, keep_clear: KeepClear) -> tuple[Surface, ...]:
         """The supports as the held object may use them."""
-        assert world.scene.held is not None
-        body = world.scene.body(world.scene.held.name)
-        height = body.top - body.bottom + 2 * _GAP
-        supports = self.supports_in(world.scene)
-        return tuple(Surface.of(world, support, body, height, keep_clear, self.volumes) for support in supports)
+        _, body = _in_hand(world.scene)
+        height, supports = body.top - body.bottom + 2 * _GAP, self.supports_in(world.scene)
+        grasps = (*(() if keep_clear.target is None else (keep_clear.target,)), *keep_clear.obstacles)
+        for grasp in grasps:
+            if grasp.key not in self._volumes:  # the other objects of the world do not matter
+                self._volumes[grasp.key] = grasp_volume(world, grasp)
+        target = SweptVolume() if keep_clear.target is None else self._volumes[keep_clear.target.key]
+        obstacles = [self._volumes[grasp.key] for grasp in keep_clear.obstacles]
+        return tuple(Surface.of(world.scene, support, body, height, target, obstacles) for support in supports)
 
-    def _preferred(  # for subclasses
-        self,
-        world: CollisionWorld,  # noqa: ARG002
-        surfaces: Sequence[Surface],  # noqa: ARG002
-        strategy: Strategy,  # noqa: ARG002
-        deadline: Deadline,  # noqa: ARG002
-    ) -> Iterator[Placement]:
-        """Placements that come before those of the paper; none in ordinary plans."""
-        return iter(())
+    def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
+        """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
+        scene, placer = world.scene, self.arms[world.scene.robot.arm_name]
+        grid = ConfigurationGrid.about_home(placer.chain, scene.robot.home)
+        wanted = [_gripper_poses(scene, location) for location in locations]
+        yaws = wanted[0][:, 3] if wanted else np.zeros(0)  # the same at all locations
+        turns = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
+        for turn in np.unique(turns):
+            for location, poses in zip(locations, wanted, strict=True):
+                if deadline.is_over:
+                    return
+                free = _free(world, poses[turns == turn])
+                bases, index = facing_bases(placer, free, farthest_reach(scene.robot))
+                for base, pose in zip(bases, free[index], strict=True):
+                    yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
+
+    def _cells_best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
+        """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
+        _, body = _in_hand(scene)
+        radius = _radius(scene)
+        cells = [surface.free(placement_cells(surface.support), radius) for surface in surfaces]
+        margins = [_margins(surface, free, radius) for surface, free in zip(surfaces, cells, strict=True)]
+        free, margin = np.concatenate(cells), np.concatenate(margins)
+        distance = np.linalg.norm(free[:, :2] - body.position[:2], axis=1)
+        cost = distance + _CLEAR_WORTH * np.maximum(_CLEAR - margin, 0.0)
+        return np.asarray(free[np.argsort(np.round(cost, _DECIMALS), kind="stable")])
 
     def _locations(
         self, scene: Scene, levels: Iterator[Array], strategy: Strategy, rng: np.random.Generator
@@ -147,88 +175,87 @@ class PlacementSearch:
             every = list(levels)
             count = sum(min(len(level), most) for level in every)
             drawn = rng.permutation(_nearest_first(np.concatenate(every), scene.state.base))[:count]
-            yield drawn[self._is_within_reach(scene, drawn)], drawn
+            yield drawn[_is_within_reach(scene, drawn)], drawn
             return
         for nearest_first in levels:
-            within_reach = nearest_first[self._is_within_reach(scene, nearest_first)]
+            within_reach = nearest_first[_is_within_reach(scene, nearest_first)]
             yield within_reach[::-1][:most], nearest_first[:most]
 
     def _from_here(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
         """The placement at a location (3,) from where the base stands, if there is one."""
         scene = world.scene
-        gripper_poses = self._free(world, self._gripper_poses(world.scene, location))
-        near = gripper_poses[_can_reach(scene, scene.state.base, gripper_poses)]
-        if len(near):
-            bases = np.tile(np.array(scene.state.base), (len(near), 1))
-            yield from self._configurations(world, GripperPoses(bases, near), location[2])
+        gripper_poses = _free(world, _gripper_poses(scene, location))
+        near = gripper_poses[_can_reach(scene, gripper_poses)]
+        bases = np.tile(np.array(scene.state.base), (len(near), 1))
+        return self._configurations(world, GripperPoses(bases, near), location[2])
 
     def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
         """The placement at a location (3,) from wherever the base may stand, if there is one."""
-        gripper_poses = self._free(world, self._gripper_poses(world.scene, location))
-        if len(gripper_poses):
-            bases, index = self.arms[world.scene.robot.arm_name].placer.bases(gripper_poses)
-            if len(bases):
-                yield from self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
-
-    def _is_within_reach(self, scene: Scene, locations: Array) -> NDArray[np.bool_]:
-        """Whether locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
-        if not len(locations):
-            return np.zeros(0, dtype=np.bool_)
-        gripper_poses = np.concatenate([self._gripper_poses(scene, location) for location in locations])
-        can_reach = _can_reach(scene, scene.state.base, gripper_poses).reshape(len(locations), _YAWS)
-        return np.asarray(can_reach.any(axis=1))
-
-    def _free(self, world: CollisionWorld, gripper_poses: Array) -> Array:
-        """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
-        hits = gripper_hits(world, gripper_poses, self._opening(world.scene), held=world.scene.held)
-        return gripper_poses[hits == 0]
-
-    def _gripper_poses(self, scene: Scene, location: Array) -> Array:
-        """Gripper poses (24, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad]."""
-        assert scene.held is not None
-        body = scene.body(scene.held.name)
-        pitch = release_pitch(body, scene.held)
-        T_release_object = rotated(0.0, pitch) @ scene.held.T_tcp_object
-        offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).half_extent_along((0.0, 0.0, 1.0))
-        yaws = np.arange(_YAWS) * (2 * np.pi / _YAWS)
-        c, s = np.cos(yaws), np.sin(yaws)
-        shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
-        height = location[2] + half_height + _GAP - offset[2]
-        return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
+        gripper_poses = _free(world, _gripper_poses(world.scene, location))
+        bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
+        return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def _configurations(
         self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid | None = None
     ) -> Iterator[Placement]:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
-        scene = world.scene
-        assert scene.held is not None
+        if not len(poses.bases):
+            return
+        scene, (held, body) = world.scene, _in_hand(world.scene)
         if grid is None:
             chain = self.arms[scene.robot.arm_name].chain
-            grid = SamplingConfig(_TORSOS, _ROLLS, self.near_home).grid(chain)
-        opening, own = self._opening(scene), scene.mask(scene.held_names)
+            few = ConfigurationGrid.over(chain, _TORSOS, _ROLLS)
+            grid = ConfigurationGrid.near_home(chain) if self.near_home else few
+        opening, own = gripper_opening(scene.robot, body.half_width), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
-        if is_covered(scene, (*placed.position[:2], level)):
-            found = driven_configurations(
-                world, placed, poses, grid, opening, held=scene.held, ignore=own, first_free=True
-            )
-        else:
-            found = scan_configurations(world, poses, grid, opening, held=scene.held, first_free=True)
+        found = scan_configurations(world, poses, grid, opening, body=placed, held=held, ignore=own, first_free=True)
         for best in np.argsort(-found.quality):
             base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
-            if can_put_down(world, base, found.q[best], scene.held):
+            if can_put_down(world, base, found.q[best], held):
                 yaw, pitch = map(float, pose[3:])
                 placed = put_down(scene, pose, level)
                 yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
 
-    def _radius(self, scene: Scene) -> float:
-        """[m] around a location that the held object takes."""
-        assert scene.held is not None
-        return scene.body(scene.held.name).radius + _GAP
 
-    def _opening(self, scene: Scene) -> float:
-        assert scene.held is not None
-        return gripper_opening(scene.robot, scene.body(scene.held.name).half_width)
+def _in_hand(scene: Scene) -> tuple[HeldObject, Body]:
+    """The held object, which there must be."""
+    assert scene.held is not None
+    return scene.held, scene.body(scene.held.name)
+
+
+def _radius(scene: Scene) -> float:
+    """[m] around a location that the held object takes."""
+    return _in_hand(scene)[1].radius + _GAP
+
+
+def _gripper_poses(scene: Scene, location: Array) -> Array:
+    """Gripper poses (24, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad]."""
+    held, body = _in_hand(scene)
+    pitch = release_pitch(body, held)
+    T_release_object = rotated(0.0, pitch) @ held.T_tcp_object
+    offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).half_extent_along((0.0, 0.0, 1.0))
+    yaws = np.arange(_YAWS) * (2 * np.pi / _YAWS)
+    c, s = np.cos(yaws), np.sin(yaws)
+    shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
+    height = location[2] + half_height + _GAP - offset[2]
+    return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
+
+
+def _free(world: CollisionWorld, gripper_poses: Array) -> Array:
+    """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
+    held, body = _in_hand(world.scene)
+    opening = gripper_opening(world.scene.robot, body.half_width)
+    return gripper_poses[gripper_hits(world, gripper_poses, opening, held=held) == 0]
+
+
+def _margins(surface: Surface, locations: Array, radius: float) -> Array:
+    """[m] around discs of that radius at locations (n, 3) that is free too, as far as cells tell: (n,)."""
+    grid, free = surface.grid, ~surface.blocked
+    distance = grid.resolution * distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    cell = ((locations[:, :2] - (grid.x0, grid.y0)) / grid.resolution).astype(int)
+    cell = np.clip(cell, 0, np.array(grid.shape) - 1)
+    return np.asarray(distance[cell[:, 0], cell[:, 1]] - radius)
 
 
 def _free_levels(surfaces: Sequence[Surface], radius: float, base: Array, rng: np.random.Generator) -> Iterator[Array]:
@@ -245,10 +272,18 @@ def _nearest_first(locations: Array, base: Array) -> Array:
     return np.asarray(locations[order])
 
 
-def _can_reach(scene: Scene, base: Array, gripper_poses: Array) -> NDArray[np.bool_]:
+def _is_within_reach(scene: Scene, locations: Array) -> NDArray[np.bool_]:
+    """Whether locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
+    if not len(locations):
+        return np.zeros(0, dtype=np.bool_)
+    gripper_poses = np.concatenate([_gripper_poses(scene, location) for location in locations])
+    return np.asarray(_can_reach(scene, gripper_poses).reshape(len(locations), _YAWS).any(axis=1))
+
+
+def _can_reach(scene: Scene, gripper_poses: Array) -> NDArray[np.bool_]:
     """Gripper poses (k, 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards."""
     reach = farthest_reach(scene.robot)
-    away = gripper_poses[:, :2] - base[:2]
+    away = gripper_poses[:, :2] - scene.state.base[:2]
     bearing = np.arctan2(away[:, 1], away[:, 0])
     turn = np.abs((gripper_poses[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)
     faces_down = gripper_poses[:, 4] > _FACES_DOWN

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
 from planners.placing.negative_goal_region import (
     NegativeGoalRegion,
@@ -20,7 +19,6 @@ from planners.placing.negative_goal_region import (
     negative_goal_region,
     swept_mask,
 )
-from planners.placing.swept_volume import GraspVolumes
 from planners.scene import Body, Scene, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
@@ -88,20 +86,21 @@ class Surface:
     @classmethod
     def of(
         cls,
-        world: CollisionWorld,
+        scene: Scene,
         support: StaticObstacle,
         body: Body,
         height: float,
-        keep_clear: KeepClear,
-        volumes: GraspVolumes,
+        target: SweptVolume,
+        obstacles: Iterable[SweptVolume],
     ) -> Surface:
-        """The surface of a support for an object to be put down; `height` [m]: its own, and what it needs above it."""
-        scene, grid = world.scene, SupportGrid.over(support)
+        """The surface of a support for an object to be put down, which keeps out of the volumes of later grasps.
+
+        `height` [m] is the object's own, and what it needs above it.
+        """
+        grid = SupportGrid.over(support)
         beside = (other for other in scene.objects if other.bottom < support.top + height and other.top > support.top)
         standing = [other for other in beside if other.name != body.name]
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, support, grid, height, _MARGIN)
-        target = SweptVolume() if keep_clear.target is None else volumes.of(world, keep_clear.target)
-        obstacles = [volumes.of(world, grasp) for grasp in keep_clear.obstacles]
         return cls(support, grid, negative_goal_region(grid, height, target, obstacles), occupied)
 
     @property
@@ -110,9 +109,9 @@ class Surface:
         return self.region.mask | self.occupied
 
     def free(self, locations: Array, radius: float) -> Array:
-        """The locations, of (n, 2), at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
-        inside = is_free(self.grid, self.blocked, locations, radius)
-        return np.column_stack((locations[inside], np.full(np.count_nonzero(inside), self.support.top)))
+        """The locations, of (n, 2 or 3), at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
+        inside = is_free(self.grid, self.blocked, locations[:, :2], radius)
+        return np.column_stack((locations[inside, :2], np.full(np.count_nonzero(inside), self.support.top)))
 
 
 def static_mask(

@@ -45,20 +45,6 @@ def standing_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume
     return path_volume(world.for_arm(grasp.arm), on_base(grasp.base, grasp.q[None]), grasp.opening)
 
 
-class GraspVolumes:
-    """The volumes of grasps, each worked out when it is first asked for. Created once in a solve and handed down."""
-
-    def __init__(self) -> None:
-        """Start with nothing known."""
-        self._known: dict[tuple[str, bytes, bytes], SweptVolume] = {}
-
-    def of(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
-        """The volume of a grasp, worked out once; the other objects of the world do not matter."""
-        if grasp.key not in self._known:
-            self._known[grasp.key] = grasp_volume(world, grasp)
-        return self._known[grasp.key]
-
-
 def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObject | None = None) -> SweptVolume:
     """Shapes that cover torso and arm, and the held object, in each configuration of a path.
 

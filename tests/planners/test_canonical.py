@@ -12,12 +12,14 @@ from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, contact_of, contacts, label_of
 from planners.context import PlanningContext
-from planners.grasping.candidates import GraspCandidate
-from planners.grasping.grasp_poses import SIDE
+from planners.grasping.arm_configurations import GripperPoses
+from planners.grasping.base_placement import STRAIGHT
+from planners.grasping.candidates import GraspCandidate, GraspCandidates, gripper_poses
+from planners.grasping.grasp_poses import generate_grasps
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
-from planners.placing.canonical import CanonicalPlacements, placement_cells
-from planners.placing.locations import rotated
+from planners.placing.locations import placement_cells, rotated
+from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import KeepClear
 from planners.planner import Planner
 from planners.scene import RobotState, Scene
@@ -72,13 +74,23 @@ def test_a_lone_object_is_taken_straight_ahead_and_the_plan_moves_little_when_it
     assert np.abs(np.diff(bases, axis=0)).max() < 0.021
 
 
+def free_straight(source: GraspCandidates, scene: Scene, name: str) -> list[GraspCandidate]:
+    """All straight grasps of an object in which nothing is hit, one for each direction."""
+    body, grasps = scene.body(name), generate_grasps(scene.body(name), scene.robot)
+    poses = source._facing(scene, gripper_poses(grasps), STRAIGHT)
+    alone = [GripperPoses(base[None], pose[None]) for base, pose in zip(*poses, strict=True)]
+    source.for_object(scene, name)
+    found = [source._scan(scene, body, pose, grasps[0].opening, about_home=True) for pose in alone]
+    return [grasp for options in found for grasp in options if not grasp.blockers]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_other_grasps_are_chosen_only_where_all_straight_ones_are_blocked(seed: int) -> None:
     scene = random_scene(18, seed)
     source = canonical_context(scene).grasps()
     for name in scene.names:
         candidates = source.for_object(scene, name)
-        is_straight_free = any(True for _ in source.free_straight(scene, name, SIDE))
+        is_straight_free = bool(free_straight(source, scene, name))
         assert is_straight_free == (
             bool(candidates) and not candidates[0].blockers and is_straight(scene, candidates[0])
         )
@@ -92,7 +104,7 @@ def is_straight(scene: Scene, grasp: GraspCandidate) -> bool:
 def test_a_banned_grasp_gives_way_to_the_next_straight_one_then_to_others() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
     source, offered = canonical_context(scene).grasps(), set()
-    straight = {grasp.pair for grasp in source.free_straight(scene, "object_00", SIDE)}
+    straight = {grasp.pair for grasp in free_straight(source, scene, "object_00")}
     while is_straight(scene, first := source.for_object(scene, "object_00")[0]):
         offered.add(first.pair)
         source.ban(scene, first)
@@ -161,5 +173,5 @@ def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_
 def test_where_no_cell_is_straight_the_placements_of_the_paper_follow(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = in_hand(random_scene(8, 1))
     world, search = CollisionWorld.from_scene(scene), canonical_context(scene).placements()
-    monkeypatch.setattr(CanonicalPlacements, "straight", lambda *_: iter(()))
+    monkeypatch.setattr(PlacementSearch, "_straight", lambda *_: iter(()))
     assert next(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(0)), None) is not None

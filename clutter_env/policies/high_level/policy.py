@@ -217,7 +217,7 @@ class LearnedHighLevelPolicy:
         thicker = others + np.array((0, 0, 0, _MARGIN, 0), np.float32)
         with torch.no_grad():
             exact, padded = (
-                torch.sigmoid(self._network(_batch(candidates, own, rows, is_present)).blocks).numpy().astype(float)
+                torch.sigmoid(self._network(_batch(candidates, own, rows, is_present))).numpy().astype(float)
                 for rows in (others, thicker)
             )
         return np.asarray(exact + _MARGIN_WORTH * np.maximum(padded - exact, 0.0))

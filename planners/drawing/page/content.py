@@ -17,10 +17,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.drawing.clearances import choices_of
-from planners.drawing.region import ClearancePicture, DrawnSurface
+from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
 from planners.expert.report import Frame, Note, Recording, Solve
-from planners.grasping.base_placement import MapPlacer, inverse_map
+from planners.grasping.base_placement import MapPlacer
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Phase
 from planners.scene import RobotState
@@ -226,7 +225,7 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
     """The actions of a plan and the choices of its clearance locations."""
     first = plan.actions[0].scene
     views = {action.scene.robot.arm_name: action.scene for action in plan.actions}
-    placers = {arm: MapPlacer.of_scene(inverse_map(scene.robot), scene) for arm, scene in views.items()}
+    placers = {arm: MapPlacer.of_scene(scene) for arm, scene in views.items()}
     return {
         "strategy": plan.strategy.name,
         "clearances": list(plan.clearances),

@@ -1,6 +1,7 @@
 """The command `clutter-env map` and its sub-commands."""
 
 import json
+import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -80,5 +81,9 @@ def test_a_robot_that_does_not_exist_is_a_clear_message(name, message):
         main(["map", "--robot", name])
 
 
-def test_a_robot_of_another_module_is_found():
-    assert robot_by_name("assets.robots:FETCH") is FETCH
+def test_a_robot_of_a_module_in_the_current_directory_is_found(tmp_path, monkeypatch):
+    """A console script does not look there by itself."""
+    (tmp_path / "own_robots.py").write_text("from assets import FETCH as MINE\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", list(sys.path))
+    assert robot_by_name("own_robots:MINE") is FETCH

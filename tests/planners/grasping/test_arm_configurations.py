@@ -10,8 +10,8 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
-from planners.context import map_placer
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.base_placement import MapPlacer
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, RobotState, Scene
 from tests.planners.scenes import random_scene
@@ -44,7 +44,7 @@ def test_configurations_reach_the_gripper_pose_and_hits_are_those_of_the_collisi
     scene: Scene, pitch: float
 ) -> None:
     world, poses = CollisionWorld.from_scene(scene), poses_over(scene, pitch)
-    bases, index = map_placer(scene.robot, scene).bases(poses)
+    bases, index = MapPlacer.of_scene(scene).bases(poses)
     assert len(set(index)) > len(poses) / 2, "most of these poses are within reach of some base"
     assert (np.diff(index) >= 0).all()
     found = scan_configurations(world, GripperPoses(bases, poses[index]), GRID, OPENING)
@@ -63,13 +63,13 @@ def test_configurations_reach_the_gripper_pose_and_hits_are_those_of_the_collisi
 def test_a_pitch_beyond_straight_down_or_above_level_has_bases(scene: Scene, pitch: float) -> None:
     """Release pitches are rounded, and what has slipped in the gripper is released at a pitch of its own."""
     poses = poses_over(scene, pitch)
-    bases, index = map_placer(scene.robot, scene).bases(poses)
+    bases, index = MapPlacer.of_scene(scene).bases(poses)
     found = scan_configurations(CollisionWorld.from_scene(scene), GripperPoses(bases, poses[index]), GRID, OPENING)
     assert len(found.q) > 0
 
 
 def test_bases_of_poses_with_several_pitches_are_those_of_each_pitch_alone(scene: Scene) -> None:
-    placer = map_placer(scene.robot, scene)
+    placer = MapPlacer.of_scene(scene)
     mixed = np.concatenate([poses_over(scene, pitch)[:3] for pitch in PITCHES])[::-1]
     bases, index = placer.bases(mixed)
     for k, pose in enumerate(mixed):

@@ -11,12 +11,19 @@ import assets
 from assets.robots import FETCH, PR2
 from irm import ReachabilityMap, cached_map
 from irm.reachability_map import cache_file, is_map_at_hand, shipped_file
-from planners.context import map_placer
-from planners.grasping.base_placement import TURNED, facing_bases, farthest_reach, fits, inner_radius, map_parameters
+from planners.grasping.base_placement import (
+    TURNED,
+    MapPlacer,
+    facing_bases,
+    farthest_reach,
+    fits,
+    inner_radius,
+    map_parameters,
+)
 from tests.planners.scenes import cylinder, table_scene
 
 SCENE = table_scene(cylinder("object_00", 0.0, 0.0))
-PLACER = map_placer(SCENE.robot, SCENE)
+PLACER = MapPlacer.of_scene(SCENE)
 REACH = farthest_reach(FETCH)
 YAWS = np.radians(np.arange(-90, 91, 15.0))
 POSES = np.array([(x, y, 0.83, yaw, 0.0) for x in (-0.25, 0.1, 0.25) for y in (-0.3, 0.0) for yaw in YAWS])

@@ -120,13 +120,15 @@ def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
     finder, world = search(in_hand), CollisionWorld.from_scene(in_hand)
     level = list(placement_levels(in_hand.support, np.random.default_rng(0)))[2]
     locations = np.column_stack((level, np.full(len(level), in_hand.support.top)))
-    assert not finder._is_within_reach(in_hand, locations).all()
+    assert not placements._is_within_reach(in_hand, locations).all()
     with monkeypatch.context() as patch:
-        patch.setattr(placements, "_can_reach", lambda _scene, _base, poses: np.ones(len(poses), dtype=bool))
+        patch.setattr(placements, "_can_reach", lambda _scene, poses: np.ones(len(poses), dtype=bool))
         placements_there = [placement for place in locations for placement in finder._from_here(world, place)]
     served = np.array([placement.location for placement in placements_there])
     assert len(served) > 50
-    assert finder._is_within_reach(in_hand, np.column_stack((served, np.full(len(served), in_hand.support.top)))).all()
+    assert placements._is_within_reach(
+        in_hand, np.column_stack((served, np.full(len(served), in_hand.support.top)))
+    ).all()
 
 
 def test_supports_are_names_that_the_scene_declares() -> None:
