@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import platform
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -42,6 +43,7 @@ _RULES = {
 """The source files whose code decides what an environment does, by what they decide."""
 _NO_TASKS = ("gymnasium.", "clutter_env.envs.base")
 """Modules of environment classes that define no task."""
+_PLATFORM = f"{platform.system()} {platform.machine()}"
 _DIGITS = 16
 """Hexadecimal digits of a digest."""
 
@@ -54,9 +56,10 @@ def provenance(env: gym.Env[Any, Any] | str | None = None) -> dict[str, Any]:
 
     Returns:
         `version` of this package; `commit` of the checkout it runs from, with "-dirty" after it if files are changed,
-        None for an installed package; `mujoco`, its version; with an environment also `environment`, its digest.
+        None for an installed package; `mujoco`, its version; `platform`, system and processor; with an environment also
+        `environment`, its digest.
     """
-    record = {"version": version(), "commit": _commit(), "mujoco": mujoco.__version__}
+    record = {"version": version(), "commit": _commit(), "mujoco": mujoco.__version__, "platform": _PLATFORM}
     return record if env is None else {**record, "environment": environment_digest(env)}
 
 

@@ -27,6 +27,7 @@ COMMANDS = {
     "train": "train a policy, from rewards or from demonstrations",
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
+    "verify": "play the recorded actions of a results file again, and confirm its scores",
     "play": "play one episode of a policy, in a window or as a film",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
     "map": "build the reachability map of a robot",
@@ -93,7 +94,7 @@ def _run(command: str, argv: Sequence[str]) -> None:
         module = importlib.import_module(f"clutter_env.cli.{command}")
         arguments = read(module, f"clutter-env {command}", argv)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
-        module.run(arguments)
+        code = module.run(arguments)
     except KeyboardInterrupt:
         _end(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", 130)
     except Exception as problem:
@@ -104,6 +105,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
         message = "\n".join((str(problem), *getattr(problem, "__notes__", ())))
         hint = _did_you_mean(argv, message) if code == 2 else ""
         _end(f"clutter-env {command}: {message}{hint and f'; {hint}'}", code)
+    if code:
+        raise SystemExit(code)
 
 
 def _did_you_mean(argv: Sequence[str], message: str) -> str:

@@ -85,6 +85,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.world = self._home_world = self._make_world(shapes=slot_shapes(config.shapes, config.num_objects))
         self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
         self._has_started = False
+        self._actions: list[NDArray[np.float32]] = []
         self.action_size = _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
@@ -117,6 +118,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
                 self._start(self._draw_scene(checked))
                 self._monitor = SuccessMonitor(self.world, self.measurements, self.target_slot)
                 self._begin()
+        self._actions = []
         if self.render_mode == "human":
             self.render()
         return self._observe(), self._info()
@@ -129,6 +131,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """
         checked = checked_action(action, self.action_size)
         self.check_started("step()")
+        self._actions.append(checked.astype(np.float32))
         grips = checked[-self.world.controller.num_grippers :].tolist()
         self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips)
         self._monitor.update(self.measurements)
@@ -198,6 +201,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Index of the target among the objects."""
         assert self.world.scene is not None
         return self.world.scene.target
+
+    @property
+    def actions(self) -> list[NDArray[np.float32]]:
+        """The actions since the reset, or since a state was restored: they replay the episode bit for bit."""
+        return list(self._actions)
 
     def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
@@ -305,6 +313,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._has_started = True
         self._monitor = SuccessMonitor.recall(watched, world, self.measurements, self.target_slot)
         self._recall(bookkeeping)
+        self._actions = []
         self.np_random.bit_generator.state = memory["rng"]
 
     def __reduce__(self) -> tuple[Any, ...]:

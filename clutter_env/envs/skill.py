@@ -48,6 +48,15 @@ BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "
 _POSITION_BOUND = 4.0
 
 
+def observed_masks(observation: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """`SkillEnv.action_masks(geometric=False)` (n,), from an observation of the environment."""
+    rows = observation[:-2].reshape(-1, len(BODY_FIELDS) + DIRECTIONS)
+    can_be_cleared = (rows[:, 0] > 0) & (rows[:, 1] == 0)
+    mask = np.append((rows[:, len(BODY_FIELDS) :] == 0) & can_be_cleared[:, None], observation[-1] == 0)
+    mask[-1] |= not mask.any()
+    return mask
+
+
 class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     """Retrieve the target by skills.
 
@@ -70,6 +79,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     Attributes:
         physics_env: the environment in which skills are carried out.
+        actions: the skills since the reset.
     """
 
     metadata: dict[str, Any] = RetrieveEnv.metadata
@@ -119,6 +129,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()
         self._failed = np.zeros(self._size, dtype=np.bool_)
+        self.actions: list[int] = []
         self._left = self.budget
         self._moved: list[str] = []
         self._num_refused, self._num_hit = 0, 0
@@ -137,6 +148,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         index = int(value)
         skill = self.skill(index)
         self._left -= 1
+        self.actions.append(index)
         failure = self._simulate_kinematically(skill) if self._is_kinematic else self._carry_out(skill)
         if failure:
             self._failed[index] = True

@@ -108,9 +108,10 @@ def compare(
                 tick=tick,
             )
             if scenes.family == "retrieve" and not found.floors:
-                if found.grasps not in bounds:
-                    bounds[found.grasps] = lower_bounds(scenes, found.grasps, workers=workers, ray=ray, records=records)
-                found = replace(found, floors=bounds[found.grasps])
+                grasps = found.traits.grasps
+                if grasps not in bounds:
+                    bounds[grasps] = lower_bounds(scenes, grasps, workers=workers, ray=ray, records=records)
+                found = replace(found, floors=bounds[grasps])
             groups.setdefault(names[policy], []).append(found)
         rows += [summarise(name, group, comparison.seed) for name, group in groups.items()]
     return rows

@@ -7,27 +7,41 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import gymnasium as gym
 
 from clutter_env.errors import ClutterEnvError, LearningError, SuiteError
-from clutter_env.evaluation.scenes import Scene, SceneSet, find_floor, skill_scene
+from clutter_env.evaluation.policy_process import PolicyProcess
+from clutter_env.evaluation.recording import Recording
+from clutter_env.evaluation.scenes import SceneSet, find_floor, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
-from clutter_env.policies.registry import acts_by_skills, env_keywords, load_policy, policy_grasps
+from clutter_env.policies.registry import PolicyTraits, policy_files
 from clutter_env.policies.runs import load_run, run_directories
-from clutter_env.provenance import differences, provenance
+from clutter_env.provenance import differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
 
-ResultT = TypeVar("ResultT", Score, Floor)
+ResultT = TypeVar("ResultT", "Played", Floor)
 _HINT = "--count-crashes counts such episodes as failures"
+
+
+class Played(NamedTuple):
+    """An episode: its score, and the recording from which the score was made; None of a crash."""
+
+    score: Score
+    recording: Recording | None
+
+    @property
+    def actions_digest(self) -> str:
+        """SHA-256 of the recorded actions, "" of a crash."""
+        return "" if self.recording is None else hashlib.sha256(self.recording.actions.tobytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -39,20 +53,29 @@ class Evaluation:
         scenes: the scenes that it played.
         seed: of the built-in random policies.
         feasibility: of the Skill environment, for policies that act by skills.
-        grasps: "side" or "all", by whose lower bounds its results are broken down.
-        scores: of the scenes, in their order.
+        traits: what the policy is: its track, and the grasps by whose lower bounds its results are broken down.
+        weights: SHA-256 of the files of the policy, by their names.
+        episodes: of the scenes, in their order.
         floors: lower bounds of the scenes for these grasps; empty where they are not known, as outside the suites.
         provenance: version, commit, packages and digest of the environment; see `clutter_env.provenance`.
+        judged_in: digest of the environment of the replays.
     """
 
     policy: str
     scenes: SceneSet
     seed: int
     feasibility: str
-    grasps: str
-    scores: tuple[Score, ...]
+    traits: PolicyTraits
+    weights: Mapping[str, str]
+    episodes: tuple[Played, ...]
     floors: tuple[Floor, ...]
     provenance: Mapping[str, Any]
+    judged_in: Mapping[str, Any]
+
+    @property
+    def scores(self) -> tuple[Score, ...]:
+        """The scores of the episodes."""
+        return tuple(episode.score for episode in self.episodes)
 
 
 @dataclass(frozen=True)
@@ -63,14 +86,6 @@ class _Job:
     scenes: SceneSet
     seed: int = 0
     feasibility: str = ""
-
-    def scene(self, index: int, policy: AnyPolicy) -> Scene:
-        scene = self.scenes.scenes[index]
-        return skill_scene(scene, self.feasibility) if acts_by_skills(policy) else scene
-
-    def make_env(self, policy: AnyPolicy) -> gym.Env[Any, Any]:
-        """The environment of all its scenes."""
-        return self.scene(0, policy).make(**env_keywords(policy))
 
     def place(self, index: int) -> str:
         return f"{self.policy} on scene {index} of {self.scenes.name} (seed {self.scenes.scenes[index].seed})"
@@ -88,14 +103,18 @@ def evaluate(
     records: ResultRecords | None = None,
     tick: Callable[[], object] = lambda: None,
 ) -> Evaluation:
-    """Play all scenes with a policy.
+    """Play all scenes with a policy, and score the replay of its actions.
+
+    A policy that is given by its name plays in a process of its own; see `policy_process`. Its actions are recorded and
+    played again in a fresh environment of the scene, in a process in which no policy has run: the score is that of this
+    replay. What a policy does to its own environment does not count.
 
     Args:
         policy: a name for `load_policy`, or a policy, which plays in this process.
         scenes: to be played.
         seed: of the built-in random policies.
         feasibility: of the Skill environment, for policies that act by skills: "oracle" or "none".
-        workers: number of processes; with one of them the scenes are played in this process.
+        workers: number of processes that score, each with one for the policy.
         ray: address of Ray; "" for processes of this machine.
         count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
         records: file to which every score is written at once; those that are in it are not made again.
@@ -109,31 +128,39 @@ def evaluate(
         OSError: the scores cannot be written; those written before stay.
     """
     name = policy if isinstance(policy, str) else type(policy).__name__
-    playing = load_policy(policy, seed) if isinstance(policy, str) else policy
-    grasps, job = policy_grasps(playing), _Job(name, scenes, seed, feasibility)
-    floors = lower_bounds(scenes, grasps) if scenes.suite else ()
-    env = job.make_env(playing)
+    job, process = _Job(name, scenes, seed, feasibility), None
+    if isinstance(policy, str):
+        process = PolicyProcess(policy, seed, feasibility)
+        traits = process.traits
+        process.close()
+    else:
+        traits = PolicyTraits.of(policy)
+    floors = lower_bounds(scenes, traits.grasps) if scenes.suite else ()
+    env = scene_for(scenes.scenes[0], traits.acts_by_skills, feasibility).make(**traits.env_keywords)
 
-    def play(missing: Iterable[int]) -> Iterator[tuple[int, Score]]:
-        if (workers == 1 and not ray) or not isinstance(policy, str):
-            yield from ((index, _play_here(job, index, env, playing, count_crashes)) for index in missing)
+    def play(missing: Iterable[int]) -> Iterator[tuple[int, Played]]:
+        if not isinstance(policy, str):
+            yield from _play_here(job, missing, env, policy, traits, count_crashes)
             return
         for index, result in run_jobs(partial(_play_in_worker, job), missing, workers, ray=ray):
-            if isinstance(result, ClutterEnvError):
+            if isinstance(result, PolicyCrashed) and count_crashes:
+                result = Played(Score.of_crash(scenes.scenes[index].seed, str(result).strip().splitlines()[-1]), None)
+            elif isinstance(result, PolicyCrashed):
+                raise PolicyCrashed(f"{job.place(index)}; {_HINT}\n\n{result}")
+            elif isinstance(result, ClutterEnvError):
                 raise result
-            if isinstance(result, Crash) and result.is_final and count_crashes:
-                result = Score.of_crash(scenes.scenes[index].seed, result.summary)
             elif isinstance(result, Crash | Killed):
-                hint = f"; {_HINT}" if isinstance(result, Crash) and result.is_final else ""
-                raise PolicyCrashed(f"{job.place(index)}{hint}\n\n{_text(result)}")
+                raise PolicyCrashed(f"{job.place(index)}\n\n{_text(result)}")
             yield index, result
 
     try:
         made_with = provenance(env)
-        scores = _complete(job, made_with, records, play, tick)
+        played = _complete(job, made_with, records, play, tick)
     finally:
         env.close()
-    return Evaluation(name, scenes, seed, feasibility, grasps, tuple(scores), floors, made_with)
+    judge = judged_in(scenes, [episode.recording.control_mode for episode in played if episode.recording])
+    files = policy_files(name)
+    return Evaluation(name, scenes, seed, feasibility, traits, files, tuple(played), floors, made_with, judge)
 
 
 def lower_bounds(
@@ -178,39 +205,98 @@ def _complete(
             found[index] = known
             tick()
     for index, result in make([index for index in range(count) if index not in found]):
-        if records is not None and not (isinstance(result, Score) and result.is_crash):
+        if records is not None and not (isinstance(result, Played) and result.score.is_crash):
             records.add(keys[index], result)
         found[index] = result
         tick()
     return [found[index] for index in range(count)]
 
 
-def _play_here(job: _Job, index: int, env: gym.Env, policy: AnyPolicy, count_crashes: bool) -> Score:
-    scene = job.scene(index, policy)
+def _play_here(
+    job: _Job, missing: Iterable[int], env: gym.Env, policy: AnyPolicy, traits: PolicyTraits, count_crashes: bool
+) -> Iterator[tuple[int, Played]]:
+    """Play in this process, one scene after the other; the replays are scored in another one."""
+    crashed: list[tuple[int, Played]] = []
+
+    def recordings() -> Iterator[tuple[int, Recording]]:
+        for index in missing:
+            scene = job.scenes.scenes[index]
+            played = scene_for(scene, traits.acts_by_skills, job.feasibility)
+            try:
+                yield index, Recording.of(scene, env, play_scene(played, env, policy))
+            except (SuiteError, PolicyError):
+                raise
+            except Exception as problem:
+                if not count_crashes:
+                    problem.add_note(f"{job.place(index)}; {_HINT}")
+                    raise  # with the traceback of the policy's own code
+                cause = f"{type(problem).__name__}: {problem}"
+                crashed.append((index, Played(Score.of_crash(scene.seed, cause), None)))
+
+    for (index, recording), score in run_jobs(partial(_replay_job, job.scenes), recordings(), 1):
+        if isinstance(score, Crash | Killed):
+            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {_text(score)}")
+        yield index, Played(score, recording)
+    yield from crashed
+
+
+def _play_in_worker(job: _Job, index: int) -> Played | ClutterEnvError | PolicyCrashed:
+    """Play a scene and score the replay of what was recorded."""
     try:
-        return play_scene(scene, env, policy)
-    except (SuiteError, PolicyError):
-        raise
-    except Exception as problem:
-        if not count_crashes:
-            problem.add_note(f"{job.place(index)}; {_HINT}")
-            raise  # with the traceback of the policy's own code
-        return Score.of_crash(scene.seed, f"{type(problem).__name__}: {problem}")
-
-
-@lru_cache(maxsize=2)
-def _env_and_policy(job: _Job) -> tuple[gym.Env[Any, Any], AnyPolicy]:
-    """Made once in a worker for all scenes of a set, which have the same environment."""
-    policy = load_policy(job.policy, job.seed)
-    return job.make_env(policy), policy
-
-
-def _play_in_worker(job: _Job, index: int) -> Score | ClutterEnvError:
-    env, policy = _env_and_policy(job)
-    try:
-        return play_scene(job.scene(index, policy), env, policy)
-    except (SuiteError, PolicyError) as problem:
+        process = _process(job)
+        scene, traits = job.scenes.scenes[index], process.traits
+        if traits.track == "privileged":
+            recording = process.play(job.scenes, index)
+        else:
+            env = _seen_env(job)
+            played = scene_for(scene, traits.acts_by_skills, job.feasibility)
+            recording = Recording.of(scene, env, play_scene(played, env, process))
+        return Played(replay(job.scenes, index, recording), recording)
+    except ClutterEnvError as problem:
         return problem
+    except PolicyCrashed as problem:
+        _process.cache_clear()  # it may have died
+        return problem
+
+
+@lru_cache(maxsize=1)
+def _process(job: _Job) -> PolicyProcess:
+    """The policy of a worker, made once for all scenes of a set."""
+    return PolicyProcess(job.policy, job.seed, job.feasibility)
+
+
+@lru_cache(maxsize=1)
+def _seen_env(job: _Job) -> gym.Env[Any, Any]:
+    """The environment whose observations the policy of a worker receives."""
+    traits = _process(job).traits
+    scene = scene_for(job.scenes.scenes[0], traits.acts_by_skills, job.feasibility)
+    return scene.make(**traits.env_keywords)
+
+
+def _replay_job(scenes: SceneSet, job: tuple[int, Recording]) -> Score:
+    return replay(scenes, *job)
+
+
+def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
+    """The score of a recorded episode of a scene, in an environment that no policy has touched.
+
+    Raises:
+        SuiteError: the first state is not the one that the suite was made with.
+        LearningError: the recording is not one of such a scene.
+    """
+    return recording.replay(scenes.scenes[index], _judging_env(scenes, recording.control_mode))
+
+
+def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
+    """The digest of the environment in which recordings with these control modes are scored."""
+    return environment_digest(_judging_env(scenes, (*control_modes, "joint")[0]))
+
+
+@lru_cache(maxsize=4)
+def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
+    if control_mode not in ("joint", "ee", "skill"):
+        raise LearningError(f"no recording of an episode: control mode {control_mode!r}")
+    return scenes.scenes[0].make(**({} if control_mode == "skill" else {"control_mode": control_mode}))
 
 
 def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:
@@ -236,8 +322,11 @@ class ResultRecords:
             header, *rows = self._file.values or [{"provenance": provenance()}]
             made_with = header.get("provenance")
             for row in rows:
-                values = row["result"]
-                self._known[row["key"]] = Score(**values) if "clean" in values else Floor(**values)
+                self._known[row["key"]] = (
+                    Played(Score(**row["score"]), Recording.from_json(row["recording"]))
+                    if "score" in row
+                    else Floor(**row["floor"])
+                )
         except (ValueError, KeyError, TypeError, AttributeError) as problem:
             raise LearningError(f"{path} holds no scores of this package, or it is damaged: {problem!r}") from problem
         if changed := differences(made_with, provenance()):
@@ -246,16 +335,19 @@ class ResultRecords:
             self._file.append(header)
 
     def get(self, key: str) -> Any:
-        """The `Score` or `Floor` of a key, None if it has not been made."""
+        """The `Played` or `Floor` of a key, None if it has not been made."""
         return self._known.get(key)
 
-    def add(self, key: str, result: Score | Floor) -> None:
+    def add(self, key: str, result: Played | Floor) -> None:
         """Add a result, and write it to the disk.
 
         Raises:
             OSError: the disk is full or cannot be written; what was written before stays.
         """
-        self._file.append({"key": key, "result": result})
+        if isinstance(result, Floor):
+            self._file.append({"key": key, "floor": result})
+        elif result.recording is not None:
+            self._file.append({"key": key, "score": result.score, "recording": result.recording.to_json()})
         self._known[key] = result
 
 

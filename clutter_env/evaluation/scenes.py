@@ -9,11 +9,12 @@ from typing import Any, TypeAlias
 
 import gymnasium as gym
 
-from clutter_env import skill_budget
 from clutter_env.errors import LearningError
 from clutter_env.suites import Floor, SuiteScene, suite
 from clutter_env.task import HELD_OUT, Task, family
 
+SKILLS = 20
+"""Skills in an episode of a policy that acts by skills; policies of two levels have twice as many picks and places."""
 _SKILL_ENV = "clutter_env/Skill-o15-v0"
 """The Skill environment; the number of objects is given beside it."""
 
@@ -121,7 +122,7 @@ def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
 
 
 def skill_scene(scene: Scene, feasibility: str) -> Scene:
-    """The same scene as one of Skill in physics, with the default number of skills; one of Skill as it is.
+    """The same scene as one of Skill in physics, with `SKILLS` skills; one of Skill as it is.
 
     Raises:
         LearningError: the scene is neither one of a Retrieve nor of a Skill environment.
@@ -132,7 +133,13 @@ def skill_scene(scene: Scene, feasibility: str) -> Scene:
         raise LearningError(f"there are no skills in {scene.env_id}")
     count = Task(scene.env_id, scene.keywords).num_objects
     keywords = {**scene.keywords, "num_objects": count, "feasibility": feasibility}
-    return replace(scene, env_id=_SKILL_ENV, keywords=keywords, max_steps=skill_budget(count))
+    keywords["budget"] = SKILLS
+    return replace(scene, env_id=_SKILL_ENV, keywords=keywords, max_steps=SKILLS)
+
+
+def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:
+    """The scene as a policy plays it; raises LearningError, see `skill_scene`."""
+    return skill_scene(scene, feasibility) if acts_by_skills else scene
 
 
 def find_floor(scene: Scene, grasps: str) -> Floor:

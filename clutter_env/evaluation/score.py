@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
+from clutter_env.policies.registry import policy_place
 from clutter_env.task import HELD_OUT
 
 MOVED = 0.05
@@ -40,7 +40,9 @@ class Score:
         sim_s: simulated time [s].
         moved: number of objects other than the target that ended elsewhere; see `MOVED`.
         cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs`.
-        refused: number of skills that the motion layer refused; 0 for policies that do not act by skills.
+        furniture_force: the robot's largest force on the furniture [N].
+        skills, refused: numbers of skills tried, and of those that the motion layer refused; 0 for policies that do not
+            act by skills.
         failure: "" for success, else why not.
         wall_s: wall time [s], with planning and the policy's inference.
     """
@@ -54,6 +56,8 @@ class Score:
     cleared: int
     disturbed: int
     fallen: int
+    furniture_force: float
+    skills: int
     refused: int
     failure: str
     wall_s: float
@@ -61,7 +65,7 @@ class Score:
     @classmethod
     def of_crash(cls, seed: int, cause: str) -> Score:
         """The score of a policy that raised an exception: a failed episode."""
-        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0, f"{_CRASHED}{cause}", 0.0)
+        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0.0, 0, 0, f"{_CRASHED}{cause}", 0.0)
 
     @property
     def is_crash(self) -> bool:
@@ -102,7 +106,7 @@ def play_scene(
         try:
             observation, _, terminated, truncated, info = env.step(action)
         except ActionError as problem:  # the traceback shows nothing of the policy's own code
-            raise PolicyCrashed(f"{_place(policy)} returned no valid action: {problem}") from problem
+            raise PolicyCrashed(f"{policy_place(policy)} returned no valid action: {problem}") from problem
         steps += 1
         # A lifted target is a success or can never become one.
         is_over = terminated or truncated or steps == max_steps or (is_retrieval and bool(info["lifted"]))
@@ -131,18 +135,12 @@ def play_scene(
         cleared=int(info["num_cleared"]),
         disturbed=int(info["num_disturbed"]),
         fallen=int(info["num_fallen"]),
+        furniture_force=float(info["furniture_force"]),
+        skills=steps if physics_env is not env.unwrapped else 0,
         refused=int(info.get("num_refused", 0)),
         failure=failure,
         wall_s=time.perf_counter() - started,
     )
-
-
-def _place(policy: AnyPolicy) -> str:
-    kind = type(policy)
-    try:
-        return f"{kind.__qualname__} in {inspect.getfile(kind)}"
-    except TypeError:  # defined in a shell
-        return kind.__qualname__
 
 
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:

@@ -16,7 +16,7 @@ from clutter_env.reporting.intervals import NO_INTERVAL, Interval, bootstrap, su
 from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
 from clutter_env.suites import Floor, content_digest, suite
 
-FORMAT = 4
+FORMAT = 5
 """Version of the results file."""
 STRATA = ("0", "1", "2", "3 or more", "none", "not proved")
 """Lower bounds; "none": there is no plan; "not proved": fewer clearances than the bound may do."""
@@ -43,6 +43,7 @@ class Row:
     Attributes:
         scene_set: name of the scenes; see `SceneSet.name`.
         policy: its name.
+        track: "observations" or "privileged"; see `clutter_env.policies.protocol`.
         runs: number of training seeds.
         episodes: number of episodes of all runs.
         clean: share of the episodes with success; see `Score.clean` and `success_interval`.
@@ -51,6 +52,7 @@ class Row:
         moved_per_floor: number of objects moved, divided by the lower bound, over the scenes that the policy solved
             and whose lower bound is proved and at least 1.
         moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
+        furniture_force: the robot's largest force on the furniture in an episode [N], over all episodes.
         refused: number of skills refused by the motion layer, over all episodes.
         steps: of the environment.
         sim_s: simulated time [s].
@@ -60,6 +62,7 @@ class Row:
 
     scene_set: str
     policy: str
+    track: str
     runs: int
     episodes: int
     clean: Interval
@@ -70,6 +73,7 @@ class Row:
     cleared: Interval
     disturbed: Interval
     fallen: Interval
+    furniture_force: Interval
     refused: Interval
     steps: Interval
     sim_s: Interval
@@ -77,7 +81,7 @@ class Row:
     failures: Mapping[str, int]
 
 
-_MEANS = ("moved", "cleared", "disturbed", "fallen", "refused", "steps", "sim_s", "wall_s")
+_MEANS = ("moved", "cleared", "disturbed", "fallen", "furniture_force", "refused", "steps", "sim_s", "wall_s")
 
 
 def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> Row:
@@ -94,6 +98,7 @@ def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> 
     return Row(
         scene_set=scenes,
         policy=policy,
+        track=evaluations[0].traits.track,
         runs=len(runs),
         episodes=sum(map(len, runs)),
         clean=_rate(runs, "clean", rng),
@@ -108,24 +113,31 @@ def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> 
 def results(evaluation: Evaluation) -> dict[str, Any]:
     """The content of the results file of one policy on one set of scenes.
 
-    `digest` covers the scenes, the policy's name, the environment and the episodes, but no wall times: equal digests
-    mean equal results.
+    `digest` covers the scenes, the policy's name and files, the environment, the actions and the scores, but no wall
+    times: equal digests mean equal results. `clutter_env.evaluation.verify` plays the recordings again.
     """
-    scenes, scores = evaluation.scenes, evaluation.scores
-    counts = [floor.count for floor in evaluation.floors] or [None] * len(scores)
+    scenes, episodes = evaluation.scenes, evaluation.episodes
+    counts = [floor.count for floor in evaluation.floors] or [None] * len(episodes)
     played = {
         "scenes": scenes.name,
         "suite": scenes.suite,
         "suite_sha256": suite(scenes.suite).digest if scenes.suite else "",
         "split": scenes.split,
         "policy": evaluation.policy,
+        "track": evaluation.traits.track,
+        "weights": evaluation.weights,
         "seed": evaluation.seed,
         "feasibility": evaluation.feasibility,
-        "grasps": evaluation.grasps,
+        "grasps": evaluation.traits.grasps,
         "environment": evaluation.provenance["environment"],
+        "judged_in": evaluation.judged_in,
+        "env_id": scenes.env_id,
+        "obstructed": scenes.obstructed,
+        "layout": scenes.layout,
+        "first_seed": scenes.first_seed,
         "episodes": [
-            {"index": index, "floor": count, **{k: v for k, v in asdict(score).items() if k != "wall_s"}}
-            for index, (score, count) in enumerate(zip(scores, counts, strict=True))
+            {"index": index, "floor": count, "actions": played.actions_digest, **score_values(played.score)}
+            for index, (played, count) in enumerate(zip(episodes, counts, strict=True))
         ],
     }
     summary = vars(summarise(evaluation.policy, [evaluation]))
@@ -134,16 +146,21 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
         "provenance": evaluation.provenance,
         "digest": content_digest(played),
         "summary": {name: value for name, value in summary.items() if name != "wall_s"},
-        "crashes": sum(score.is_crash for score in scores),
+        "crashes": sum(episode.score.is_crash for episode in episodes),
         **played,
-        "wall_s": [score.wall_s for score in scores],
+        "recordings": [None if played.recording is None else played.recording.to_json() for played in episodes],
     }
+
+
+def score_values(score: Score) -> dict[str, Any]:
+    """What a replay must give again: a score without its wall time."""
+    return {name: value for name, value in asdict(score).items() if name != "wall_s"}
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
-    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved / lower bound"]
-    head += ["disturbed", "fallen", "refused", "steps", "sim s", "wall s", "failures"]
+    head = ["scenes", "policy", "track", "runs × scenes", "clean success", "lifted", "moved / lower bound"]
+    head += ["disturbed", "fallen", "furniture N", "refused", "steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
 
 
@@ -169,12 +186,14 @@ def _cells(row: Row) -> list[str]:
     return [
         row.scene_set,
         row.policy,
+        row.track,
         f"{row.runs} × {row.episodes // max(row.runs, 1)}",
         str(row.clean),
         str(row.lifted),
         str(row.moved_per_floor),
         number_text(row.disturbed.mean),
         number_text(row.fallen.mean),
+        number_text(row.furniture_force.mean, "{:.0f}"),
         number_text(row.refused.mean),
         number_text(row.steps.mean, "{:.0f}"),
         number_text(row.sim_s.mean, "{:.1f}"),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import UnknownExpert
-from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.protocol import PolicyError, PublicInfo
 from clutter_env.policies.scripted import SCRIPTS, Step
 from clutter_env.reporting.files import json_values
 from clutter_env.task import family
@@ -193,31 +193,38 @@ Expert: TypeAlias = ScriptedExpert | PlannerExpert
 
 
 class RandomPolicy:
-    """Draws actions uniformly; skills among those that have not just failed. Each episode has a generator of its own.
+    """Draws actions uniformly; skills among those that have not just failed.
+
+    Each episode has a generator of its own, which follows from the seed and the first observation.
 
     Attributes:
         acts_by_skills: whether it plays the Skill environment of the scenes.
         grasps: those of the skills are level ones.
     """
 
-    is_privileged = True
-
     def __init__(self, seed: int, acts_by_skills: bool = False) -> None:
         self.acts_by_skills = acts_by_skills
         self.grasps = "side" if acts_by_skills else "all"
         self._seed = seed
 
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
-        """Start an episode."""
-        self._env, self._rng = env, np.random.default_rng(self._seed + env.unwrapped.np_random_seed)
+    def check(self, public: PublicInfo) -> None:
+        """Note the space of actions."""
+        self._space = public.action_space
 
-    def act(self, observation: Any) -> Any:  # noqa: ARG002  part of the protocol
+    def reset(self, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode."""
+        self._rng: np.random.Generator | None = None
+
+    def act(self, observation: Any) -> Any:
         """A random action."""
-        space = self._env.action_space
-        if isinstance(space, gym.spaces.Box):
-            return self._rng.uniform(space.low, space.high).astype(np.float32)
-        masks = self._env.get_wrapper_attr("action_masks")(geometric=False)
-        return int(self._rng.choice(np.flatnonzero(masks)))
+        if self._rng is None:
+            parts = observation.values() if isinstance(observation, Mapping) else [observation]
+            self._rng = np.random.default_rng([self._seed, *b"".join(np.asarray(part).tobytes() for part in parts)])
+        if isinstance(self._space, gym.spaces.Box):
+            return self._rng.uniform(self._space.low, self._space.high).astype(np.float32)
+        from clutter_env.envs.skill import observed_masks  # which imports the planner
+
+        return int(self._rng.choice(np.flatnonzero(observed_masks(observation))))
 
 
 class GreedyPolicy:

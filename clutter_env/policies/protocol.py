@@ -23,21 +23,63 @@ Add my policy, in a file `mine.py`:
 Then `clutter-env evaluate --suite side-15-v1 --policy mine:MyPolicy`; a function without arguments that returns
 a policy may be named in place of the class.
 
-A privileged policy also receives the environment: it sets `is_privileged = True` and has `reset(info, env)`.
+Policies are of two tracks. One of the observations track sees observations, the info of the reset and `PublicInfo`;
+`evaluate` runs it in a process of its own, in which there is no environment. One of the privileged track also receives
+the environment: it sets `is_privileged = True` and has `reset(info, env)`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import gymnasium as gym
 
+from assets import RobotSpec
 from clutter_env.errors import ClutterEnvError
+from clutter_env.scene.layout import Layout
 
 
 class PolicyError(ClutterEnvError):
     """No such policy, or one that cannot play this environment; the message says what is valid."""
+
+
+@dataclass(frozen=True)
+class PublicInfo:
+    """What everyone may know of an episode beside its observations.
+
+    Attributes:
+        robot: the robot's data, its MJCF file among them.
+        layout: the furniture.
+        object_names: names of the objects, in the order of their rows in the observation.
+        control_mode: "joint" or "ee".
+        action_space, observation_space: of the environment.
+        acts_by_skills: whether it is the Skill environment.
+    """
+
+    robot: RobotSpec
+    layout: Layout
+    object_names: tuple[str, ...]
+    control_mode: str
+    action_space: gym.Space[Any]
+    observation_space: gym.Space[Any]
+    acts_by_skills: bool
+
+    @classmethod
+    def of(cls, env: gym.Env[Any, Any]) -> PublicInfo:
+        """That of an environment that has been reset."""
+        outer: Any = env.unwrapped
+        inner = getattr(outer, "physics_env", outer)  # Skill contains one
+        return cls(
+            robot=inner.robot,
+            layout=inner.layout,
+            object_names=tuple(inner.world.names),
+            control_mode=inner.control_mode,
+            action_space=env.action_space,
+            observation_space=env.observation_space,
+            acts_by_skills=inner is not outer,
+        )
 
 
 class Policy(Protocol):
@@ -48,7 +90,7 @@ class Policy(Protocol):
         grasps: "side" or "all" (the default): the grasps by whose lower bounds its results are broken down.
         acts_by_skills: true for one that plays the Skill environment of the scenes.
         done: true once the policy has finished or given up; `failure`, then the reason, "" without one.
-        check(env): raises `PolicyError` for an environment that it is not made for; called before each episode.
+        check(public): receives `PublicInfo` before each episode; raises `PolicyError` for what it is not made for.
     """
 
     def reset(self, info: Mapping[str, Any]) -> None:
@@ -79,10 +121,15 @@ def begin_episode(policy: Any, info: Mapping[str, Any], env: gym.Env[Any, Any]) 
     Raises:
         PolicyError: the policy is not made for this environment.
     """
-    check = getattr(policy, "check", None)
-    if check is not None:
-        check(env)
+    check_public(policy, PublicInfo.of(env))
     if getattr(policy, "is_privileged", False):
         policy.reset(info, env)
     else:
         policy.reset(info)
+
+
+def check_public(policy: Any, public: PublicInfo) -> None:
+    """Give a policy the public information of the next episode, if it asks for it; raises its `PolicyError`."""
+    check = getattr(policy, "check", None)
+    if check is not None:
+        check(public)

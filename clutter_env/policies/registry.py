@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import gymnasium as gym
-
 from clutter_env.policies.experts import EXPERTS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
-from clutter_env.policies.protocol import AnyPolicy, PolicyError
+from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo, check_public
 from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
 from clutter_env.task import family
 
+_LOGS = (".jsonl", ".png")
+"""Files of a training run that are no part of its policy."""
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
 _GOAL_FAMILIES = ("reach", "pick")
@@ -98,6 +100,69 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     return policy
 
 
+@dataclass(frozen=True)
+class PolicyTraits:
+    """What an evaluation needs to know of a policy.
+
+    Attributes:
+        track: "observations", or "privileged" for one that receives the environment.
+        env_keywords: keyword arguments with which it wants the environment.
+        acts_by_skills: whether it plays the Skill environment of the scenes.
+        grasps: "side" or "all", by whose lower bounds its results are broken down.
+        place: its class and the file of that.
+    """
+
+    track: str
+    env_keywords: Mapping[str, Any]
+    acts_by_skills: bool
+    grasps: str
+    place: str
+
+    @classmethod
+    def of(cls, policy: AnyPolicy) -> PolicyTraits:
+        """Those of a policy; raises `PolicyError`, see `check_policy`."""
+        check_policy(policy)
+        return cls(
+            track="privileged" if getattr(policy, "is_privileged", False) else "observations",
+            env_keywords=dict(getattr(policy, "env_keywords", {})),
+            acts_by_skills=acts_by_skills(policy),
+            grasps=policy_grasps(policy),
+            place=policy_place(policy),
+        )
+
+
+def policy_place(policy: Any) -> str:
+    if place := getattr(policy, "place", ""):
+        return str(place)
+    kind = type(policy)
+    try:
+        return f"{kind.__qualname__} in {inspect.getfile(kind)}"
+    except TypeError:  # defined in a shell
+        return kind.__qualname__
+
+
+def policy_files(name: str) -> dict[str, str]:
+    """SHA-256 of the files that a policy is made of, by their names; none of one that has no files.
+
+    They are the weights of the package, the files of a training run, or the file of the user's own module.
+    """
+    files: list[Path] = []
+    if name in _SHIPPED:
+        levels, problem = _SHIPPED[name]
+        kinds = {"keyframes": ("decisions", "motions"), "planned-decisions": ("motions",)}.get(levels, ("decisions",))
+        from clutter_env.policies.weights import shipped_path  # needs torch
+
+        files = [shipped_path(kind, problem) for kind in kinds]
+    for directory in run_directories(name):
+        files += sorted(path for path in directory.iterdir() if path.is_file() and path.suffix not in _LOGS)
+    module, _, attribute = name.partition(":")
+    if attribute and module in sys.modules and (source := getattr(sys.modules[module], "__file__", None)):
+        files.append(Path(source))
+    elif attribute and (Path(f"{module.replace('.', '/')}.py")).is_file():
+        files.append(Path(f"{module.replace('.', '/')}.py"))
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
 def check_policy(policy: AnyPolicy, name: str = "") -> None:
     """Refuse an object that is no policy, or whose attributes are not valid (`PolicyError`, which lists what is)."""
     name = repr(name or type(policy).__name__)
@@ -145,15 +210,13 @@ def policy_families(name: str) -> tuple[str, ...]:
 
 
 class RunPolicy:
-    """The policy of a training run by cloning or reinforcement; loaded once, for the first episode's environment.
+    """The policy of a training run by cloning or reinforcement, loaded for the first episode.
 
     Attributes:
         acts_by_skills: whether it plays the Skill environment of the scenes.
         grasps: those of the skills are level ones.
         env_keywords: keyword arguments with which an environment must be made for it.
     """
-
-    is_privileged = True  # wrappers are made for the environment, and skills are masked by it
 
     def __init__(self, directory: Path) -> None:
         task = load_run(directory)["task"]
@@ -162,14 +225,19 @@ class RunPolicy:
         free = {} if self.acts_by_skills else task["keywords"]
         self.env_keywords = {key: free[key] for key in _FREE_KEYWORDS if key in free}
         self._directory = directory
-        self._env: gym.Env[Any, Any] | None = None
 
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
-        """Start an episode."""
+    @cached_property
+    def _policy(self) -> Policy:
         from clutter_env.policies.reinforcement import load_trained  # needs torch
 
-        if self._env is not env:
-            self._env, self._policy = env, load_trained(self._directory, env)
+        return load_trained(self._directory)
+
+    def check(self, public: PublicInfo) -> None:
+        """Note what is public."""
+        check_public(self._policy, public)
+
+    def reset(self, info: Mapping[str, Any]) -> None:
+        """Start an episode."""
         self._policy.reset(info)
 
     def act(self, observation: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from sb3_contrib import TQC, MaskablePPO
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3 import PPO, SAC
@@ -19,10 +20,11 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from clutter_env.envs.skill import observed_masks
 from clutter_env.errors import LearningError
 from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy
 from clutter_env.policies.features import feature_vector
-from clutter_env.policies.protocol import Policy
+from clutter_env.policies.protocol import Policy, PublicInfo
 from clutter_env.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 from clutter_env.policies.skill_network import SkillNetwork
 from planners import DIRECTIONS
@@ -45,14 +47,20 @@ class ScaledActions(gym.ActionWrapper[Any, Any, Any]):
 
     def __init__(self, env: gym.Env) -> None:
         super().__init__(env)
-        self.scale = np.ones(env.action_space.shape or (), np.float32)
-        self.scale[:3] = BASE_SCALE
-        if env.get_wrapper_attr("control_mode") == "ee":
-            self.scale[3:6], self.scale[6:9] = GRIPPER_SCALE, TURN_SCALE
+        self.scale = action_scale(env.action_space, env.get_wrapper_attr("control_mode"))
 
     def action(self, action: Any) -> Any:
         """The environment's action for an action of the learner."""
         return action * self.scale
+
+
+def action_scale(space: gym.Space[Any], control_mode: str) -> NDArray[np.float32]:
+    """Shares (n,) of the environment's actions that full actions of a learner command."""
+    scale = np.ones(space.shape or (), np.float32)
+    scale[:3] = BASE_SCALE
+    if control_mode == "ee":
+        scale[3:6], scale[6:9] = GRIPPER_SCALE, TURN_SCALE
+    return scale
 
 
 def training_env(name: str, env: gym.Env) -> gym.Env:
@@ -97,8 +105,8 @@ class MaskableSkillPolicy(_SkillPolicyMixin, MaskableActorCriticPolicy):
     """The policy of MaskablePPO on Skill."""
 
 
-def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = False) -> BaseAlgorithm:
-    """The model in the directory of a run; with its replay buffer it is ready to go on learning.
+def load_model(name: str, directory: Path, env: gym.Env | None = None, with_buffer: bool = False) -> BaseAlgorithm:
+    """The model in the directory of a run; with an environment and its replay buffer it is ready to go on learning.
 
     Raises:
         LearningError: there is none, it is damaged, or it needs code that this version no longer has.
@@ -117,8 +125,8 @@ def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = Fal
     return model
 
 
-def load_trained(directory: Path, env: gym.Env) -> Policy:
-    """The policy of a training run, for an environment of the task that it was trained on.
+def load_trained(directory: Path) -> Policy:
+    """The policy of a training run, for environments of the task that it was trained on.
 
     Raises:
         LearningError: the directory holds no trained policy, a damaged one, or one of version 0.1.
@@ -126,30 +134,34 @@ def load_trained(directory: Path, env: gym.Env) -> Policy:
     algorithm = load_run(directory)["algorithm"]
     if algorithm in CLONERS:
         return ClonedPolicy.load(directory / POLICY_FILE)
-    return ModelPolicy(algorithm, load_model(algorithm, directory, training_env(algorithm, env)), env)
+    return ModelPolicy(algorithm, load_model(algorithm, directory))
 
 
 class ModelPolicy:
-    """A Stable-Baselines3 model as a policy in `env`: the most probable action, in the scale of the environment.
+    """A Stable-Baselines3 model as a policy: the most probable action, in the scale of the environment.
 
     Action masks exclude skills that have just failed, but not skills without a free grasp.
 
     Args:
         algorithm: that trained the model.
         model: from observations of `training_env` to its actions.
-        env: where to act.
     """
 
-    def __init__(self, algorithm: str, model: Any, env: gym.Env) -> None:
-        self._model, self._env, self._is_masked = model, env, algorithm == "maskable_ppo"
-        self._scaled = ScaledActions(env) if algorithm in GOAL_ALGORITHMS else None
+    def __init__(self, algorithm: str, model: Any) -> None:
+        self._model, self._is_masked = model, algorithm == "maskable_ppo"
+        self._is_scaled = algorithm in GOAL_ALGORITHMS
+        self._scale: NDArray[Any] = np.ones(())
+
+    def check(self, public: PublicInfo) -> None:
+        """Note the scale of the actions."""
+        if self._is_scaled:
+            self._scale = action_scale(public.action_space, public.control_mode)
 
     def reset(self, info: Mapping[str, Any]) -> None:
         """Start an episode; nothing is remembered of the last one."""
 
     def act(self, observation: Any) -> Any:
         """The most probable action."""
-        masks = self._env.get_wrapper_attr("action_masks")(geometric=False) if self._is_masked else None
-        options = {} if masks is None else {"action_masks": masks}
+        options = {"action_masks": observed_masks(observation)} if self._is_masked else {}
         action, _ = self._model.predict(observation, deterministic=True, **options)
-        return np.asarray(action) if self._scaled is None else self._scaled.action(action)
+        return np.asarray(action) * self._scale if self._is_scaled else np.asarray(action)

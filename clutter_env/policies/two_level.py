@@ -17,7 +17,7 @@ from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.parsed_observation import Observation
 from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
-from clutter_env.policies.protocol import PolicyError
+from clutter_env.policies.protocol import PolicyError, PublicInfo
 from clutter_env.policies.runs import DECISION_LEARNERS, DECISIONS_FILE, MOTION_LEARNERS, MOTIONS_FILE, load_run
 from clutter_env.policies.weights import shipped_path
 from planners import Contact, find_grasp_set
@@ -89,11 +89,11 @@ class TwoLevelPolicy:
         self._contact: Contact | None = None
         self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
 
-    def check(self, env: gym.Env[Any, Any]) -> None:
+    def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout than the weights of either level (`PolicyError`)."""
         for level in (self._high_level, self._motion):
             if hasattr(level, "check"):
-                level.check(env)
+                level.check(public)
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any] | None = None) -> None:
         """Start an episode of both levels; `env` is read by privileged ones alone."""

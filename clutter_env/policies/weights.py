@@ -6,7 +6,6 @@ A file is an .npz with an array for each parameter, and the entry "about": `Weig
 from __future__ import annotations
 
 import json
-import logging
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -23,15 +22,14 @@ from torch import nn
 import assets
 from assets import RobotSpec
 from clutter_env.envs.base import layout_identity
-from clutter_env.policies.protocol import PolicyError
-from clutter_env.provenance import differences, provenance
+from clutter_env.policies.protocol import PolicyError, PublicInfo
+from clutter_env.provenance import provenance
 from clutter_env.reporting.files import json_text, write_atomically
 
 PROBLEMS = ("side", "all", "shelf")
 """Problems for which weights of both levels are in the package: level grasps, all grasps, level ones under a shelf."""
 _FILES = {"motions": "keyframes", "decisions": "decisions"}
 _ABOUT = "about"
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -56,14 +54,11 @@ class WeightsInfo:
         """Weights that are trained in an environment."""
         return cls(kind, *_identities(env), grasps, provenance(env))
 
-    def check(self, env: gym.Env[Any, Any]) -> None:
-        """Refuse an environment with another robot or layout (`PolicyError`); log what else has changed since."""
-        other = WeightsInfo(self.kind, *_identities(env), self.grasps)
+    def check(self, public: PublicInfo) -> None:
+        """Refuse a scene with another robot or layout (`PolicyError`)."""
+        other = WeightsInfo(self.kind, robot_identity(public.robot), layout_identity(public.layout), self.grasps)
         if not self.fits(other):
             raise PolicyError(f"these weights are {self}; the environment has {other.place}")
-        if _LOG.isEnabledFor(logging.INFO):
-            for difference in differences(self.provenance, provenance(env)):
-                _LOG.info("weights (%s): %s", self.kind, difference)
 
     def fits(self, other: WeightsInfo) -> bool:
         """Whether both are for the same robot and layout."""

@@ -77,7 +77,7 @@ def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
         model.tensorboard_log = str(run.directory)
     else:
         model = make_model(name, env, run.seed, run.directory, clones)
-    policy, seeds = ModelPolicy(name, model, evaluation_env), held_out_seeds(settings.evaluation_episodes)
+    policy, seeds = ModelPolicy(name, model), held_out_seeds(settings.evaluation_episodes)
     with RunLog(run, is_resumed) as log:
 
         def checkpoint() -> None:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from clutter_env.policies.high_level.candidates import (
 )
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.parsed_observation import Observation
+from clutter_env.policies.protocol import PublicInfo
 from clutter_env.policies.weights import WeightsInfo, load_weights, robot_identity
 from clutter_env.scene.layout import find_layout
 from planners import Contact
@@ -105,9 +105,9 @@ class LearnedHighLevelPolicy:
         network.load_state_dict(weights)
         return cls(network, CandidateRule(assets.robot(info.robot), find_layout(info.layout), info.grasps), info)
 
-    def check(self, env: gym.Env[Any, Any]) -> None:
+    def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`)."""
-        self.info.check(env)
+        self.info.check(public)
 
     def reset(self, info: Mapping[str, Any] | None = None) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,7 @@ from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, OpenKe
 from clutter_env.policies.motion.network import AWAY, DRIVEN, FINGERS, TOWARDS, KeyframeNetwork, line_distance
 from clutter_env.policies.motion.shelf import ShelfKeyframePlanner
 from clutter_env.policies.parsed_observation import Observation, ParsedObservation, parse_observation
+from clutter_env.policies.protocol import PublicInfo
 from clutter_env.policies.weights import WeightsInfo
 from clutter_env.scene.layout import find_layout
 from planners import Contact
@@ -72,9 +72,9 @@ class KeyframePolicy:
         """The policy with the weights of a file; raises `PolicyError`, see `load_weights`."""
         return cls(*KeyframeNetwork.load(path))
 
-    def check(self, env: gym.Env[Any, Any]) -> None:
+    def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`)."""
-        self.info.check(env)
+        self.info.check(public)
 
     def reset(self, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""

@@ -1,0 +1,61 @@
+"""Confirm the scores of a results file: its recorded actions are played again in fresh environments.
+
+    clutter-env verify outputs/evaluate/side-15-v1_lookahead.json
+    clutter-env verify results.json --policy my_module:MyPolicy --scenes 50
+
+A replay proves the scores, and not who made them. With --policy the policy itself also plays fresh scenes of the kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Verify a results file."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The results file of `clutter-env evaluate --json FILE`."""
+    policy: str = ""
+    """Also run this policy on fresh scenes; a name as for `clutter-env evaluate`."""
+    scenes: int = 20
+    """Number of fresh scenes."""
+    workers: int = 2
+    """Number of processes."""
+    json: Path | None = None
+    """Write what was found to this file."""
+
+
+def run(arguments: Arguments) -> int:
+    """Replay, compare, say what differs; 1 if the scores are not confirmed."""
+    from dataclasses import replace
+
+    from clutter_env.evaluation.verify import play_fresh, read_results, verify
+    from clutter_env.reporting.files import write_json
+    from clutter_env.reporting.progress import progress_bar
+
+    count = len(read_results(arguments.file)["episodes"])
+    with progress_bar(total=count, unit="episode") as bar:
+        found = verify(arguments.file, arguments.workers, bar.update)
+    if arguments.policy:
+        with progress_bar(total=arguments.scenes, unit="episode") as bar:
+            fresh = play_fresh(arguments.file, arguments.policy, arguments.scenes, arguments.workers, bar.update)
+        found = replace(found, fresh=fresh)
+    said = f"{found.clean} clean successes in {found.episodes} episodes"
+    if found.not_comparable:
+        print("not comparable on this machine:", *found.not_comparable, sep="\n  ")
+    if found.differences:
+        print(f"NOT confirmed: {said}", *found.differences, sep="\n  ")
+    elif not found.not_comparable:
+        print(f"confirmed: {said}, by replay of the recorded actions")
+    print(f"claimed: policy {found.policy}; its files are {found.weights}")
+    if found.fresh is not None:
+        print(f"{arguments.policy} on {arguments.scenes} fresh scenes: clean success {found.fresh}")
+    if arguments.json is not None:
+        write_json(arguments.json, found)
+    return 0 if found.is_confirmed else 1
