@@ -24,6 +24,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from clutter_env.errors import LearningError
 from clutter_env.evaluation.recording import Recording
 from clutter_env.evaluation.scenes import SceneSet, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, play_scene
@@ -79,7 +80,11 @@ class PolicyProcess:
 
     def play(self, scenes: SceneSet, index: int) -> Recording:
         """The recording of an episode of a privileged policy, in an environment of its own."""
-        return Recording.from_json(self._ask("play", (scenes, index)))
+        answer = self._ask("play", (scenes, index))
+        try:
+            return Recording.from_json(answer)
+        except LearningError as problem:
+            raise PolicyCrashed(f"{self.place} gave {problem}") from None
 
     def close(self) -> None:
         """End the process."""
