@@ -118,16 +118,8 @@ class CollisionWorld:
         """Mask of the objects that idle arms hold."""
         return self.scene.mask(one.held.name for one in self.scene.aside)
 
-    def attached(self, held: HeldObject | None) -> Attached:
-        """The held object, or none, for kernels; computed once for each object passed.
-
-        Raises:
-            UnknownObject: the scene has no object of that name.
-        """
-        return self._carry(held).attached
-
     def _carry(self, held: HeldObject | None) -> _Carried:
-        """What is computed once for each held object, and for none."""
+        """What is computed once for each held object, and for none; raises `UnknownObject`."""
         if id(held) not in self._carried:
             width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
             attached = self._attach(held)
