@@ -8,15 +8,15 @@ A strategy and a task planner of your own are passed as objects: a `Strategy`, a
 """
 
 from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor, FloorLimits
+from planners.clearing.lower_bound import ClearanceFloor
 from planners.collision.gjk import CYLINDER
 from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
 from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
-from planners.expert.execute import ExecutionResult, execute
-from planners.expert.executor import Command, ExecutionStatus, Executor, follow
+from planners.expert.execute import ExecutionResult, execute, follow
+from planners.expert.executor import Command, Executor
 from planners.expert.expert import TampExpert
 from planners.expert.interfaces import ControlledEnv, controlled_env
 from planners.expert.monitor import Sensor, held_object
@@ -41,7 +41,7 @@ from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
-from planners.symbolic.engines import AStar
+from planners.symbolic.astar import AStar
 from planners.symbolic.problem import (
     GroundAction,
     NoPlan,
@@ -77,11 +77,9 @@ __all__ = [
     "ControlledEnv",
     "EpisodeReport",
     "ExecutionResult",
-    "ExecutionStatus",
     "Executor",
     "ExpertConfig",
     "ExpertError",
-    "FloorLimits",
     "GeometryError",
     "GripperPoses",
     "GroundAction",

@@ -8,15 +8,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from assets.robots import FETCH, RobotSpec
+from assets.robots import robot as find_robot
 from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor, FloorLimits, smallest_set
+from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
 from planners.grasping.grasp_poses import find_grasp_set
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
-from planners.scene import Scene
+from planners.scene import Scene, SceneError
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
@@ -62,16 +63,16 @@ def solve(
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
         UnknownGraspSet: no grasp set of that name.
-        SceneError: objects overlap, or the robot is inside a static obstacle.
+        SceneError: not a `Scene`; objects overlap, or the robot is inside a static obstacle.
         UnknownSupport: the scene declares no support of a name.
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
-    planner = Planner(scene.robot, grasps=grasps, supports=supports, hold_aside=hold_aside)
+    planner = Planner(_robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
     return planner.solve(scene, target, strategy, rng, time_limit)
 
 
 def clearance_floor(
-    scene: Scene, target: str, limits: FloorLimits | None = None, *, grasps: str = "all"
+    scene: Scene, target: str, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all"
 ) -> ClearanceFloor:
     """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
 
@@ -82,24 +83,24 @@ def clearance_floor(
     Args:
         scene: as for `solve`.
         target: name of the object wanted.
-        limits: when to give up the proof.
+        expansions: search nodes after which the proof is given up.
         grasps: as for `solve`.
 
     Raises:
         UnknownObject: no object of that name.
         UnknownGraspSet: no grasp set of that name.
     """
-    return Planner(scene.robot, grasps=grasps).clearance_floor(scene, target, limits)
+    return Planner(_robot_of(scene), grasps=grasps).clearance_floor(scene, target, expansions)
 
 
-def warmup(robot: RobotSpec = FETCH) -> None:
+def warmup(robot: str | RobotSpec = FETCH) -> None:
     """Load or compile every kernel that a solve uses, and load or build the robot's reachability map.
 
     `solve`, `clearance_floor` and the expert do this themselves. Once done in a process it takes microseconds. The
     first run on a machine compiles for about a minute and logs a warning that says so; as information, the logger
     "planners.warming" says which kernel is compiled.
     """
-    Planner(robot).warmup()
+    Planner(find_robot(robot)).warmup()
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Planner:
     """A robot, a task planner, and choices that hold for every solve.
 
     Attributes:
-        robot: which one.
+        robot: which one; a name, such as "fetch", is replaced by the robot of that name.
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
             protocol; None for the default.
         follower: model of how the joints follow, for an end-effector-controlled robot; None for joint control.
@@ -121,6 +122,7 @@ class Planner:
             the robot acts with several arms.
 
     Raises:
+        UnknownRobot: no robot of that name; the message lists the valid ones.
         UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
         UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
         MissingEngineError: the task planner is not installed.
@@ -138,6 +140,7 @@ class Planner:
     _task_planner: TaskPlanner = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "robot", find_robot(self.robot))
         find_grasp_set(self.grasps)
         check_arms(self.robot, self.hold_aside, self.follower is not None, self.canonical)
         object.__setattr__(self, "_task_planner", task_planner(self.engine))
@@ -151,6 +154,7 @@ class Planner:
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
         """Plan to take `target`; see the function `solve`."""
+        _robot_of(scene)
         scene.index(target)
         chosen = find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
@@ -159,16 +163,16 @@ class Planner:
             return Infeasible(Cause.TIME_LIMIT, detail, target=target, strategy=chosen)
         return self._solve(scene, target, chosen, rng or np.random.default_rng(0), deadline)
 
-    def clearance_floor(self, scene: Scene, target: str, limits: FloorLimits | None = None) -> ClearanceFloor:
+    def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
+        _robot_of(scene)
         scene.index(target)
         self.warmup()
         grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
-
         if target in scene.held_names:
             return ClearanceFloor(0, (), True, 0)
         return smallest_set(
-            lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, limits
+            lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, expansions
         )
 
     def warmup(self) -> None:
@@ -221,6 +225,14 @@ class Planner:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
+
+
+def _robot_of(scene: Scene) -> RobotSpec:
+    """The robot of a scene; raises `SceneError` for anything else, such as an environment."""
+    if not isinstance(scene, Scene):
+        advice = "Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)"
+        raise SceneError(f"a {type(scene).__name__} is no Scene; of an environment {advice} is one")
+    return scene.robot
 
 
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:

@@ -6,8 +6,8 @@ the order in which clearance locations are tried. One of them also plans ahead. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from dataclasses import dataclass, fields
+from typing import Any, Literal, Self, TypeAlias, get_args
 
 Grasps: TypeAlias = Literal["greedy", "smallest"]
 Region: TypeAlias = Literal["none", "ngr1", "ngr"]
@@ -19,7 +19,11 @@ class UnknownStrategy(ValueError):
 
 
 class StrategyError(ValueError):
-    """A field of a `Strategy` has no valid value; the message lists the valid ones."""
+    """A `Strategy` has no such field, or a field has no valid value; the message lists the valid ones."""
+
+
+_RENAMED = {"second_moves": "non_monotone"}
+"""Fields of version 0.1 by their names of today."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class Strategy:
         placements: placements for which motions are planned before an object counts as having no location.
 
     Raises:
-        StrategyError: a field has no valid value.
+        StrategyError: there is no such field, or a field has no valid value.
     """
 
     name: str
@@ -68,6 +72,15 @@ class Strategy:
     attempts: int = 3
     locations_per_level: int = 120
     placements: int = 12
+
+    def __new__(cls, *_values: Any, **given: Any) -> Self:
+        """Refuse unknown fields by an error of this package; Python's own names no valid ones."""
+        known = [field.name for field in fields(cls)]
+        for name in given:
+            if name not in known:
+                today = f", it is called {_RENAMED[name]!r} now" if name in _RENAMED else ""
+                raise StrategyError(f"a strategy has no field {name!r}{today}; fields: {', '.join(known)}")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for field, valid in (("grasps", Grasps), ("region", Region), ("locations", Locations)):

@@ -17,11 +17,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env import skill_budget
-from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.base import restored_generator
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.success import is_as_placed
-from clutter_env.errors import ActionError, ConfigError
+from clutter_env.errors import ActionError, ConfigError, check_choice, check_integer
 from planners import (
     DIRECTIONS,
     Body,
@@ -231,7 +230,8 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             return actions.reason
         physics_env = self.physics_env
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
-        deviation = follow(actions, physics_env.robot, sensor, self._command, config)
+        stopped_by = follow(actions, physics_env.robot, sensor, self._command, config).deviation
+        deviation = "" if stopped_by is None else str(stopped_by.kind)
         if skill.direction is None and not deviation:
             controller = physics_env.world.controller
             for _ in range(FINAL_HOLD_STEPS):  # stand still and hold the target

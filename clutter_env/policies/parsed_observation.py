@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.protocol import PolicyError
+from clutter_env.scene.layout import Box
 from clutter_env.scene.table_scene import object_name
 
 Array = NDArray[np.float64]
@@ -98,23 +99,33 @@ def parse_observation(observation: Observation) -> ParsedObservation:
 
 
 @dataclass(frozen=True, eq=False)
-class Cylinders:
-    """n upright cylinders: the objects beside the one that is taken or put down.
+class Surroundings:
+    """The objects beside the one that is taken or put down, n upright cylinders, and m boxes of furniture.
 
     Attributes:
-        position: (n, 3) [m] their centres.
+        position: (n, 3) [m] centres of the cylinders.
         radius, height: (n,) [m] their radii and half heights.
         core: (n,) [m] radii within which the objects are in any case: one may be a box.
+        centre, half: (m, 3) [m] centres and half extents of the boxes.
     """
 
     position: Array
     radius: Array
     height: Array
     core: Array
+    centre: Array
+    half: Array
 
     @classmethod
-    def beside(cls, seen: ParsedObservation, index: int, T: Array) -> Cylinders:
-        """All objects of one observation but object `index`, in the frame into which T (4, 4) leads from the base's."""
+    def beside(cls, seen: ParsedObservation, index: int, T: Array, boxes: Sequence[Box] = ()) -> Surroundings:
+        """Boxes, and all objects of an observation but object `index`, in the frame into which T leads from the base's.
+
+        Args:
+            seen: one observation.
+            index: of the object that is left out.
+            T: (4, 4) from the base's frame.
+            boxes: in the frame into which it leads.
+        """
         rows = seen.objects
         is_other = rows[:, _PRESENT] > 0
         is_other[index] = False
@@ -124,20 +135,25 @@ class Cylinders:
             radius=half[:, :2].max(axis=1),
             height=half[:, 2],
             core=half[:, :2].min(axis=1),
+            centre=np.array([box.position for box in boxes]).reshape(-1, 3),
+            half=np.array([box.half_extents for box in boxes]).reshape(-1, 3),
         )
 
     def distance(self, points: Array) -> Array:
-        """(...) [m] from points (..., 3) to the nearest surface, 0 inside; infinite without cylinders."""
+        """(...) [m] from points (..., 3) to the nearest surface, 0 inside; infinite if there is nothing."""
         away = points[..., None, :] - self.position
         across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - self.radius, 0.0)
         above = np.maximum(np.abs(away[..., 2]) - self.height, 0.0)
-        return np.asarray(np.hypot(across, above).min(axis=-1, initial=np.inf))
+        of_objects = np.hypot(across, above).min(axis=-1, initial=np.inf)
+        outside = np.maximum(np.abs(points[..., None, :] - self.centre) - self.half, 0.0)
+        return np.minimum(np.linalg.norm(outside, axis=-1).min(axis=-1, initial=np.inf), of_objects)
 
     def contain(self, points: Array) -> bool:
-        """Whether any of the points (..., 3) is inside an object for certain."""
+        """Whether any of the points (..., 3) is inside a box or an object for certain."""
         away = points[..., None, :] - self.position
         is_beside = np.hypot(away[..., 0], away[..., 1]) < self.core
-        return bool((is_beside & (np.abs(away[..., 2]) < self.height)).any())
+        is_in_box = (np.abs(points[..., None, :] - self.centre) < self.half).all(axis=-1)
+        return bool((is_beside & (np.abs(away[..., 2]) < self.height)).any() or is_in_box.any())
 
 
 def planar_pose(base: Array) -> Array:
@@ -159,15 +175,13 @@ def base_from(origin: Array, base: Array) -> Array:
 def pose_of_quaternion(position: Array, quaternion: Array) -> Array:
     """(..., 4, 4) of positions (..., 3) and unit quaternions (..., 4), wxyz."""
     w, x, y, z = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
-    T = np.zeros((*position.shape[:-1], 4, 4))
-    rows = (
+    rotation = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    for i, row in enumerate(rows):
-        for j, entry in enumerate(row):
-            T[..., i, j] = entry
+    T = np.zeros((*position.shape[:-1], 4, 4))
+    T[..., :3, :3] = np.stack([np.stack(row, axis=-1) for row in rotation], axis=-2)
     T[..., :3, 3], T[..., 3, 3] = position, 1.0
     return T
 

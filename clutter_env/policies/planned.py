@@ -13,7 +13,6 @@ from clutter_env.policies.parsed_observation import Observation, parse_observati
 from planners import (
     Command,
     Contact,
-    ExecutionStatus,
     Executor,
     Infeasible,
     MonitorConfig,
@@ -26,6 +25,8 @@ from planners import (
     Sensor,
     contacts,
     controlled_env,
+    find_grasp_set,
+    find_strategy,
     held_object,
     plan_contact,
 )
@@ -47,7 +48,8 @@ class PlannedHighLevelPolicy:
     is_privileged = True
 
     def __init__(self, grasps: str = "side", canonical: bool = True, strategy: str = "lookahead") -> None:
-        self.grasps, self._canonical, self._strategy = grasps, canonical, strategy
+        find_grasp_set(grasps)  # raises for one that there is not, before an episode is played
+        self.grasps, self._canonical, self._strategy = grasps, canonical, find_strategy(strategy)
         self._planner: Planner | None = None
         self.failure, self.plans = "", 0
 
@@ -150,8 +152,8 @@ class PlannedMotionPolicy:
     def act(self, observation: Observation) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""
         if self._executor is not None:
-            self._last, status = self._executor.advance(self._sensor.read())
-            if status is not ExecutionStatus.RUNNING:
+            self._last = self._executor.advance(self._sensor.read())
+            if self._executor.is_over:
                 deviation, self._executor = self._executor.deviation, None
                 self._end("" if deviation is None else str(deviation))
         return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))

@@ -28,7 +28,7 @@ from clutter_env.policies.features import feature_vector
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
 from clutter_env.task import Task
-from clutter_env.training.descent import Report, RunLog, descend
+from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
 from clutter_env.training.run import Run
 from clutter_env.training.settings import BC, DAgger
 
@@ -41,17 +41,11 @@ MAX_LEARNER_STEPS = 150
 
 
 @dataclass(frozen=True, eq=False)
-class Examples:
+class Examples(ExampleArrays):
     """Pairs of features (k, f) and actions (k, a)."""
 
     features: NDArray[np.float32]
     actions: NDArray[np.float32]
-
-    def __add__(self, other: Examples) -> Examples:
-        return Examples(np.concatenate((self.features, other.features)), np.concatenate((self.actions, other.actions)))
-
-    def __len__(self) -> int:
-        return len(self.actions)
 
 
 def train_clone(run: Run) -> list[dict[str, float]]:
@@ -67,7 +61,7 @@ def train_clone(run: Run) -> list[dict[str, float]]:
         def finish_round(policy: ClonedPolicy, examples: Examples) -> None:
             policy.save(run.directory / POLICY_FILE, provenance(env))
             success = success_rate(env, policy, seeds, settings.evaluation_steps)
-            log.add(round=len(log.history), examples=len(examples), success=success)
+            log.add(round=len(log.history), examples=len(examples.actions), success=success)
 
         policy = clone(examples, settings.steps, run.seed, log.loss)
         finish_round(policy, examples)
@@ -77,7 +71,7 @@ def train_clone(run: Run) -> list[dict[str, float]]:
             seed = DAGGER_SEEDS + run.seed * settings.rounds * settings.round_episodes
             for _ in range(settings.rounds):
                 for _ in range(settings.round_episodes):
-                    examples = examples + take_over(env, expert, policy, seed, rng)
+                    examples = Examples.joined((examples, take_over(env, expert, policy, seed, rng)))
                     seed += 1
                 policy = clone(examples, settings.steps, run.seed)
                 finish_round(policy, examples)
@@ -111,13 +105,10 @@ def examples_of(episodes: Iterable[Episode]) -> Examples:
     Raises:
         DatasetError: there are no episodes.
     """
-    features, actions = [], []
-    for episode in episodes:
-        features.append(feature_vector(episode.observations)[:-1])
-        actions.append(episode.actions)
-    if not actions:
+    parts = [Examples(feature_vector(episode.observations)[:-1], episode.actions) for episode in episodes]
+    if not parts:
         raise DatasetError("there are no episodes to learn from")
-    return Examples(np.concatenate(features), np.concatenate(actions))
+    return Examples.joined(parts)
 
 
 def clone(examples: Examples, steps: int = 10_000, seed: int = 0, report: Report = lambda *_: None) -> ClonedPolicy:

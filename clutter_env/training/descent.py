@@ -1,15 +1,19 @@
-"""Gradient descent with a learning rate that falls to zero, and the log of a run."""
+"""What the learners share: examples as arrays, gradient descent, and the log of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Self, TypeAlias
 
+import numpy as np
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from clutter_env.policies.runs import HISTORY_FILE
-from clutter_env.reporting.files import write_json
+from clutter_env.reporting.files import write_json, written_atomically
 from clutter_env.training.run import Run
 
 Report: TypeAlias = Callable[[int, float], None]
@@ -17,6 +21,26 @@ Report: TypeAlias = Callable[[int, float], None]
 
 _REPORT_EVERY = 500
 """Steps between two reports."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExampleArrays:
+    """Base of examples that are kept as arrays, one for each field."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Join several."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+    @classmethod
+    def kept(cls, path: Path, collect: Callable[[], Self]) -> Self:
+        """Read the examples that a file (npz) holds; those that are not there are collected and written."""
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with written_atomically(path) as part, part.open("wb") as file:
+                np.savez_compressed(file, **vars(collect()))
+        with np.load(path) as content:
+            return cls(**{field.name: content[field.name] for field in fields(cls)})
 
 
 def descend(
@@ -49,11 +73,16 @@ def descend(
 
 
 class RunLog:
-    """The history of a run, written to its directory as it grows, and to TensorBoard; a context manager."""
+    """The history of a run, written to its directory as it grows, and to TensorBoard; a context manager.
 
-    def __init__(self, run: Run) -> None:
-        self.history: list[dict[str, float]] = []
-        self._directory = run.directory
+    A resumed run goes on with the history that is there.
+    """
+
+    def __init__(self, run: Run, is_resumed: bool = False) -> None:
+        self._file = run.directory / HISTORY_FILE
+        self.history: list[dict[str, float]] = (
+            json.loads(self._file.read_text()) if is_resumed and self._file.exists() else []
+        )
         self._writer = SummaryWriter(str(run.directory / "tensorboard"))
 
     def __enter__(self) -> RunLog:
@@ -69,6 +98,6 @@ class RunLog:
     def add(self, **entry: float) -> None:
         """Add an entry to the history: what was measured on held-out scenes."""
         self.history.append(entry)
-        write_json(self._directory / HISTORY_FILE, self.history)
+        write_json(self._file, self.history)
         for name, value in entry.items():
-            self._writer.add_scalar(f"held_out/{name}", value, len(self.history) - 1)
+            self._writer.add_scalar(f"held_out/{name}", value, entry.get("steps", len(self.history) - 1))

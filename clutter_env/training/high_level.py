@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -54,7 +53,14 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
     inner: Any = env.unwrapped
     rule = CandidateRule(inner.robot, inner.config.find_layout(), settings.grasps)
     first = _FIRST_SEED + run.seed % 20 * _SEEDS_OF_A_RUN
-    examples = _collected(run, env, rule, range(first, first + settings.scenes))
+
+    def collect() -> CandidateExamples:
+        seeds = range(first, first + settings.scenes)
+        starts = zip(seeds, initial_scenes(env, seeds), strict=True)
+        parts = [examples_of_scene(scene, rule, np.random.default_rng(seed)) for seed, (scene, _) in starts]
+        return CandidateExamples.joined(parts)
+
+    examples = CandidateExamples.kept(run.directory / EXAMPLES_FILE, collect)
     info = WeightsInfo.of_env("decisions", env, settings.grasps)
     with RunLog(run) as log:
 
@@ -66,7 +72,7 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
             outcomes = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
             cleared = [outcome.clearances for outcome in outcomes if not outcome.failure]
             rates = {"success": len(cleared) / len(outcomes), "clearances": float(np.mean(cleared or math.nan))}
-            log.add(round=number, examples=len(examples), **rates, **accuracy(network, examples))
+            log.add(round=number, examples=len(examples.scene), **rates, **accuracy(network, examples))
 
         network = fit_high_level(examples, settings.steps, run.seed, report=log.loss)
         finish_round(0, network)
@@ -85,20 +91,6 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
                 finish_round(number, network)
     env.close()
     return log.history
-
-
-def _collected(run: Run, env: gym.Env[Any, Any], rule: CandidateRule, seeds: range) -> CandidateExamples:
-    """The examples of the run; written once they are complete."""
-    path = run.directory / EXAMPLES_FILE
-    if path.exists():
-        return CandidateExamples.load(path)
-    parts = [
-        examples_of_scene(scene, rule, np.random.default_rng(seed))
-        for seed, (scene, _) in zip(seeds, initial_scenes(env, seeds), strict=True)
-    ]
-    examples = CandidateExamples.joined(parts)
-    examples.save(path)
-    return examples
 
 
 def fit_high_level(
@@ -132,7 +124,7 @@ def fit_high_level(
     def loss(step: int) -> torch.Tensor:
         is_mirrored = bool(step % 2)
         of_blockers = _blockers_loss(fitted, examples, rng.choice(reached, _BATCH), is_mirrored)
-        rows = rng.integers(len(examples), size=_REACH_SHARE * _BATCH)
+        rows = rng.integers(len(examples.scene), size=_REACH_SHARE * _BATCH)
         logits = fitted.reach_logits(batch_of(examples, rows, is_mirrored))
         is_reached = torch.from_numpy(examples.is_reached[rows]).float()
         return of_blockers + binary_cross_entropy_with_logits(logits, is_reached)
@@ -151,11 +143,11 @@ def accuracy(network: CandidateNetwork, examples: CandidateExamples, most: int =
         where there are none.
     """
     rng = np.random.default_rng(0)
-    every = rng.permutation(len(examples))[:most]
+    every = rng.permutation(len(examples.scene))[:most]
     reached = rng.permutation(np.flatnonzero(examples.is_reached))[:most]
     with torch.no_grad():
-        reach = network(batch_of(examples, every)).reach.numpy() > 0
-        blocks = network(batch_of(examples, reached)).blocks.numpy() > 0
+        reach = network.reach_logits(batch_of(examples, every)).numpy() > 0
+        blocks = network(batch_of(examples, reached)).numpy() > 0
     truth, is_present = examples.blockers[reached], batch_of(examples, reached).is_present.numpy()
     is_free, is_called_free = ~truth.any(axis=1), ~blocks.any(axis=1)
     answers = {
@@ -187,7 +179,7 @@ def _blockers_loss(
     """Of what is in the way of reached candidates: object by object, and whether it is anything at all."""
     batch = batch_of(examples, rows, is_mirrored)
     truth = torch.from_numpy(examples.blockers[rows])
-    blocks = network(batch).blocks
+    blocks = network(batch)
     pairs = binary_cross_entropy_with_logits(blocks[batch.is_present], truth[batch.is_present].float())
     log_free = torch.nn.functional.logsigmoid(-blocks).sum(1).clamp(max=-1e-6)
     is_free = ~truth.any(1)

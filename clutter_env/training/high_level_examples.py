@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, ObservedScene, object_rows
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.planned import scene_of
+from clutter_env.training.descent import ExampleArrays
 from irm import ArmChain
 from planners import (
     Body,
@@ -34,6 +34,8 @@ from planners import (
     stand_at,
 )
 
+Array = NDArray[np.float64]
+
 _PLACES = 12
 """Random places for a random object, in every scene."""
 _SHARE = 0.25
@@ -41,7 +43,7 @@ _SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateExamples:
+class CandidateExamples(ExampleArrays):
     """m candidates in s scenes of at most n objects.
 
     Attributes:
@@ -64,57 +66,49 @@ class CandidateExamples:
     is_reached: NDArray[np.bool_]
     blockers: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        return len(self.scene)
-
     @classmethod
     def joined(cls, parts: Sequence[CandidateExamples]) -> CandidateExamples:
         """Join several, the scenes numbered anew."""
         firsts = np.cumsum([0, *(len(part.objects) for part in parts[:-1])])
-        columns = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)}
-        columns["scene"] = np.concatenate([part.scene + first for part, first in zip(parts, firsts, strict=True)])
-        return cls(**columns)
-
-    def save(self, path: Path) -> None:
-        """Write a compressed npz file with an array for each attribute."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(path, **{field.name: getattr(self, field.name) for field in fields(self)})
-
-    @classmethod
-    def load(cls, path: Path) -> CandidateExamples:
-        """Read what `save` wrote; raises `OSError` if there is no such file."""
-        with np.load(path) as content:
-            return cls(**{field.name: content[field.name] for field in fields(cls)})
+        return super().joined(
+            [replace(part, scene=part.scene + np.int32(first)) for part, first in zip(parts, firsts, strict=True)]
+        )
 
 
-def pick_examples(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
-    """A random share of the candidate picks of a scene's objects; nothing is held."""
-    candidates, rows = rule.picks(scene.objects), object_rows(scene.objects)
-    candidates = candidates.take(rng.random(len(candidates)) < _SHARE)
-    labels = label_picks(CollisionWorld.from_scene(scene), candidates)
-    return _examples(rows, candidates, labels, rows[candidates.index], candidates.index)
-
-
-def place_examples(
-    scene: Scene, rule: CandidateRule, points: NDArray[np.float64], rng: np.random.Generator
+def examples_of(
+    scene: Scene, rule: CandidateRule, rng: np.random.Generator, points: Array | None = None
 ) -> CandidateExamples:
-    """A random share of the candidate places of a scene's held object at points (k, 3) [m]."""
-    assert scene.held is not None
-    index = scene.index(scene.held.name)
-    body, rows = scene.objects[index], object_rows(scene.objects)
-    candidates = rule.places(body, scene.held, points)
+    """A random share of a scene's candidate picks; or, at points (k, 3), of the candidate places of what is held."""
+    rows = object_rows(scene.objects)
+    if points is None:
+        bodies, candidates = scene.objects, rule.picks(scene.objects)
+    else:
+        assert scene.held is not None
+        held = scene.index(scene.held.name)
+        bodies = tuple(stand_at(scene.objects[held], point) for point in points)
+        candidates = rule.places(scene.objects[held], scene.held, points)
+        rows[held] = 0.0
     candidates = candidates.take(rng.random(len(candidates)) < _SHARE)
-    labels = label_places(CollisionWorld.from_scene(scene), candidates, points)
-    rows[index] = 0.0
-    own = object_rows(stand_at(body, point) for point in points)[candidates.index]
-    return _examples(rows, candidates, labels, own, np.full(len(candidates), index))
+    labels = label(scene, candidates, bodies)
+    bits = np.arange(len(rows), dtype=np.uint64)
+    own_index = candidates.index if points is None else np.full(len(candidates), held)
+    return CandidateExamples(
+        objects=rows[None],
+        scene=np.zeros(len(candidates), np.int32),
+        own=object_rows(bodies)[candidates.index],
+        own_index=own_index.astype(np.int16),
+        tcp=candidates.tcp.astype(np.float32),
+        base=candidates.base.astype(np.float32),
+        is_reached=labels.is_reached,
+        blockers=(labels.blockers[:, None] >> bits & np.uint64(1)).astype(np.bool_),
+    )
 
 
-def random_points(scene: Scene, radius: float, rng: np.random.Generator, count: int = _PLACES) -> NDArray[np.float64]:
+def random_points(scene: Scene, radius: float, rng: np.random.Generator) -> Array:
     """Random points (k, 3) [m] on the first support where an object of that radius does not stick out."""
     support = scene.support
     low, high = support.lower[:2] + radius, support.upper[:2] - radius
-    return np.column_stack((rng.uniform(low, high, (count, 2)), np.full(count, support.top)))
+    return np.column_stack((rng.uniform(low, high, (_PLACES, 2)), np.full(_PLACES, support.top)))
 
 
 def examples_of_scene(scene: Scene, rule: CandidateRule, rng: np.random.Generator) -> CandidateExamples:
@@ -123,12 +117,12 @@ def examples_of_scene(scene: Scene, rule: CandidateRule, rng: np.random.Generato
     Nothing is held in the scene; the object, how it is held and the places are drawn at random.
     """
     picks = rule.picks(scene.objects)
-    parts = [pick_examples(scene, rule, rng)]
+    parts = [examples_of(scene, rule, rng)]
     if len(picks):
         row = int(rng.integers(len(picks)))
         body = scene.objects[picks.index[row]]
         held = HeldObject(body.name, np.linalg.inv(picks.contact(row, "pick", body.name).tcp) @ body.pose)
-        parts.append(place_examples(scene.with_held(held), rule, random_points(scene, body.radius, rng), rng))
+        parts.append(examples_of(scene.with_held(held), rule, rng, random_points(scene, body.radius, rng)))
     return CandidateExamples.joined(parts)
 
 
@@ -149,23 +143,9 @@ class Labels(NamedTuple):
         return self.is_reached & (self.blockers == 0)
 
 
-def label_picks(world: CollisionWorld, candidates: Candidates) -> Labels:
-    """Labels of candidate picks; `index` is that of the object in the scene."""
-    return _labels(world, candidates, world.scene.objects)
-
-
-def label_places(world: CollisionWorld, candidates: Candidates, points: NDArray[np.float64]) -> Labels:
-    """Labels of candidate places of the held object of a scene; `index` is that of the point (k, 3)."""
-    held = world.scene.held
-    assert held is not None
-    body = world.scene.body(held.name)
-    return _labels(world, candidates, [stand_at(body, point) for point in points])
-
-
-def _labels(world: CollisionWorld, candidates: Candidates, bodies: Sequence[Body]) -> Labels:
-    """Labels of candidates, each with its object as it stands there."""
-    scene = world.scene
-    robot, held = scene.robot, scene.held
+def label(scene: Scene, candidates: Candidates, bodies: Sequence[Body]) -> Labels:
+    """Labels of candidate picks, or of places of what is held; `index` is that of the body as it stands there."""
+    robot, held, world = scene.robot, scene.held, CollisionWorld.from_scene(scene)
     grid = ConfigurationGrid.about_home(ArmChain.from_robot(robot), robot.home)
     labels = Labels(np.zeros(len(candidates), np.bool_), np.zeros(len(candidates), np.uint64))
     for row, index in enumerate(candidates.index):
@@ -179,26 +159,6 @@ def _labels(world: CollisionWorld, candidates: Candidates, bodies: Sequence[Body
             best = np.lexsort((-found.quality, np.bitwise_count(found.hits)))[0]
             labels.is_reached[row], labels.blockers[row] = True, found.hits[best]
     return labels
-
-
-def _examples(
-    rows: NDArray[np.float32],
-    candidates: Candidates,
-    labels: Labels,
-    own: NDArray[np.float32],
-    own_index: NDArray[np.int64],
-) -> CandidateExamples:
-    bits = np.arange(len(rows), dtype=np.uint64)
-    return CandidateExamples(
-        objects=rows[None],
-        scene=np.zeros(len(candidates), np.int32),
-        own=own,
-        own_index=own_index.astype(np.int16),
-        tcp=candidates.tcp.astype(np.float32),
-        base=candidates.base.astype(np.float32),
-        is_reached=labels.is_reached,
-        blockers=(labels.blockers[:, None] >> bits & np.uint64(1)).astype(np.bool_),
-    )
 
 
 class Rollout(NamedTuple):
@@ -264,12 +224,11 @@ def visited_examples(
     parts = []
     for rollout in rollouts:
         for scene, contact in zip(rollout.scenes, rollout.contacts, strict=True):
-            if scene.held is None:
-                parts.append(pick_examples(scene, rule, rng))
-            else:
+            points = None
+            if scene.held is not None:
                 body = placed_body(scene, contact)
                 points = np.concatenate((body.foot[None], random_points(scene, body.radius, rng)))
-                parts.append(place_examples(scene, rule, points, rng))
+            parts.append(examples_of(scene, rule, rng, points))
     return CandidateExamples.joined(parts) if parts else None
 
 
@@ -283,13 +242,9 @@ def why_not_free(scene: Scene, contact: Contact) -> str:
     """Why a pick or place is not free, "not reached" or "blocked"; "" if it is."""
     pitch = math.atan2(-contact.tcp[2, 0], contact.tcp[2, 2])
     tcp = np.array([[*contact.tcp[:3, 3], contact.yaw, pitch]])
-    index = np.array([scene.index(contact.object) if contact.skill == "pick" else 0])
-    candidate = Candidates(index, tcp, contact.base[None], np.array([contact.yaw - contact.base[2]]))
-    world = CollisionWorld.from_scene(scene)
-    if contact.skill == "pick":
-        labels = label_picks(world, candidate)
-    else:
-        labels = label_places(world, candidate, placed_body(scene, contact).foot[None])
+    body = scene.body(contact.object) if contact.skill == "pick" else placed_body(scene, contact)
+    candidate = Candidates(np.zeros(1, int), tcp, contact.base[None], np.array([contact.yaw - contact.base[2]]))
+    labels = label(scene, candidate, [body])
     if not labels.is_reached[0]:
         return "not reached"
     return "" if labels.is_free[0] else "blocked"

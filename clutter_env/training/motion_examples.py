@@ -36,9 +36,9 @@ from clutter_env.policies.motion.network import (
     network_input,
     phase_index,
 )
-from clutter_env.policies.motion.shelf_arm import demonstrated_row
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose, wrapped
 from clutter_env.policies.planned import scene_of
+from clutter_env.training.descent import ExampleArrays
 from planners import (
     BACK,
     CONTROL_STEP,
@@ -59,10 +59,15 @@ _AT_CONTACT = ("transit", *LINES, "close", "open")
 """Phases whose arm configuration is that of the contact or of a straight line from it: it moves with the contact."""
 _TO_CONTACT = (*TOWARDS, "reach")
 """Phases at whose end the gripper is at the contact."""
+_PARTS = {
+    "approach": ("enter", "reach", "reach"),
+    "lower": ("enter", "reach", "lower"),
+    "lift": ("leave", "back", "lift"),
+    "rise": ("leave", "back", "back"),
+}
+"""Parts of a straight line under a shelf: the base outside, around the contact, and at it."""
 _END_REPEATS = 5
 """Examples of the end of a straight line, where accuracy matters most, for one of every step on it."""
-
-
 _MOVED = 0.005
 """[m] from the contact's base pose from which on the base is on a drive: a measured base is not exact."""
 _RIGID = 0.02
@@ -73,7 +78,7 @@ _SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType({"all": ("all", "side",
 
 
 @dataclass(frozen=True, eq=False)
-class KeyframeExamples:
+class KeyframeExamples(ExampleArrays):
     """k situations and their keyframes.
 
     Attributes:
@@ -84,7 +89,6 @@ class KeyframeExamples:
         finger: (k,) [m] position of one finger.
         length: (k,) [m] of the straight line, 0 in other phases.
         at_contact: (k,) whether the keyframe moves with the contact.
-        is_under_shelf: whether the base drives in to the contacts.
     """
 
     features: Array
@@ -94,40 +98,24 @@ class KeyframeExamples:
     finger: Array
     length: Array
     at_contact: NDArray[np.bool_]
-    is_under_shelf: bool = False
-
-    def __len__(self) -> int:
-        return len(self.q)
 
 
-def keyframe_examples(robot: RobotSpec, motions: Iterable[Motion]) -> KeyframeExamples:
-    """The examples of all phases that are learned.
-
-    Where the base drives in under a shelf to one of the contacts, motions in the open are left out.
+def keyframe_examples(robot: RobotSpec, motions: Iterable[Motion], is_under_shelf: bool = False) -> KeyframeExamples:
+    """The examples of all phases that are learned; motions under a shelf have been cut at corners.
 
     Raises:
         DatasetError: there are none.
     """
     parts: list[KeyframeExamples] = []
-    every = list(motions)
-    under = [motion for motion in every if is_driven(motion)]
-    for motion in map(cut_at_corners, under) if under else every:
+    for motion in motions:
         free = free_joints_of(robot, motion)
         for phase, steps in motion.runs():
-            is_learned = phase_index(motion.contact.skill, phase) is not None and not (under and phase in ELSEWHERE)
-            if is_learned and free is not None:
-                parts.append(_of_phase(robot, motion, phase, steps, free, bool(under)))
+            number = phase_index(motion.contact.skill, phase)
+            if number is not None and free is not None and not (is_under_shelf and phase in ELSEWHERE):
+                parts.append(_of_phase(robot, motion, phase, number, steps, None if is_under_shelf else free))
     if not parts:
         raise DatasetError("the demonstrations show no contact; collect them with `clutter-env collect --canonical`")
-    names = [entry.name for entry in fields(KeyframeExamples) if entry.name != "is_under_shelf"]
-    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return KeyframeExamples(**columns, is_under_shelf=bool(under))
-
-
-def demonstrated_free_joints(robot: RobotSpec, motions: Iterable[Motion]) -> Array:
-    """(m, 7) Rows of `demonstrated_row` of the motions under a shelf."""
-    under = [(motion.contact, free_joints_of(robot, cut_at_corners(motion))) for motion in motions if is_driven(motion)]
-    return np.array([demonstrated_row(contact, free) for contact, free in under if free is not None]).reshape(-1, 7)
+    return KeyframeExamples.joined(parts)
 
 
 def free_joints_of(robot: RobotSpec, motion: Motion) -> Array | None:
@@ -143,11 +131,19 @@ def _free_joints(robot: RobotSpec, q: Array) -> Array:
 
 
 def _of_phase(
-    robot: RobotSpec, motion: Motion, phase: str, steps: slice, free: Array, is_under_shelf: bool
+    robot: RobotSpec, motion: Motion, phase: str, number: int, steps: slice, free: Array | None
 ) -> KeyframeExamples:
-    """The keyframe of one phase; of a straight line of the arm also the configurations on it."""
-    contact, keyframe = motion.contact, motion.keyframes[steps.stop - 1]
-    number = phase_index(contact.skill, phase)
+    """The keyframe of one phase; of a straight line of the arm also the configurations on it.
+
+    Args:
+        robot: that was demonstrated.
+        motion: whose phase it is.
+        phase: its name.
+        number: see `phase_index`.
+        steps: of the phase.
+        free: (2,) free joints at the contact; None under a shelf, where each keyframe has its own.
+    """
+    contact, keyframe, is_under_shelf = motion.contact, motion.keyframes[steps.stop - 1], free is None
     base, q = keyframe[None, :3], keyframe[None, 3:11]
     distance, length = np.zeros(1), 0.0
     if phase in LINES:
@@ -162,17 +158,15 @@ def _of_phase(
     # On a line the base has arrived: the contact in its measured frame fits the measured configuration.
     # Under a shelf all is in the frame of the base at the contact; where else the base stands is geometry.
     frame = np.broadcast_to(contact.base, base.shape) if phase == "drive" or is_under_shelf else base
-    own_free = _free_joints(robot, q) if is_under_shelf else free
-    base_tcp = contact_in_base(contact.tcp, frame)
+    base_tcp, sizes = contact_in_base(contact.tcp, frame), motion.seen.sizes(motion.index)[0]
     return KeyframeExamples(
-        features=network_input(number, base_tcp, motion.seen.sizes(motion.index)[0], distance, own_free),
+        features=network_input(number, base_tcp, sizes, distance, _free_joints(robot, q) if free is None else free),
         phase=np.full(count, number),
         base=np.zeros((count, 3)) if is_under_shelf else _relative(base, contact.base),
         q=nearest_home(robot, q),
         finger=np.full(count, keyframe[11]),
         length=np.full(count, length),
         at_contact=np.full(count, phase in _AT_CONTACT),
-        is_under_shelf=is_under_shelf,
     )
 
 
@@ -194,7 +188,13 @@ def is_driven(motion: Motion) -> bool:
 
     In the open, plans that are not canonical begin a line while the base still drives, and the arm moves meanwhile.
     """
-    return any(_rigid_drive(motion, steps) > BACK for phase, steps in motion.runs() if phase in LINES)
+    for phase, steps in motion.runs():
+        if phase in LINES:
+            distance, q = _distance(motion, steps), motion.seen.q[steps]
+            is_rigid = np.abs(q - q[distance.argmax()]).max(axis=1) < _RIGID
+            if np.ptp(distance[is_rigid]) > BACK:
+                return True
+    return False
 
 
 def cut_at_corners(motion: Motion) -> Motion:
@@ -204,42 +204,16 @@ def cut_at_corners(motion: Motion) -> Motion:
     for phase, steps in motion.runs():
         end = motion.keyframes[steps.stop - 1]
         if phase in LINES:
-            # The arm is rigid as it was when the drive in began, or as it is when the drive out ends.
-            rigid = before if phase in TOWARDS else end
-            names = _names(phase)
+            # On drives the arm is rigid: as it was when the drive in began, or as it is when the drive out ends.
+            corner = np.array(before if phase in TOWARDS else end)
+            corner[:3] = motion.contact.base
             for step, distance in zip(range(steps.start, steps.stop), _distance(motion, steps), strict=True):
-                which = 0 if distance > BACK + _MOVED else 1 if distance > _MOVED else 2
-                phases[step] = names[which]
-                keyframes[step] = _keyframe(motion, names[which], rigid, end)
+                name = _PARTS[phase][0 if distance > BACK + _MOVED else 1 if distance > _MOVED else 2]
+                phases[step], keyframes[step] = name, end if name in ("leave", "lower") else corner
+                if name in ("enter", "back"):
+                    keyframes[step, :2] -= BACK * heading(motion.contact.tcp)
         before = end
     return replace(motion, phases=tuple(phases), keyframes=keyframes)
-
-
-def _names(phase: str) -> tuple[str, str, str]:
-    """Names of a line's parts: the base outside, around the contact, and at it."""
-    if phase == "approach":
-        return "enter", "reach", "reach"
-    if phase == "lower":
-        return "enter", "reach", "lower"
-    return "leave", "back", "lift" if phase == "lift" else "back"
-
-
-def _keyframe(motion: Motion, name: str, rigid: Array, end: Array) -> Array:
-    """(12,) The end of a part, with the arm of `rigid` on drives."""
-    if name in ("leave", "lower"):
-        return end
-    keyframe = np.array(rigid)
-    keyframe[:3] = motion.contact.base
-    if name in ("enter", "back"):
-        keyframe[:2] -= BACK * heading(motion.contact.tcp)
-    return keyframe
-
-
-def _rigid_drive(motion: Motion, steps: slice) -> float:
-    """[m] by which the base comes nearer to where it stands at the contact, with the arm as at the farthest point."""
-    distance, q = _distance(motion, steps), motion.seen.q[steps]
-    is_rigid = np.abs(q - q[distance.argmax()]).max(axis=1) < _RIGID
-    return float(np.ptp(distance[is_rigid]))
 
 
 def _distance(motion: Motion, steps: slice) -> Array:
@@ -362,21 +336,17 @@ def _observations(robot: RobotSpec, states: Array, body: Body) -> ParsedObservat
     base_tcp = np.tile(np.eye(4), (len(states), 1, 1))
     base_tcp[:, :3, :3], base_tcp[:, :3, 3] = rotation.numpy(), position.numpy()
     width = np.array([robot.opening(float(finger)) for finger in states[:, 11]])
+    T_base_world = np.linalg.inv(planar_pose(base))
+    objects = np.zeros((len(states), 1, _ROW.size))
+    objects[..., _ROW.index("present")] = 1.0
+    objects[:, 0, _ROW["position"]] = T_base_world[:, :3, :3] @ body.position + T_base_world[:, :3, 3]
+    objects[..., _ROW["half_extents"]] = body.half_extents
+    objects[..., _ROW.index("is_box")] = float(body.shape == "box")
     return ParsedObservation(
         base=base,
         q=q,
         velocity=np.zeros((len(states), 11)),
         base_tcp=base_tcp,
         widths=np.column_stack((width, width)),
-        objects=np.stack([_row(np.linalg.inv(T), body)[None] for T in planar_pose(base)]),
+        objects=objects,
     )
-
-
-def _row(T_base_world: Array, body: Body) -> Array:
-    """(14,) The row of an object in the base's frame, with position, size and presence."""
-    row = np.zeros(_ROW.size)
-    row[_ROW.index("present")] = 1.0
-    row[_ROW["position"]] = T_base_world[:3, :3] @ body.position + T_base_world[:3, 3]
-    row[_ROW["half_extents"]] = body.half_extents
-    row[_ROW.index("is_box")] = float(body.shape == "box")
-    return row

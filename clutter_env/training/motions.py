@@ -28,6 +28,7 @@ from clutter_env.policies.motion.network import (
     KeyframeNetwork,
     Prediction,
 )
+from clutter_env.policies.motion.shelf import demonstrated_row
 from clutter_env.policies.planned import PlannedHighLevelPolicy
 from clutter_env.policies.runs import MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy
@@ -36,7 +37,9 @@ from clutter_env.training.descent import Report, RunLog, descend
 from clutter_env.training.motion_examples import (
     KeyframeExamples,
     Motion,
-    demonstrated_free_joints,
+    cut_at_corners,
+    free_joints_of,
+    is_driven,
     keyframe_examples,
     motions_of,
     planned_motions,
@@ -131,10 +134,12 @@ def fit_motions(
     Raises:
         DatasetError: there are no motions.
     """
-    examples = keyframe_examples(robot, motions)
+    # Where the base drives in under a shelf to one of the contacts, motions in the open are left out.
+    shelf = [cut_at_corners(motion) for motion in motions if is_driven(motion)]
+    examples = keyframe_examples(robot, shelf or motions, bool(shelf))
     torch.manual_seed(seed)
     limits = ([link.lower for link in robot.chain], [link.upper for link in robot.chain])
-    network = KeyframeNetwork(robot.home, *limits, is_under_shelf=examples.is_under_shelf)
+    network = KeyframeNetwork(robot.home, *limits, is_under_shelf=bool(shelf))
     kinematics = ArmKinematics(robot)
     network.seen[np.unique(examples.phase)] = True
     data = _Tensors(examples, kinematics)
@@ -153,8 +158,9 @@ def fit_motions(
         return loss + _TCP_WEIGHT * (prediction.excess / _JOINT).mean()
 
     descend(torch.optim.Adam(network.parameters(), lr=_LEARNING_RATE), steps, total_loss, report, _MAX_GRADIENT)
-    if network.is_under_shelf:
-        network.shown = torch.tensor(demonstrated_free_joints(robot, motions), dtype=torch.float32)
+    if shelf:
+        reached = [(motion.contact, free) for motion in shelf if (free := free_joints_of(robot, motion)) is not None]
+        network.shown = torch.tensor(np.array([demonstrated_row(*one) for one in reached]), dtype=torch.float32)
     drives = [
         motion.seen.base[steps.start : steps.stop + 1, :2]
         for motion in motions

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
@@ -27,8 +26,9 @@ from clutter_env.policies.reinforcement import (
     load_model,
     training_env,
 )
-from clutter_env.policies.runs import GOAL_ALGORITHMS, HISTORY_FILE
-from clutter_env.reporting.files import write_atomically, write_json, written_atomically
+from clutter_env.policies.runs import GOAL_ALGORITHMS
+from clutter_env.reporting.files import write_atomically, written_atomically
+from clutter_env.training.descent import RunLog
 from clutter_env.training.run import Run
 from clutter_env.training.settings import PPO, SAC
 from clutter_env.training.skills import clone_skills
@@ -77,22 +77,25 @@ def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
         model.tensorboard_log = str(run.directory)
     else:
         model = make_model(name, env, run.seed, run.directory, clones)
+    policy, seeds = ModelPolicy(name, model, evaluation_env), held_out_seeds(settings.evaluation_episodes)
+    with RunLog(run, is_resumed) as log:
 
-    def evaluate(model: BaseAlgorithm) -> dict[str, float]:
-        policy, seeds = ModelPolicy(name, model, evaluation_env), held_out_seeds(settings.evaluation_episodes)
-        return {"success": success_rate(evaluation_env, policy, seeds, settings.evaluation_steps)}
+        def checkpoint() -> None:
+            success = success_rate(evaluation_env, policy, seeds, settings.evaluation_steps)
+            save_model(model, run.directory)
+            log.add(steps=model.num_timesteps, success=success)
 
-    if isinstance(settings, PPO) and clones and not is_resumed:
-        clone_skills(run, settings, model)
-        write_json(run.directory / HISTORY_FILE, [{"steps": 0, **evaluate(model)}])
-    checkpoints = Checkpoints(run.directory, settings.checkpoint_every, evaluate)
-    left = settings.steps - model.num_timesteps
-    if left > 0:
-        model.learn(left, callback=checkpoints, reset_num_timesteps=False, tb_log_name="tensorboard")
-        save_model(model, run.directory)
+        if isinstance(settings, PPO) and clones and not is_resumed:
+            clone_skills(run, settings, model, log)
+            checkpoint()
+        left = settings.steps - model.num_timesteps
+        if left > 0:
+            callback = Checkpoints(settings.checkpoint_every, checkpoint)
+            model.learn(left, callback=callback, reset_num_timesteps=False, tb_log_name="tensorboard")
+            save_model(model, run.directory)
     env.close()
     evaluation_env.close()
-    return checkpoints.history
+    return log.history
 
 
 def make_model(
@@ -126,14 +129,11 @@ def save_model(model: BaseAlgorithm, directory: Path) -> None:
 
 
 class Checkpoints(BaseCallback):
-    """Evaluates and saves the model at regular intervals; continues the history of an interrupted run."""
+    """Calls a function whenever another `every` steps have been learned."""
 
-    def __init__(self, directory: Path, every: int, evaluate: Callable[[BaseAlgorithm], Mapping[str, float]]) -> None:
+    def __init__(self, every: int, checkpoint: Callable[[], None]) -> None:
         super().__init__()
-        self._directory, self._every, self._evaluate = directory, every, evaluate
-        self._next = every
-        path = directory / HISTORY_FILE
-        self.history: list[dict[str, float]] = json.loads(path.read_text()) if path.exists() else []
+        self._every, self._checkpoint = every, checkpoint
 
     def _on_training_start(self) -> None:
         self._next = (self.num_timesteps // self._every + 1) * self._every
@@ -141,9 +141,5 @@ class Checkpoints(BaseCallback):
     def _on_step(self) -> bool:
         if self.num_timesteps >= self._next:
             self._next += self._every
-            self.history.append({"steps": self.num_timesteps, **self._evaluate(self.model)})
-            save_model(self.model, self._directory)
-            for name, value in self.history[-1].items():
-                self.logger.record(f"held_out/{name}", value)
-            write_json(self._directory / HISTORY_FILE, self.history)
+            self._checkpoint()
         return True

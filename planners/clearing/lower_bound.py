@@ -28,17 +28,8 @@ Bit i is object i; an option that hits a bit of at least MAX_OBJECTS (a static o
 
 _NODES_PER_CALL = 256
 """Search nodes between two looks at the deadline; a node takes 20-300 µs."""
-
-
-@dataclass(frozen=True)
-class FloorLimits:
-    """Limits of the search for a proof. It is work that is counted, not time: a slow machine finds the same plan.
-
-    Attributes:
-        expansions: search nodes visited; 20,000 take 0.4 to 6 s.
-    """
-
-    expansions: int = 20_000
+MAX_EXPANSIONS = 20_000
+"""Search nodes before a proof is given up, 0.4 to 6 s. Work is counted, not time: so every machine answers the same."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +64,7 @@ class ClearanceFloor:
 
 
 def smallest_set(
-    blockers: Blockers, target: str, names: Sequence[str], limits: FloorLimits | None = None
+    blockers: Blockers, target: str, names: Sequence[str], expansions: int = MAX_EXPANSIONS
 ) -> ClearanceFloor:
     """The smallest self-clearable set for the target, for the declared options.
 
@@ -81,9 +72,10 @@ def smallest_set(
         blockers: of every object's options.
         target: name of the object wanted.
         names: of all objects, in the order of their bits.
-        limits: when to give up the proof; the result then says `proved=False` and has both bounds.
+        expansions: search nodes after which the proof is given up; the result then says `proved=False` and has both
+            bounds.
     """
-    return next(self_clearable_sets(blockers, target, names, limits=limits))
+    return next(self_clearable_sets(blockers, target, names, expansions=expansions))
 
 
 def self_clearable_sets(
@@ -92,7 +84,7 @@ def self_clearable_sets(
     names: Sequence[str],
     *,
     slack: int = 0,
-    limits: FloorLimits | None = None,
+    expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
 ) -> Iterator[ClearanceFloor]:
     """Every self-clearable set that needs all its objects, up to `slack` more than the fewest, fewest first.
@@ -100,11 +92,11 @@ def self_clearable_sets(
     Iterative deepening over disjoint landmarks; objects whose options have not been asked for count as free, and are
     asked for once a set that would be smallest relies on them. So the answer is exact for all declared options.
 
-    Always yields at least one result: if there is no set, the one that says why; if the limits are reached before the
-    first set is proved smallest, one with `proved=False`. The iterator ends early at the limits and at the deadline; if
+    Always yields at least one result: if there is no set, the one that says why; if the limit is reached before the
+    first set is proved smallest, one with `proved=False`. The iterator ends early at the limit and at the deadline; if
     there is no set by then, it yields one result whose cause is TIME_LIMIT.
     """
-    enumeration = _Enumeration(_Options(blockers, target, names), limits or FloorLimits(), deadline)
+    enumeration = _Enumeration(_Options(blockers, target, names), expansions, deadline)
     fewest: int | None = None
     while enumeration.size and (fewest is None or enumeration.size - 1 <= fewest + slack):
         for found in enumeration.sets_of_size():
@@ -125,12 +117,11 @@ def self_clearable_sets(
 
 
 class _Enumeration:
-    """The loop around the compiled search: sizes tried, options asked for on demand, and limits."""
+    """The loop around the compiled search: sizes tried, options asked for on demand, and its limits."""
 
-    def __init__(self, options: _Options, limits: FloorLimits, deadline: Deadline) -> None:
+    def __init__(self, options: _Options, most: int, deadline: Deadline) -> None:
         self.options, self.target = options, options.target
-        self.limits, self.deadline = limits, deadline
-        self.expansions = 0
+        self.expansions, self._most, self._deadline = 0, most, deadline
         bit = np.int64(1 << self.target)
         bound, _ = disjoint_landmarks(*options.arrays(), bit, bit, np.int64(0), MAX_OBJECTS)
         # Number of objects of the sets looked for, the target included; 0 if there is none of any size.
@@ -138,14 +129,14 @@ class _Enumeration:
 
     @property
     def is_out_of_limits(self) -> bool:
-        return self.expansions >= self.limits.expansions or self.deadline.is_over
+        return self.expansions >= self._most or self._deadline.is_over
 
     def sets_of_size(self) -> Iterator[int]:
         """The sets with `self.size` objects; when all are found, `self.size` is the next to try, 0 for none."""
         seen: set[int] = set()
         stack = SearchStack(self.target)
         while found := self._next(stack):
-            if self.options.load(found, self.deadline):
+            if self.options.load(found, self._deadline):
                 stack = SearchStack(self.target)
             elif found not in seen and self._needs_all(found):
                 seen.add(found)
@@ -172,14 +163,14 @@ class _Enumeration:
 
     def greedy(self) -> int:
         """A self-clearable set from which no single object can be left out; 0 if there is none, or no time."""
-        while not self.deadline.is_over:
+        while not self._deadline.is_over:
             kept = self.options.removable((1 << self.options.size) - 1)
             if not kept >> self.target & 1:
                 return 0
             for index in bits(kept & ~(1 << self.target)):
                 reached = self.options.removable(kept & ~(1 << index))
                 kept = reached if reached >> self.target & 1 else kept
-            if not self.options.load(kept, self.deadline):
+            if not self.options.load(kept, self._deadline):
                 return kept
         return 0
 

@@ -8,7 +8,7 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -16,11 +16,11 @@ import numpy as np
 
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError, MonitorConfig
-from planners.expert.executor import Command, ExecutionStatus, Executor
+from planners.expert.executor import Command, Executor
 from planners.expert.monitor import Deviation, Sensor
 from planners.motion.trajectory import CONTROL_STEP
 from planners.scene.mujoco_reading import RobotJoints
-from planners.tamp.solution import Solution
+from planners.tamp.solution import BoundAction, Solution
 
 _SEGMENTS = 5
 """Steps in which the motor commands move within one control step (100 Hz)."""
@@ -74,15 +74,39 @@ def execute(
         raise ExpertError("a plan for several arms is executed by TampExpert alone; robot.using(arm) plans for one")
     sensor = Sensor(model, data, scene.robot, scene.names)
     motors = _Motors(model, data, scene.robot)
-    executor = Executor(solution.actions, scene.robot, sensor.names, sensor.read(), config or MonitorConfig())
-    started, status = float(data.time), ExecutionStatus.RUNNING
-    while status is ExecutionStatus.RUNNING:
-        command, status = executor.advance(sensor.read())
+    started = float(data.time)
+
+    def step(command: Command) -> bool:
         motors.move_to(command)
         if on_step is not None:
             on_step()
-    is_finished = status is ExecutionStatus.FINISHED
-    return ExecutionResult(is_finished, executor.deviation, tuple(executor.cleared), float(data.time) - started)
+        return False
+
+    executor = follow(solution.actions, scene.robot, sensor, step, config or MonitorConfig())
+    finished = executor.deviation is None
+    return ExecutionResult(finished, executor.deviation, tuple(executor.cleared), float(data.time) - started)
+
+
+def follow(
+    actions: Sequence[BoundAction],
+    robot: RobotSpec,
+    sensor: Sensor,
+    step: Callable[[Command], bool],
+    config: MonitorConfig,
+) -> Executor:
+    """Follow motions to their end; the executor, whose `deviation` is what stopped the execution, if anything did.
+
+    Args:
+        actions: the plan.
+        robot: that executes it.
+        sensor: reads the world.
+        step: carries out the command of one control step; true if that was the last one there may be.
+        config: tolerances of the monitor.
+    """
+    executor, is_over = Executor(actions, robot, sensor.names, sensor.read(), config), False
+    while not executor.is_over and not is_over:
+        is_over = step(executor.advance(sensor.read()))
+    return executor
 
 
 class _Motors:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
-from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
+from planners.expert.monitor import Deviation, DeviationKind, Snapshot, object_moved, tracking_error
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
@@ -32,14 +31,6 @@ _ROUNDING = 1e-6
 """Of a number of control steps."""
 
 
-class ExecutionStatus(Enum):
-    """State of an execution: going on, plan carried out to its end, or stopped after a deviation."""
-
-    RUNNING = auto()
-    FINISHED = auto()
-    ABORTED = auto()
-
-
 class Command(NamedTuple):
     """Set points of one control step: whole-body configuration (11,) [m, rad], gripper opening [m], the arm's name."""
 
@@ -52,10 +43,11 @@ class Executor:
     """Follows the trajectories of a plan one control step at a time.
 
     A deviation stops the plan. Beside a grasp or a release the gripper first leaves the objects along its straight
-    line, forwards or back in time; then the robot slows down on its path. At rest the status is `ABORTED`.
+    line, forwards or back in time; then the robot slows down on its path to rest, where the execution is over.
 
     Attributes:
         action: number of the action that is carried out; the number of all actions after the last one.
+        is_over: the plan is carried out to its end or, with a `deviation`, stopped.
         deviation: the deviation that stops the plan, None while there is none.
         cleared: names of the objects put down so far, in order.
     """
@@ -95,18 +87,18 @@ class Executor:
         self._last: Command | None = None
         self._by_tcp = by_tcp
         self._waited = 0
+        self.is_over = False
         self.deviation: Deviation | None = None
         self.cleared: list[str] = []
 
-    def advance(self, now: Snapshot) -> tuple[Command, ExecutionStatus]:
-        """Compare the world with the plan, and return the next command and the status after it."""
+    def advance(self, now: Snapshot) -> Command:
+        """Compare the world with the plan, and return the next command."""
         if self.deviation is None and not self._is_at_end:
             self.deviation = self._compare(now)
         if not self._has_to_wait(now):
             self._move_on(now)
-        if self.deviation is not None and self._has_stopped():
-            return self._command(), ExecutionStatus.ABORTED
-        return self._command(), ExecutionStatus.FINISHED if self._is_at_end else ExecutionStatus.RUNNING
+        self.is_over = self._is_at_end or (self.deviation is not None and self._has_stopped())
+        return self._command()
 
     @property
     def phase(self) -> str:
@@ -194,8 +186,7 @@ class Executor:
         return behind
 
     def _has_stopped(self) -> bool:
-        is_at_rest = self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2
-        return is_at_rest or self._tick <= 0 or self._is_at_end
+        return self._tick <= 0 or (self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2)
 
     def _retreat_direction(self) -> int:
         """Direction in time in which the gripper leaves the objects.
@@ -262,27 +253,3 @@ class Executor:
             return Deviation(DeviationKind.GRASP_MISSED, held.name) if offset > 2 * self._config.slip else None
         slipped_by = float(np.linalg.norm(in_hand - self._grip))
         return Deviation(DeviationKind.SLIPPED, held.name) if slipped_by > self._config.slip else None
-
-
-def follow(
-    actions: Sequence[BoundAction],
-    robot: RobotSpec,
-    sensor: Sensor,
-    step: Callable[[Command], bool],
-    config: MonitorConfig,
-) -> str:
-    """Follow motions to their end; the kind of the deviation that stopped the execution, "" for none.
-
-    Args:
-        actions: the plan.
-        robot: that executes it.
-        sensor: reads the world.
-        step: carries out the command of one control step; true if that was the last one there may be.
-        config: tolerances of the monitor.
-    """
-    executor = Executor(actions, robot, sensor.names, sensor.read(), config)
-    status, is_over = ExecutionStatus.RUNNING, False
-    while status is ExecutionStatus.RUNNING and not is_over:
-        command, status = executor.advance(sensor.read())
-        is_over = step(command)
-    return "" if executor.deviation is None else str(executor.deviation.kind)

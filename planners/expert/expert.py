@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from planners.collision.scene_arrays import robot_arrays
 from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
-from planners.expert.executor import Command, ExecutionStatus, Executor
+from planners.expert.executor import Command, Executor
 from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
 from planners.expert.monitor import Sensor, height_below, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
@@ -172,14 +172,15 @@ class TampExpert:
             if not self._done and self._wait <= 0:
                 self._check_result()
             return self._action(self._last)
-        command, status = executor.advance(self._sensors[executor.arm].read())
+        command = executor.advance(self._sensors[executor.arm].read())
         self._recorder.add_step(executor.action, executor.phase)
-        if status is not ExecutionStatus.RUNNING:
-            self._report = self._report.with_clearances(executor.cleared)
-            self._executor = None
-        if status is ExecutionStatus.FINISHED:
+        if not executor.is_over:
+            return self._action(command)
+        self._report = self._report.with_clearances(executor.cleared)
+        self._executor = None
+        if executor.deviation is None:
             self._hold()
-        elif status is ExecutionStatus.ABORTED:
+        else:
             deviation = str(executor.deviation)
             self._note(deviation)
             if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {deviation}"):
@@ -267,6 +268,7 @@ class TampExpert:
         # Drawing is built on the expert's recordings, and planning must not import it.
         from planners.drawing.page.page import write_page
 
+        self._check_begun("to_html()")
         report = self.report
         rows = {"result": report.result, **report.rows()} if rows is None else rows
         write_page(Path(path), self.recording, rows, result or ("success" if report.result == "success" else "failure"))

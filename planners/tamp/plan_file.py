@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-
-T = TypeVar("T")
 
 FORMAT = "clutter-env plan"
 VERSION = 3
@@ -28,56 +26,52 @@ class PlanFileError(ValueError):
     """A file that holds no plan of this version, or a plan that cannot be written; the message says why."""
 
 
-def write_plan(path: str | Path, plan: Any) -> None:
-    """Write a plan.
+class Stored:
+    """A dataclass that can be kept in a file; it holds dataclasses, named tuples, enums, arrays, tuples, numbers."""
 
-    Args:
-        path: the file, conventionally "….npz"; it is replaced if it exists.
-        plan: a dataclass whose fields hold dataclasses, named tuples, enums, arrays, tuples, strings and numbers.
+    def save(self, path: str | Path) -> None:
+        """Write it, scenes included, to one `.npz` file without pickled objects; a file of that name is replaced.
 
-    Raises:
-        PlanFileError: a field holds something else.
-        OSError: the file cannot be written.
-    """
-    classes = _classes_of(type(plan))
-    encoder = _Encoder(classes)
-    root = encoder.encode(plan)
-    kind = type(plan).__name__
-    header = {"format": FORMAT, "version": VERSION, "kind": kind, "objects": encoder.objects, "plan": root}
-    arrays = {f"array_{index}": array for index, array in enumerate(encoder.arrays)}
-    with Path(path).open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+        Raises:
+            PlanFileError: a field holds something that the file format does not know.
+            OSError: the file cannot be written.
+        """
+        content, arrays = _encode(self)
+        header = {"format": FORMAT, "version": VERSION, "kind": type(self).__name__, **content}
+        numbered = {f"array_{index}": array for index, array in enumerate(arrays)}
+        with Path(path).open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, header=np.array(json.dumps(header)), **numbered)
 
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what `save` wrote; it is equal to what was saved, arrays bit for bit.
 
-def read_plan(path: str | Path, kind: type[T]) -> T:
-    """Read a plan; its arrays are bit for bit those that were written.
-
-    Args:
-        path: the file.
-        kind: the class of the plan.
-
-    Raises:
-        FileNotFoundError: no such file.
-        PlanFileError: the file is damaged, holds no plan, a plan of another version, or one of another class.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            if header["format"] != FORMAT:
-                raise PlanFileError(f"{path} holds no plan but {header['format']!r}")
-            if header["version"] not in (VERSION, *_RENAMED):
-                raise PlanFileError(f"{path} has version {header['version']!r}; this package reads version {VERSION}")
-            if header["kind"] != kind.__name__:
-                raise PlanFileError(f"{path} holds no {kind.__name__} but {header['kind']!r}")
-            plan: T = _decode(header, _classes_of(kind), lambda index: file[f"array_{index:d}"])
-            _check(plan, kind)
-    except (FileNotFoundError, PlanFileError):
-        raise
-    except Exception as problem:
-        # A damaged archive makes zipfile, numpy, json and the classes of a plan raise nearly anything, from
-        # NotImplementedError (a compression method that does not exist) to MemoryError (an enormous shape).
-        raise PlanFileError(f"{path} is damaged or holds no plan: {problem!r:.200}") from problem
-    return plan
+        Raises:
+            PlanFileError: no such file, or it is damaged, of another version, or holds no result of this class.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                header = json.loads(str(file["header"]))
+                if header["format"] != FORMAT:
+                    raise PlanFileError(f"{path} holds no plan but {header['format']!r}")
+                if header["version"] not in (VERSION, *_RENAMED):
+                    raise PlanFileError(
+                        f"{path} has version {header['version']!r}; this package reads version {VERSION}"
+                    )
+                if header["kind"] != cls.__name__:
+                    raise PlanFileError(f"{path} holds no {cls.__name__} but {header['kind']!r}")
+                plan = _decode(header, _classes_of(cls), lambda index: file[f"array_{index:d}"])
+        except PlanFileError:
+            raise
+        except FileNotFoundError:
+            raise PlanFileError(f"there is no file {path}") from None
+        except Exception as problem:
+            # A damaged archive makes zipfile, numpy, json and the classes of a plan raise nearly anything, from
+            # NotImplementedError (a compression method that does not exist) to MemoryError (an enormous shape).
+            raise PlanFileError(f"{path} is damaged or holds no plan: {problem!r:.200}") from problem
+        if not isinstance(plan, cls):
+            raise PlanFileError(f"{path} is damaged: it holds {plan!r:.50}")
+        return plan
 
 
 def is_same(one: Any, other: Any) -> bool:
@@ -94,50 +88,40 @@ def is_same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-class _Encoder:
-    """Turns a plan into JSON values; an object or array that occurs many times is stored once."""
+def _encode(plan: Stored) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+    """A plan as JSON values and arrays; an object or array that occurs many times is stored once, by number."""
+    classes = _classes_of(type(plan))
+    objects: list[dict[str, Any]] = []
+    arrays: list[NDArray[Any]] = []
+    known: dict[int, dict[str, int]] = {}
 
-    def __init__(self, classes: Mapping[str, type]) -> None:
-        self.objects: list[dict[str, Any]] = []
-        self.arrays: list[NDArray[Any]] = []
-        self._classes = classes
-        self._known: dict[int, dict[str, int]] = {}
-
-    def encode(self, value: Any) -> Any:
-        """The JSON value that stands for `value`; objects and arrays are replaced by their numbers."""
-        if isinstance(value, Enum):
-            return self._object(value, lambda: {"value": value.value})
+    def encode(value: Any) -> Any:
+        kind = type(value)
+        is_array = isinstance(value, np.ndarray) and not value.dtype.hasobject
+        if is_array or classes.get(kind.__name__) is kind:
+            if id(value) not in known:
+                known[id(value)] = number(value)
+            return known[id(value)]
         if value is None or isinstance(value, bool | str):
             return value
         if isinstance(value, int | np.integer):
             return int(value)
         if isinstance(value, float | np.floating):
             return float(value)
-        if isinstance(value, np.ndarray) and not value.dtype.hasobject:
-            return self._array(value)
-        if is_dataclass(value):
-            return self._object(value, lambda: {e.name: self.encode(getattr(value, e.name)) for e in fields(value)})
-        if isinstance(value, tuple) and hasattr(value, "_fields"):
-            return self._object(value, lambda: {name: self.encode(getattr(value, name)) for name in value._fields})
         if isinstance(value, tuple):
-            return [self.encode(entry) for entry in value]
-        raise PlanFileError(f"a plan that holds a {type(value).__name__} cannot be written")
+            return [encode(entry) for entry in value]
+        raise PlanFileError(f"a plan that holds a {kind.__qualname__} cannot be written")
 
-    def _array(self, array: NDArray[Any]) -> dict[str, int]:
-        if id(array) not in self._known:
-            self._known[id(array)] = {"array": len(self.arrays)}
-            self.arrays.append(array)
-        return self._known[id(array)]
+    def number(value: Any) -> dict[str, int]:
+        if isinstance(value, np.ndarray):
+            arrays.append(value)
+            return {"array": len(arrays) - 1}
+        content = {name: encode(getattr(value, name)) for name in _field_types(classes[type(value).__name__])}
+        objects.append({"class": type(value).__name__, "fields": content})
+        return {"object": len(objects) - 1}
 
-    def _object(self, value: Any, content: Callable[[], dict[str, Any]]) -> dict[str, int]:
-        name = type(value).__name__
-        if self._classes.get(name) is not type(value):
-            raise PlanFileError(f"a plan that holds a {type(value).__qualname__} cannot be written")
-        if id(value) not in self._known:
-            stored = {"class": name, "fields": content()}
-            self._known[id(value)] = {"object": len(self.objects)}
-            self.objects.append(stored)
-        return self._known[id(value)]
+    root = encode(plan)
+    return {"objects": objects, "plan": root}, arrays
 
 
 def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: Callable[[int], NDArray[Any]]) -> Any:
@@ -164,35 +148,25 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
         kind = classes[stored["class"]]
         content = {renamed.get(name, name): decode(value) for name, value in stored["fields"].items()}
         for name, hint in _field_types(kind).items():
-            _check(content.get(name), hint)
+            if not _fits(content.get(name), hint):
+                raise TypeError(f"{name} of a {kind.__name__} is no {hint}")
         objects.append(kind(**content))
     return decode(header["plan"])
 
 
-def _check(value: Any, hint: Any) -> None:
-    """Raise TypeError unless a value is of the kind that an annotation such as `tuple[Body, ...] | None` names."""
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of the kind that an annotation such as `tuple[Body, ...] | None` names."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        is_valid = any(_is_of(value, choice) for choice in arguments)
-    elif origin is typing.Literal:
-        is_valid = value in arguments
-    elif origin is tuple and isinstance(value, tuple):
+        return any(_fits(value, choice) for choice in arguments)
+    if origin is typing.Literal:
+        return value in arguments
+    if origin is tuple and isinstance(value, tuple):
         kinds = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
-        is_valid = len(kinds) == len(value) and all(map(_is_of, value, kinds))
-    elif hint in (int, float):
-        is_valid = isinstance(value, int | hint) and not isinstance(value, bool)
-    else:
-        is_valid = hint is Any or isinstance(value, origin or hint)
-    if not is_valid:
-        raise TypeError(f"{value!r:.50} is no {hint}")
-
-
-def _is_of(value: Any, hint: Any) -> bool:
-    try:
-        _check(value, hint)
-    except TypeError:
-        return False
-    return True
+        return len(kinds) == len(value) and all(map(_fits, value, kinds))
+    if hint in (int, float):
+        return isinstance(value, int | hint) and not isinstance(value, bool)
+    return hint is Any or isinstance(value, origin or hint)
 
 
 @cache
@@ -208,20 +182,14 @@ def _field_types(kind: type) -> dict[str, Any]:
 def _classes_of(kind: type) -> dict[str, type]:
     """A class, and the dataclasses, named tuples and enums that its fields can hold, by name."""
     found: dict[str, type] = {}
-    waiting = [kind]
+    waiting: list[Any] = [kind]
     while waiting:
-        for part in _parts(waiting.pop()):
-            is_record = is_dataclass(part) or hasattr(part, "_fields") or issubclass(part, Enum)
-            if is_record and part.__name__ not in found:
-                found[part.__name__] = part
-                if not issubclass(part, Enum):
-                    waiting += typing.get_type_hints(part).values()
+        hint = waiting.pop()
+        waiting += typing.get_args(hint)
+        is_record = (
+            is_dataclass(hint) or hasattr(hint, "_fields") or (isinstance(hint, type) and issubclass(hint, Enum))
+        )
+        if isinstance(hint, type) and is_record and hint.__name__ not in found:
+            found[hint.__name__] = hint
+            waiting += _field_types(hint).values()
     return found
-
-
-def _parts(annotation: Any) -> Iterator[type]:
-    """The classes that an annotation such as `tuple[Body, ...] | None` names."""
-    if isinstance(annotation, type) and not typing.get_args(annotation):
-        yield annotation
-    for argument in typing.get_args(annotation):
-        yield from _parts(argument)

@@ -14,7 +14,7 @@ from planners.motion.trajectory import Trajectory
 from planners.placing.surfaces import Surface
 from planners.scene import Body, RobotState, Scene
 from planners.strategies import Strategy
-from planners.tamp.plan_file import is_same, read_plan, write_plan
+from planners.tamp.plan_file import Stored, is_same
 
 _EVIDENCE = 70
 """Characters of the evidence that the repr of an `Infeasible` shows."""
@@ -109,7 +109,7 @@ class SolveStats:
 
 
 @dataclass(frozen=True, repr=False)
-class Solution:
+class Solution(Stored):
     """A feasible plan F of Algorithm 1: every reference is bound to a verified motion.
 
     Two solutions are equal if all their fields are, scenes and trajectories included.
@@ -163,25 +163,6 @@ class Solution:
         }
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
 
-    def save(self, path: str | Path) -> None:
-        """Write the plan, the scenes of its actions included, to one `.npz` file without pickled objects.
-
-        Raises:
-            PlanFileError: the plan holds something that the file format does not know.
-            OSError: the file cannot be written.
-        """
-        write_plan(path, self)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Solution:
-        """Read a plan that `save` wrote; it is equal to the saved one, trajectories bit for bit.
-
-        Raises:
-            FileNotFoundError: no such file.
-            PlanFileError: the file is damaged or holds no plan of this version.
-        """
-        return read_plan(path, cls)
-
     def plot(self, ax: Any = None) -> Any:
         """Draw the plan from above: objects, clearances in order, the path of the base.
 
@@ -195,7 +176,7 @@ class Solution:
             ValueError: the plan has no actions.
         """
         # Drawing is built on this package and needs matplotlib, which planning must not import.
-        from planners.drawing.overview import draw_overview
+        from planners.drawing.pictures import draw_overview
 
         return draw_overview(self, ax)
 
@@ -206,7 +187,7 @@ class Solution:
             ValueError: the plan has no actions.
             OSError: the file cannot be written.
         """
-        from planners.drawing.clearances import draw_plan
+        from planners.drawing.pictures import draw_plan
 
         draw_plan(self, Path(path))
 
@@ -227,7 +208,7 @@ class Solution:
 
 
 @dataclass(frozen=True, repr=False)
-class Infeasible:
+class Infeasible(Stored):
     """No plan was found.
 
     Attributes:
@@ -264,24 +245,6 @@ class Infeasible:
         }
         lines = [f"No plan takes {self.target or 'the target'}{by}"]
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
-
-    def save(self, path: str | Path) -> None:
-        """Write the result to one `.npz` file without pickled objects.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        write_plan(path, self)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Infeasible:
-        """Read a result that `save` wrote.
-
-        Raises:
-            FileNotFoundError: no such file.
-            PlanFileError: the file is damaged or holds no result of this version.
-        """
-        return read_plan(path, cls)
 
 
 def _clearance(action: BoundAction) -> str:

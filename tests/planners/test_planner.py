@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
+from assets.robots import FETCH, UnknownRobot
 from planners import Infeasible, Planner, Scene, Solution, clearance_floor, solve
 from planners.cause import Cause
 from planners.clearing.commitments import grasped
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import RobotState, SceneError, UnknownObject
-from planners.strategies import STRATEGIES, UnknownStrategy
+from planners.strategies import STRATEGIES, StrategyError, UnknownStrategy
 from planners.tamp.solution import SolveStats
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
@@ -120,14 +122,20 @@ def test_a_target_that_is_held_low_is_brought_up() -> None:
     assert raised.bottom - scene.body("object_00").bottom > 0.1
 
 
-def test_unknown_object_and_strategy_are_named() -> None:
-    scene = table_scene(cylinder("object_00", 0.0, 0.0))
-    with pytest.raises(UnknownObject, match="object_00"):
-        solve(scene, "object_07")
+def test_misuse_is_answered_by_what_is_valid() -> None:
+    scene: Any = table_scene(cylinder("object_00", 0.0, 0.0))
+    for ask in (solve, clearance_floor):
+        with pytest.raises(UnknownObject, match="object_00"):
+            ask(scene, "object_07")
+        with pytest.raises(SceneError, match=r"Scene\.from_mujoco"):
+            ask(SimpleNamespace(robot=FETCH), "object_00")
     with pytest.raises(UnknownStrategy, match="lookahead"):
         solve(scene, "object_00", strategy="magic")
-    with pytest.raises(UnknownObject, match="object_00"):
-        clearance_floor(scene, "object_07")
+    with pytest.raises(StrategyError, match=r"'second_moves', it is called 'non_monotone' now; fields: name, grasps"):
+        replace(STRATEGIES["lookahead"], second_moves=2)
+    assert Planner("fetch").robot is FETCH  # type: ignore[arg-type]  # a name is accepted, the robot is kept
+    with pytest.raises(UnknownRobot, match="fetch"):
+        Planner("fetsch")  # type: ignore[arg-type]
 
 
 def test_overlapping_objects_are_named() -> None:

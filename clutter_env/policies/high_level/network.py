@@ -38,24 +38,11 @@ class CandidateBatch(NamedTuple):
     is_present: torch.Tensor
 
 
-class Obstruction(NamedTuple):
-    """Logits.
-
-    Attributes:
-        reach: (m,) that the candidate is reached.
-        blocks: (m, n) that an object is in its way; very negative for absent ones.
-    """
-
-    reach: torch.Tensor
-    blocks: torch.Tensor
-
-
 class CandidateNetwork(nn.Module):
-    """Predicts `Obstruction`."""
+    """Predicts which objects are in the way of candidates, and apart from that whether these are reached at all."""
 
     def __init__(self, width: int = 96) -> None:
         super().__init__()
-        self.width = width
         self.reach = nn.Sequential(
             nn.Linear(_OWN, width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 1)
         )
@@ -63,15 +50,14 @@ class CandidateNetwork(nn.Module):
         self.other = nn.Linear(_OTHER, width)
         self.blocks = nn.Sequential(nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 1))
 
-    def forward(self, batch: CandidateBatch) -> Obstruction:
-        """Logits for a batch."""
-        own = _own_features(batch)
-        hidden = self.contact(own)[:, None] + self.other(_other_features(batch))
+    def forward(self, batch: CandidateBatch) -> torch.Tensor:
+        """(m, n) logits that an object is in the way of a candidate; very negative for absent ones."""
+        hidden = self.contact(_own_features(batch))[:, None] + self.other(_other_features(batch))
         blocks = self.blocks(hidden)[..., 0]
-        return Obstruction(self.reach(own)[:, 0], torch.where(batch.is_present, blocks, blocks.new_tensor(-30.0)))
+        return torch.where(batch.is_present, blocks, blocks.new_tensor(-30.0))
 
     def reach_logits(self, batch: CandidateBatch) -> torch.Tensor:
-        """(m,) logits of `Obstruction.reach` alone, for which the other objects do not matter."""
+        """(m,) logits that a candidate is reached, for which the other objects do not matter."""
         logits: torch.Tensor = self.reach(_own_features(batch))[:, 0]
         return logits
 

@@ -24,7 +24,7 @@ from clutter_env.policies.high_level.candidates import (
 )
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.parsed_observation import Observation
-from clutter_env.policies.weights import WeightsInfo, load_weights
+from clutter_env.policies.weights import WeightsInfo, load_weights, robot_identity
 from clutter_env.scene.layout import find_layout
 from planners import Contact
 
@@ -90,7 +90,9 @@ class LearnedHighLevelPolicy:
 
     def __init__(self, network: CandidateNetwork, rule: CandidateRule, info: WeightsInfo | None = None) -> None:
         self.rule = rule
-        self.info = info or WeightsInfo("decisions", rule.robot.name, layout_identity(rule.layout), rule.grasps)
+        self.info = info or WeightsInfo(
+            "decisions", robot_identity(rule.robot), layout_identity(rule.layout), rule.grasps
+        )
         self._network = network.eval()
         self._points = rule.points()
         self.reset()
@@ -217,7 +219,7 @@ class LearnedHighLevelPolicy:
         thicker = others + np.array((0, 0, 0, _MARGIN, 0), np.float32)
         with torch.no_grad():
             exact, padded = (
-                torch.sigmoid(self._network(_batch(candidates, own, rows, is_present)).blocks).numpy().astype(float)
+                torch.sigmoid(self._network(_batch(candidates, own, rows, is_present))).numpy().astype(float)
                 for rows in (others, thicker)
             )
         return np.asarray(exact + _MARGIN_WORTH * np.maximum(padded - exact, 0.0))

@@ -119,9 +119,9 @@ class IntegralOffset:
 
     def correct(self, error: GripperError) -> None:
         """Change the offset by a share of an error."""
-        self._shift = _limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
+        self._shift = limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
         turn = Rotation.from_rotvec(_GAIN * error.turn) * Rotation.from_rotvec(self._turn)
-        self._turn = _limited(turn.as_rotvec(), MAX_TURN)
+        self._turn = limited(turn.as_rotvec(), MAX_TURN)
 
     def applied_to(self, contact: Array) -> Array:
         """The shifted TCP pose (4, 4) of a contact (4, 4), both in the world."""
@@ -131,6 +131,7 @@ class IntegralOffset:
         return shifted
 
 
-def _limited(vector: Array, most: float) -> Array:
-    """A vector (3,) shortened to this length, if it is longer."""
-    return vector * min(1.0, most / max(float(np.linalg.norm(vector)), 1e-12))
+def limited(vectors: Array, most: float) -> Array:
+    """Vectors (..., 3) shortened to this length where they are longer."""
+    lengths = np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return vectors * np.minimum(1.0, most / lengths)

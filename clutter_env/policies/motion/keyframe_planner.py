@@ -24,7 +24,7 @@ from clutter_env.policies.motion.network import (
     network_input,
     phase_index,
 )
-from clutter_env.policies.parsed_observation import Cylinders, ParsedObservation, base_from, planar_pose
+from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, base_from, planar_pose
 from planners import Contact
 
 Array = NDArray[np.float64]
@@ -152,7 +152,7 @@ def choose_free_joints(
     starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
     points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
     T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(seen.base)
-    clearance = Cylinders.beside(seen, index, T).distance(points).min(axis=(1, 2))
+    clearance = Surroundings.beside(seen, index, T).distance(points).min(axis=(1, 2))
     from_home = _TORSO_COST * np.abs(_GRID[:, 0]) + np.abs(_GRID[:, 1])
     miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
     lacking = np.maximum(_CLEARANCE + _RADIUS - clearance, 0.0)

@@ -11,8 +11,15 @@ import pytest
 from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.network import ELSEWHERE, SHELF_PHASES, KeyframeNetwork, contact_in_base
-from clutter_env.policies.motion.shelf import ShelfKeyframePlanner, base_waypoint, drive_points, table_of
-from clutter_env.policies.motion.shelf_arm import ArmBalls, ArmPredictor, ShelfArmChooser
+from clutter_env.policies.motion.shelf import (
+    ArmBalls,
+    ArmPredictor,
+    ShelfArmChooser,
+    ShelfKeyframePlanner,
+    base_waypoint,
+    drive_points,
+    table_of,
+)
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
 from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
@@ -80,14 +87,14 @@ def test_the_chosen_arm_keeps_clear_of_what_stands_in_its_path(
     motions: list[Motion], network: KeyframeNetwork, seen: ParsedObservation
 ) -> None:
     contact = max(motions, key=lambda motion: float(motion.contact.tcp[0, 3])).contact
-    chooser, drive = ShelfArmChooser(network, FETCH, LAYOUT), drive_points(TABLE, contact)
-    free = chooser.choose(contact, 0, dataclasses.replace(seen, objects=seen.objects[:1]), drive)
+    chooser = ShelfArmChooser(network, FETCH, LAYOUT)
+    free = chooser.choose(contact, 0, dataclasses.replace(seen, objects=seen.objects[:1]))
     base_tcp = contact_in_base(contact.tcp, contact.base)
     predictor = ArmPredictor(network, FETCH)
     q, _ = predictor.on_line(contact.skill, base_tcp, seen.sizes(0), np.zeros(1), free.low[None], rounds=6)
     T = planar_pose(np.array(contact.base))
     elbow = T[:3, :3] @ ArmBalls(FETCH).centres(q)[0, 4] + T[:3, 3]
-    other = chooser.choose(contact, 0, with_object(seen, elbow, 0.01), drive)
+    other = chooser.choose(contact, 0, with_object(seen, elbow, 0.01))
     assert not other.is_blocked
     assert np.abs(other.low - free.low).max() > 0.04 or other.is_flipped != free.is_flipped
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor, FloorLimits, self_clearable_sets, smallest_set
+from planners.clearing.lower_bound import ClearanceFloor, self_clearable_sets, smallest_set
 
 STATIC = 1 << 63
 
@@ -158,7 +158,7 @@ def test_dense_clutter_is_proved_within_the_default_limits_and_small_limits_give
     unproved = 0
     for seed in range(8):
         options = dict(enumerate(random_clutter(np.random.default_rng(seed), 60)))
-        exact, result = smallest(options), smallest(options, limits=FloorLimits(expansions=1))
+        exact, result = smallest(options), smallest(options, expansions=1)
         assert exact.proved
         assert (exact.count is None) == (result.count is None)
         if exact.count is not None and result.count is not None:

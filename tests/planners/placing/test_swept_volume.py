@@ -12,7 +12,7 @@ from irm.chain import BASE
 from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
-from planners.drawing.clearances import choices_of
+from planners.drawing.choices import choices_of
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import APPROACH_PATTERNS, ContactQuery, planned_approach, trace
 from planners.motion.arm import tcp_pose
