@@ -17,10 +17,10 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import can_leave, fewest_blockers, stand_off
+from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
-from planners.motion.contact_free import ContactFree, merge_phases, phases_of
+from planners.motion.contact_free import merge_phases, phases_of
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
@@ -144,7 +144,8 @@ class MotionLayer:
             return blockers is not None and not blockers & ~grasp.blockers
         key = grasp.key, scene.body(grasp.object).pose.tobytes()
         if key not in self._can_leave:
-            self._can_leave[key] = can_leave(world, grasp.base, grasp.q, grasp.object)
+            lift = planned_approach(world, grasp.base, grasp.q, grasp.object)
+            self._can_leave[key] = lift is not None
         return self._can_leave[key]
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
@@ -282,9 +283,9 @@ class MotionLayer:
         for k, run in enumerate(runs):
             phases = [phase for _, phase in run]
             if not in_contact[k]:
-                motion = ContactFree(phases, k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1])
+                before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
                 scene = actions[run[-1][0]].scene
-                found = merge_phases(self.compiled.world(scene), motion)
+                found = merge_phases(self.compiled.world(scene), phases, before, after)
                 phases = found if found is not None and self.is_accepted(scene, [join(found)]) else phases
             for (index, _), phase in zip(run, phases, strict=True):
                 shorter[index].append(phase)
