@@ -12,7 +12,7 @@ Example:
 
 from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.chain import PRISMATIC, ArmChain, frames_of, pose_of
-from irm.classification import classify, decide, predict
+from irm.classification import classify, decide
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
@@ -56,7 +56,6 @@ __all__ = [
     "is_map_at_hand",
     "link_origins",
     "pose_of",
-    "predict",
     "robot_radius",
     "solver_arrays",
     "tcp_poses",

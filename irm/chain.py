@@ -68,10 +68,6 @@ class Robot(Hashable, Protocol):
     """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
 
     @property
-    def name(self) -> str:
-        """Name of the robot."""
-
-    @property
     def full_name(self) -> str:
         """Name of robot and active arm."""
 
@@ -110,14 +106,6 @@ class Robot(Hashable, Protocol):
     @property
     def base_body(self) -> str:
         """Name of the base's body."""
-
-    @property
-    def torso_joint(self) -> str:
-        """Name of the lift's joint."""
-
-    @property
-    def arm_joints(self) -> tuple[str, ...]:
-        """Names of the arm's joints."""
 
     @property
     def tcp_site(self) -> str:
@@ -205,8 +193,8 @@ class ArmChain:
         offsets, axes, tip = frames_of(robot)
         if axes[0] != 2 + PRISMATIC or not np.array_equal(robot.chain[0].rotation, np.eye(3)):
             raise ChainError(
-                f"{robot.name}: the first joint of the chain must slide along z (lower = upper for a robot without a "
-                f"lift), not {robot.chain[0]}"
+                f"{robot.full_name}: the first joint of the chain must slide along z (lower = upper for a robot "
+                f"without a lift), not {robot.chain[0]}"
             )
         lower = np.array([link.lower for link in robot.chain], dtype=float)
         upper = np.array([link.upper for link in robot.chain], dtype=float)
@@ -257,7 +245,7 @@ class ArmChain:
         """
         from irm.model_reading import read_arm  # needs the simulator, which the package does not
 
-        chain = ArmChain(*read_arm(model, base, tip, approach))
+        chain = ArmChain(**read_arm(model, base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
 
     @staticmethod
@@ -268,7 +256,7 @@ class ArmChain:
         """
         from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
 
-        chain = ArmChain(*read_arm(load_urdf(Path(path)), base, tip, approach))
+        chain = ArmChain(**read_arm(load_urdf(Path(path)), base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
 
 
@@ -333,13 +321,13 @@ class ChainArrays(NamedTuple):
 
 
 def chain_arrays(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ChainArrays:
-    """The arrays of a chain, with other limits of its torso if given [m]."""
-    lower, upper = chain.lower.copy(), chain.upper.copy()
+    """Read-only copies of a chain's arrays, with other limits of its torso if given [m]."""
+    arrays = ChainArrays(*(getattr(chain, name).copy() for name in ChainArrays._fields))
     if torso_range is not None:
-        lower[0], upper[0] = torso_range
-    lower.setflags(write=False)
-    upper.setflags(write=False)
-    return ChainArrays(chain.offsets, chain.axes, chain.tip, lower, upper, chain.links)
+        arrays.lower[0], arrays.upper[0] = torso_range
+    for array in arrays:  # one type of arrays for kernels, which are compiled once
+        array.setflags(write=False)
+    return arrays
 
 
 def pose_of(place: Floats) -> Floats:

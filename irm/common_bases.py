@@ -19,11 +19,10 @@ from irm.compilation import njit
 from irm.errors import QueryError
 from irm.free_space import Raster, floor_distance, point_is_free
 from irm.ik.closed_form import inverse
-from irm.inverse_table import Tiles
-from irm.keyed_bases import SPARE_BASES, GroupField, KeyedBases
+from irm.inverse_table import SPARE_BASES, GroupField, InverseTable
 from irm.kinematics import wrap
-from irm.query_kernels import SAME_PLACE, is_apart
-from irm.query_keys import Key, QueryOptions, as_yaw_ranges, base_turns, find_key, flat_key
+from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
+from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
 from irm.robot_shape import SolidBoxes
 from irm.rotations import rotation, world_to_base, wrap_to_pi
 
@@ -37,7 +36,7 @@ _TORSOS, _ROLLS = 8, 36
 
 
 def place_for_path(
-    bases: KeyedBases,
+    table: InverseTable,
     waypoints: Floats,
     target: Floats | None,
     yaw_range: tuple[float, float],
@@ -46,17 +45,17 @@ def place_for_path(
 ) -> BasePlacement:
     """`InverseReachabilityMap.query_path` for waypoints (m, 3) in the world or, with a target, offsets from it."""
     in_world = waypoints if target is None else target + waypoints * (0, 0, 1)
-    keys = _keys(bases, in_world, options)
+    keys = _keys(table, in_world, options)
     if keys is None:
         return _nothing(Status.NO, len(waypoints)).with_first_yaw()
-    reference = bases.rarest(keys)
+    reference = table.rarest(keys)
     vertical = np.logical_not(waypoints[:, :2].any(axis=1))
-    orientations = bases.grid.orientations
+    orientations = table.grid.orientations
     if target is not None and orientations.is_pole(keys[0].group) and orientations.free_roll and not vertical.all():
         raise QueryError(
             "a vertical approach has no horizontal direction: give offsets along z only, or the waypoints in the world"
         )
-    turns = base_turns(bases.grid, keys[reference], yaw_range, options.yaw_step)
+    turns = base_turns(yaw_window(table.grid, keys[reference], yaw_range, options.yaw_step))
     windows = np.tile(np.array([yaw_range]), (len(waypoints), 1))
     if target is None:
         points = pivots = np.repeat(waypoints[None], len(turns), axis=0)
@@ -67,33 +66,33 @@ def place_for_path(
         x, y, z = waypoints.T
         points = target + np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(turns), len(z)))], axis=2)
         pivots, fixed = np.broadcast_to(target, points.shape), vertical
-    search = _Search(bases, options, keys, reference, turns, points, windows, True, fixed)
+    search = _Search(table, options, keys, reference, turns, points, windows, True, fixed)
     return (search.find() if solids is None else search.find_clear_of(solids, pivots)).with_first_yaw()
 
 
 def place_for_targets(
-    bases: KeyedBases, targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+    table: InverseTable, targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
 ) -> BasePlacement:
     """`InverseReachabilityMap.query_multi` for targets (m, 3)."""
     ranges = as_yaw_ranges(yaw_ranges)
     if len(ranges) not in (1, len(targets)):
         raise QueryError(f"{len(targets)} targets do not go with {len(ranges)} yaw ranges")
     windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
-    keys = _keys(bases, targets, options)
+    keys = _keys(table, targets, options)
     if keys is None:
         return _nothing(Status.NO, len(targets))
-    reference = bases.rarest(keys)
+    reference = table.rarest(keys)
     low, high = windows[reference].tolist()
-    turns = base_turns(bases.grid, keys[reference], (low, high), options.yaw_step)
+    turns = base_turns(yaw_window(table.grid, keys[reference], (low, high), options.yaw_step))
     points, fixed = np.repeat(targets[None], len(turns), axis=0), np.ones(len(targets), dtype=bool)
-    return _Search(bases, options, keys, reference, turns, points, windows, False, fixed).find()
+    return _Search(table, options, keys, reference, turns, points, windows, False, fixed).find()
 
 
-def _keys(bases: KeyedBases, points: Floats, options: QueryOptions) -> list[Key] | None:
+def _keys(table: InverseTable, points: Floats, options: QueryOptions) -> list[Key] | None:
     """The key of every position; None if one of them is out of reach, or if no floor is free."""
-    found = [find_key(bases.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
+    found = [find_key(table.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
     keys = [key for key in found if key is not None]
-    return None if len(keys) < len(found) or options.space.is_empty else keys
+    return None if len(keys) < len(found) or options.free_space.is_empty else keys
 
 
 def _nothing(status: Status, positions: int) -> BasePlacement:
@@ -117,7 +116,7 @@ class _Search:
     whether all positions have one approach yaw; `fixed` (m,): which positions are the same at every turn.
     """
 
-    bases: KeyedBases
+    table: InverseTable
     options: QueryOptions
     keys: list[Key]
     reference: int
@@ -131,7 +130,7 @@ class _Search:
         """The best bases common to all positions."""
         k = self.options.k
         found = self._common_bases(k)
-        if len(found.rows) and self.bases.is_exact_wanted(self.options, by_default=self.same_yaw):
+        if len(found.rows) and self.table.is_exact_wanted(self.options, by_default=self.same_yaw):
             kept = self._decided(found)
             if len(kept.rows) < len(found.rows):  # some were dropped: others may take their places
                 kept = self._decided(self._common_bases(k + SPARE_BASES))
@@ -171,16 +170,16 @@ class _Search:
 
     def _common_bases(self, count: int) -> _Found:
         """At most `count` bases common to all positions, by the map."""
-        bases, key, windows = self.bases, self.keys[self.reference], self.windows
+        table, key, windows = self.table, self.keys[self.reference], self.windows
         order = np.concatenate([[self.reference], np.delete(np.arange(len(self.keys)), self.reference)])
         spans = np.column_stack([windows[:, 0] - key.yaw_shift, windows[:, 1] - windows[:, 0]])
-        orientations = bases.grid.orientations
+        orientations = table.grid.orientations
         if orientations.is_pole(key.group) and orientations.free_roll:
             spans[:] = -np.pi, 2 * np.pi
-        query = MultiTargetQuery(np.ascontiguousarray(self.points[:, order]), self.turns, spans[order], self.same_yaw)
+        points, apart = np.ascontiguousarray(self.points[:, order]), max(self.options.separation, SAME_PLACE)
+        query = MultiTargetQuery(key.number, key.exact, points, self.turns, spans[order], self.same_yaw, apart)
         rows, torsos, yaws = (np.empty((count, width)) for width in (5, len(self.keys), len(self.keys)))
-        flat, apart = flat_key(bases.grid, key.layer, key.group), max(self.options.separation, SAME_PLACE)
-        kernel = (bases.tiles, flat, query, bases.field(key.group), key.exact, self.options.space.raster, apart)
+        kernel = (table.tiles, query, table.field(key.group), self.options.free_space.raster)
         found = wanted = 0
         while found == wanted < count:
             wanted = min(count, wanted + _BASES_AT_A_TIME)
@@ -191,10 +190,10 @@ class _Search:
     def _decided(self, found: _Found) -> _Found:
         """Those of the bases that may reach all positions, with exact torso heights and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
-        decided = self.bases.decide(found.rows[:, :3], points, found.yaws, self.options)
-        found.rows[:, 4] = decided.certain
-        found.torsos[decided.certain] = decided.torso[decided.certain]
-        return _Found(*(column[decided.may_reach] for column in found))
+        may_reach, certain, torso = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
+        found.rows[:, 4] = certain
+        found.torsos[certain] = torso[certain]
+        return _Found(*(column[may_reach] for column in found))
 
     def _turn_numbers(self, yaws: Floats) -> NDArray[np.int64]:
         """(k,) which of the turns belong to the approach yaws (k,) of the reference."""
@@ -211,13 +210,13 @@ class _Search:
 
     def _is_clear(self, base: Floats, T_world_tcp: Floats, solids: SolidBoxes) -> bool:
         """Whether open fingers are in no box at TCP poses (m, 4, 4), and wrist and forearm in some configuration."""
-        chain = self.bases.reachability_map.chain
+        chain = self.table.reachability_map.chain
         if solids.block_open_fingers(T_world_tcp).any():
             return False
         for T in T_world_tcp[solids.may_block(T_world_tcp)]:
             if chain is None or not chain.has_closed_form:
                 return False
-            torsos = np.linspace(*self.bases.grid.torso_range, _TORSOS)
+            torsos = np.linspace(*self.table.grid.torso_range, _TORSOS)
             rolls = np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False)
             if not solids.are_clear(T, inverse(chain, world_to_base(base) @ T, torsos, rolls)).any():
                 return False
@@ -226,13 +225,13 @@ class _Search:
     def _is_out_of_reach(self) -> bool:
         """Whether one of the positions certainly has no base at all, or two of them are too far apart for one base."""
         points, options = self.points[0], self.options
-        discs = [self.bases.disc(point[2], options.pitch) for point in points]
-        farthest = np.array([-np.inf if disc is None else disc.farthest for disc in discs])
+        discs = [self.table.disc(point[2], options.pitch) for point in points]
+        farthest = np.array([-np.inf if disc is None else sum(disc) for disc in discs])
         apart = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=2)
         if np.any(apart > farthest[:, None] + farthest):
             return True
         return any(
-            is_fixed and not self.bases.may_exist(point, options.pitch, key, (low, high), options.space)
+            is_fixed and not self.table.may_exist(point, options.pitch, key, (low, high), options.free_space)
             for is_fixed, point, key, (low, high) in zip(self.fixed, points, self.keys, self.windows, strict=True)
         )
 
@@ -240,15 +239,19 @@ class _Search:
 class MultiTargetQuery(NamedTuple):
     """The positions that the base must reach, for kernels.
 
-    `points` (n, m, 3): the m TCP positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of
-    the reference [rad]. `windows` (m, 2): lower end and length of each position's range of yaws [rad]. `same_yaw`:
-    whether all positions have the yaw of the reference instead.
+    `key` of the reference, whether pitch and roll are `exact`ly those of the map. `points` (n, m, 3): the m TCP
+    positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of the reference [rad]. `windows`
+    (m, 2): lower end and length of each position's range of yaws [rad]. `same_yaw`: whether all positions have the yaw
+    of the reference instead. `apart`: smallest distance between two bases [m].
     """
 
+    key: int
+    exact: bool
     points: Floats
     yaws: Floats
     windows: Floats
     same_yaw: bool
+    apart: float
 
 
 @njit(cache=True, inline="always")
@@ -269,29 +272,25 @@ def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shif
 
 
 @njit(cache=True)
-def _best_yaw(
-    field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
+def _best_sample(
+    field: GroupField, query: MultiTargetQuery, m: int, point: Floats, x: float, y: float, yaw: float, own: int
 ) -> tuple[float, int]:
-    """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
-    mu_of, yaws = field.mu, field.mu.shape[1]
+    """Best μ of the m-th position in the frame of a base, 0 out of reach, and its yaw sample: the best one within the
+    window, or the reference's `own` one."""
+    yaws = field.mu.shape[1]
     layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
-    best, sample = 0.0, -1
+    if query.same_yaw or m == 0:
+        return (float(field.mu[layer, own, i, j]) if inside else 0.0), own
+    best, sample, low, span = 0.0, -1, query.windows[m, 0], query.windows[m, 1]
     if not inside:
         return best, sample
     for g in range(yaws):
-        mu = mu_of[layer, g, i, j]
+        mu = field.mu[layer, g, i, j]
         if mu > best:
             beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
             if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
                 best, sample = mu, g
     return best, sample
-
-
-@njit(cache=True)
-def _mu_at(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
-    """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
-    return float(field.mu[layer, sample, i, j]) if inside else 0.0
 
 
 @njit(cache=True)
@@ -317,21 +316,14 @@ def _own_sample(field: GroupField, relative_yaw: float) -> int:
 
 @njit(cache=True)
 def _best_common_base(
-    tiles: Tiles,
-    key: int,
-    query: MultiTargetQuery,
-    field: GroupField,
-    raster: Raster,
-    taken: Floats,
-    count: int,
-    apart: float,
+    tiles: Tiles, query: MultiTargetQuery, field: GroupField, raster: Raster, taken: Floats, count: int
 ) -> tuple[float, int, int]:
-    """Score, base and turn of the best base that is free and farther than `apart` from `count` rows of `taken`."""
+    """Score, base and turn of the best base that is free and apart from the first `count` rows of `taken`."""
     best, best_base, best_turn = 0.0, -1, -1
     bounded = raster.cells.size > 0
     x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
-    points, yaws, windows = query.points, query.yaws, query.windows
-    for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
+    points, yaws = query.points, query.yaws
+    for tile in range(tiles.key_first[query.key], tiles.key_first[query.key + 1]):
         if tiles.tile_mu[tile] <= best:
             break
         tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
@@ -349,14 +341,11 @@ def _best_common_base(
                 score = float(mu_of[base])
                 own = _own_sample(field, yaw_of[base])
                 for m in range(1, points.shape[1]):
-                    if query.same_yaw:
-                        mu = _mu_at(field, x, y, yaw, points[turn, m], own)
-                    else:
-                        mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
+                    mu, _ = _best_sample(field, query, m, points[turn, m], x, y, yaw, own)
                     score = min(score, mu)
                     if score <= best:
                         break
-                if score > best and point_is_free(raster, x, y) and is_apart(taken, count, x, y, apart):
+                if score > best and point_is_free(raster, x, y) and is_apart(taken, count, x, y, query.apart):
                     best, best_base, best_turn = score, base, turn
     return best, best_base, best_turn
 
@@ -364,37 +353,24 @@ def _best_common_base(
 @njit(cache=True)
 def best_common_bases(
     tiles: Tiles,
-    key: int,
     query: MultiTargetQuery,
     field: GroupField,
-    exact: bool,
     raster: Raster,
-    apart: float,
     rows: Floats,
     torsos: Floats,
     yaws: Floats,
     done: int,
     last: int,
 ) -> int:
-    """The k best bases from which every position is reached.
+    """The best bases from which every position is reached, into rows `done` to `last`; those before are filled already.
 
-    Args:
-        tiles, key: bases of the reference.
-        query: the positions.
-        field: of the positions' pitch and roll.
-        exact: whether pitch and roll are exactly those of the map.
-        raster: of the free floor.
-        apart: smallest distance between two bases [m].
-        rows: (k, 5) filled with x, y, yaw, smallest μ, certain (0 or 1).
-        torsos, yaws: (k, m) filled with torso height and approach yaw of each position.
-        done, last: rows that are filled already, and rows to fill, at most k.
-
-    Returns:
-        How many rows are filled: fewer than `last` if there are no more bases.
+    `field`: of the positions' pitch and roll. `rows` (k, 5): x, y, yaw, smallest μ, certain (0 or 1). `torsos`, `yaws`
+    (k, m): torso height and approach yaw of each position. Returns how many rows are filled: fewer than `last` if there
+    are no more bases.
     """
     samples = field.mu.shape[1]
     for k in range(done, last):
-        score, base, turn = _best_common_base(tiles, key, query, field, raster, rows, k, apart)
+        score, base, turn = _best_common_base(tiles, query, field, raster, rows, k)
         if base < 0:
             return k
         c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
@@ -402,12 +378,10 @@ def best_common_bases(
         y = query.points[turn, 0, 1] + s * tiles.x[base] + c * tiles.y[base]
         yaw = query.yaws[turn] + tiles.yaw[base]
         own = _own_sample(field, tiles.yaw[base])
-        certain = exact
+        certain = query.exact
         for m in range(query.points.shape[1]):
             point = query.points[turn, m]
-            sample = own
-            if not query.same_yaw and m > 0:
-                _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
+            _, sample = _best_sample(field, query, m, point, x, y, yaw, own)
             layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
             certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
             height_offset = point[2] - field.z0 - (layer + 0.5) * field.thickness

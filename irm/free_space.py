@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
 
 from irm.compilation import njit
 from irm.errors import QueryError
@@ -25,60 +26,8 @@ BLOCKED, FREE, MIXED = 0, 1, 2
 DEFAULT_MARGIN = 2.0
 """[m] of floor kept around the outlines when no bounds are given: more than any arm's reach."""
 _MAX_CELLS = 25_000_000
-_FAR = 1e12
-"""Squared distance in cells where there is no seed."""
-
-
-@njit(cache=True, inline="always")
-def _crossing(f: Floats, p: int, q: int) -> float:
-    """Where the parabolas of two sites intersect; always above -_FAR."""
-    return float(((f[q] + q * q) - (f[p] + p * p)) / (2.0 * (q - p)))
-
-
-@njit(cache=True)
-def _transform_row(f: Floats, out: Floats, site: NDArray[np.int64], edge: Floats) -> None:
-    """out[q] = min over p of (q - p)² + f[p]."""
-    n = f.shape[0]
-    last = 0
-    site[0] = 0
-    edge[0], edge[1] = -_FAR, _FAR
-    for q in range(1, n):
-        crossing = _crossing(f, site[last], q)
-        while crossing <= edge[last]:
-            last -= 1
-            crossing = _crossing(f, site[last], q)
-        last += 1
-        site[last] = q
-        edge[last], edge[last + 1] = crossing, _FAR
-    k = 0
-    for q in range(n):
-        while edge[k + 1] < q:
-            k += 1
-        out[q] = (q - site[k]) ** 2 + f[site[k]]
-
-
-@njit(cache=True)
-def distance_to_seeds(seeds: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
-    """Distance from every cell's centre to the nearest seed's centre [m]; very large if there is no seed."""
-    width, depth = seeds.shape
-    size = max(width, depth)
-    squared = np.empty((width, depth))
-    row, out, edge = np.empty(size), np.empty(size), np.empty(size + 1)
-    site = np.empty(size, np.int64)
-    for i in range(width):
-        for j in range(depth):
-            row[j] = 0.0 if seeds[i, j] else _FAR
-        _transform_row(row[:depth], out[:depth], site, edge)
-        for j in range(depth):
-            squared[i, j] = out[j]
-    result = np.empty((width, depth), np.float32)
-    for j in range(depth):
-        for i in range(width):
-            row[i] = squared[i, j]
-        _transform_row(row[:width], out[:width], site, edge)
-        for i in range(width):
-            result[i, j] = sqrt(out[i]) * resolution
-    return result
+_FAR = 1e9
+"""[m] Distance to free floor where there is none."""
 
 
 class Raster(NamedTuple):
@@ -102,9 +51,9 @@ class Raster(NamedTuple):
 
 
 @njit(cache=True)
-def outline_distance(vertices: Floats, first: int, last: int, x: float, y: float) -> float:
-    """Distance from a point to a polygon's outline, negative inside [m]."""
-    nearest = inf
+def outline_distance(raster: Raster, m: int, x: float, y: float) -> float:
+    """Distance from a point to the outline of the m-th polygon, negative inside [m]."""
+    vertices, first, last, nearest = raster.vertices, raster.starts[m], raster.starts[m + 1], inf
     inside = False
     for k in range(first, last):
         ax, ay = vertices[k, 0], vertices[k, 1]
@@ -123,8 +72,9 @@ def outline_distance(vertices: Floats, first: int, last: int, x: float, y: float
 
 
 @njit(cache=True)
-def is_outside(vertices: Floats, starts: NDArray[np.int64], radii: Floats, x: float, y: float) -> bool:
+def is_outside(raster: Raster, x: float, y: float) -> bool:
     """Whether a point is farther than its radius from every outline: `outline_distance` without its square roots."""
+    vertices, starts, radii = raster.vertices, raster.starts, raster.radii
     for m in range(starts.shape[0] - 1):
         limit = radii[m] * radii[m]
         inside = False
@@ -150,15 +100,6 @@ def is_outside(vertices: Floats, starts: NDArray[np.int64], radii: Floats, x: fl
     return True
 
 
-@njit(cache=True)
-def are_outside(vertices: Floats, starts: NDArray[np.int64], radii: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    """`is_outside` of many points (n,)."""
-    outside = np.empty(x.shape[0], np.bool_)
-    for k in range(x.shape[0]):
-        outside[k] = is_outside(vertices, starts, radii, x[k], y[k])
-    return outside
-
-
 @njit(cache=True, inline="always")
 def point_is_free(raster: Raster, x: float, y: float) -> bool:
     """Whether the base's centre may be at a point."""
@@ -172,7 +113,15 @@ def point_is_free(raster: Raster, x: float, y: float) -> bool:
         kind = raster.cells[np.uint64(i), np.uint64(j)]
         free = kind == FREE
         if kind == MIXED:
-            free = is_outside(raster.vertices, raster.starts, raster.radii, x, y)
+            free = is_outside(raster, x, y)
+    return free
+
+
+@njit(cache=True)
+def _points_are_free(raster: Raster, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    free = np.empty(x.size, np.bool_)
+    for k in range(x.size):
+        free[k] = point_is_free(raster, x[k], y[k])
     return free
 
 
@@ -195,26 +144,17 @@ def floor_gap(raster: Raster, x: float, y: float) -> float:
     """A tighter bound than `floor_distance` near furniture: a free point is outside every grown outline."""
     gap = floor_distance(raster, x, y)
     if gap > 0.0:
-        vertices, starts = raster.vertices, raster.starts
-        for m in range(starts.shape[0] - 1):
-            gap = max(gap, raster.radii[m] - outline_distance(vertices, starts[m], starts[m + 1], x, y))
+        for m in range(raster.radii.shape[0]):
+            gap = max(gap, raster.radii[m] - outline_distance(raster, m, x, y))
     return gap
 
 
 @njit(cache=True)
-def classify_cells(
-    cells: Bytes,
-    x0: float,
-    y0: float,
-    resolution: float,
-    vertices: Floats,
-    starts: NDArray[np.int64],
-    radii: Floats,
-) -> None:
-    """Classify every cell by its centre's distance to each outline, plus or minus half the cell's diagonal.
-
-    `cells` are all FREE before.
-    """
+def classify_cells(raster: Raster) -> None:
+    """Classify every cell, all FREE before, by its centre's distance to each outline, plus or minus half the cell's
+    diagonal."""
+    cells, x0, y0, resolution = raster.cells, raster.x0, raster.y0, raster.resolution
+    vertices, starts, radii = raster.vertices, raster.starts, raster.radii
     width, depth = cells.shape
     slack = 0.7072 * resolution
     for m in range(starts.shape[0] - 1):
@@ -233,7 +173,7 @@ def classify_cells(
                 if cells[i, j] == BLOCKED:
                     continue
                 y = y0 + (j + 0.5) * resolution
-                distance = outline_distance(vertices, starts[m], starts[m + 1], x, y)
+                distance = outline_distance(raster, m, x, y)
                 if distance <= radius - slack:
                     cells[i, j] = BLOCKED
                 elif distance <= radius + slack:
@@ -313,14 +253,12 @@ class FreeSpace:
             raise QueryError(
                 f"{shape[0]} × {shape[1]} cells are too many; choose smaller bounds or a coarser resolution"
             )
-        for array in (vertices, starts, radii):
-            array.setflags(write=False)
-        cells = np.full(shape, FREE, np.uint8)
-        classify_cells(cells, x0, y0, resolution, vertices, starts, radii)
-        distance = distance_to_seeds(cells != BLOCKED, resolution)
-        for array in (cells, distance):
-            array.setflags(write=False)
-        return FreeSpace(Raster(cells, distance, x0, y0, x1, y1, resolution, vertices, starts, radii))
+        cells, distance = np.full(shape, FREE, np.uint8), np.empty((0, 0), np.float32)
+        raster = Raster(cells, distance, x0, y0, x1, y1, resolution, vertices, starts, radii)
+        classify_cells(raster)
+        blocked = cells == BLOCKED
+        distance = np.full(shape, _FAR) if blocked.all() else distance_transform_edt(blocked) * resolution
+        return FreeSpace(_read_only(raster._replace(distance=distance.astype(np.float32))))
 
     def is_free(self, x: float, y: float) -> bool:
         """Whether the base's centre may be at a point [m]; points outside the bounds and NaN are not free.
@@ -333,18 +271,7 @@ class FreeSpace:
 
     def are_free(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """`is_free` of many points; `x` and `y` have the same shape, and so has the answer."""
-        raster = self.raster
-        if raster.cells.size == 0:
-            return np.asarray(np.isfinite(x) & np.isfinite(y))
-        i = ((x - raster.x0) * (1.0 / raster.resolution)).astype(np.int64)
-        j = ((y - raster.y0) * (1.0 / raster.resolution)).astype(np.int64)
-        inside = (x >= raster.x0) & (x <= raster.x1) & (y >= raster.y0) & (y <= raster.y1)
-        width, depth = raster.cells.shape
-        kind = raster.cells.ravel()[np.clip(i, 0, width - 1) * depth + np.clip(j, 0, depth - 1)]
-        free: NDArray[np.bool_] = (kind == FREE) & inside
-        mixed = (kind == MIXED) & inside
-        free[mixed] = are_outside(raster.vertices, raster.starts, raster.radii, x[mixed], y[mixed])
-        return free
+        return np.asarray(_points_are_free(self.raster, np.ravel(x), np.ravel(y)).reshape(np.shape(x)))
 
     @cached_property
     def is_empty(self) -> bool:
@@ -384,14 +311,17 @@ def _bounds(
     return float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3])
 
 
-def _everywhere() -> FreeSpace:
-    """A floor without cells; its arrays are read-only like all others, so that kernels are compiled only once."""
-    cells, distance = np.empty((0, 0), np.uint8), np.empty((0, 0), np.float32)
-    vertices, starts, radii = np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0)
-    for array in (cells, distance, vertices, starts, radii):
-        array.setflags(write=False)
-    return FreeSpace(Raster(cells, distance, 0.0, 0.0, 0.0, 0.0, 1.0, vertices, starts, radii))
+def _read_only(raster: Raster) -> Raster:
+    """The raster, whose arrays are read-only like all others, so that kernels are compiled only once."""
+    for array in raster:
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return raster
 
 
-EVERYWHERE = _everywhere()
+_NO_CELLS, _NO_DISTANCES = np.empty((0, 0), np.uint8), np.empty((0, 0), np.float32)
+_NO_OUTLINES = Raster(
+    _NO_CELLS, _NO_DISTANCES, 0.0, 0.0, 0.0, 0.0, 1.0, np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0)
+)
+EVERYWHERE = FreeSpace(_read_only(_NO_OUTLINES))
 """A floor without furniture or walls."""

@@ -13,9 +13,8 @@ from irm.common_bases import place_for_path, place_for_targets
 from irm.equations import inverse_reachability
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import Tiles
-from irm.keyed_bases import SPARE_BASES, KeyedBases
-from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, best_bases_batch, best_bases_in_window
+from irm.inverse_table import SPARE_BASES, InverseTable
+from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
 from irm.query_keys import (
     FULL_TURN,
     Key,
@@ -26,11 +25,9 @@ from irm.query_keys import (
     as_positions,
     as_yaw_range,
     as_yaw_ranges,
-    base_turns,
     checked_options,
     find_key,
     find_keys,
-    flat_key,
     yaw_window,
 )
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
@@ -81,8 +78,8 @@ class InverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
-        self._bases = KeyedBases(reachability_map)
-        self.tiles: Tiles = self._bases.tiles
+        self._table = InverseTable(reachability_map)
+        self.tiles: Tiles = self._table.tiles
 
     def __len__(self) -> int:
         return len(self.tiles.x)
@@ -103,15 +100,15 @@ class InverseReachabilityMap:
             **keywords: of all queries.
         """
         options = checked_options(keywords)
-        bases = self._bases
-        grid, space = bases.grid, options.space
+        table, space = self._table, options.free_space
+        grid = table.grid
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
-        place = TcpPlace(flat_key(grid, key.layer, key.group), point[0], point[1], key.height_offset, key.exact)
+        place = TcpPlace(key.number, point[0], point[1], key.height_offset, key.exact)
         window = yaw_window(grid, key, bounds, options.yaw_step)
-        if bases.is_exact_wanted(options, by_default=False):
+        if table.is_exact_wanted(options, by_default=False):
             # If none of the bases reaches, more of them are tried, closer together.
             tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
             for count, separation in tries:
@@ -123,7 +120,7 @@ class InverseReachabilityMap:
             rows = self._best_bases(place, window, space, options.k, options.separation)
         if len(rows):
             return BasePlacement.of_rows(rows)
-        possible = bases.may_exist(point, options.pitch, key, bounds, space)
+        possible = table.may_exist(point, options.pitch, key, bounds, space)
         return BasePlacement.nothing(Status.UNKNOWN if possible else Status.NO)
 
     def query_batch(
@@ -146,8 +143,8 @@ class InverseReachabilityMap:
         if len(points) not in (1, n) or len(ranges) not in (1, n):
             raise QueryError(f"{len(points)} positions do not go with {len(ranges)} yaw ranges")
         points = np.array(np.broadcast_to(points, (n, 3)), order="C")
-        key, keys, height_offsets = find_keys(self._bases.grid, points[:, 2], options.pitch, options.roll)
-        window = yaw_window(self._bases.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
+        key, keys, height_offsets = find_keys(self._table.grid, points[:, 2], options.pitch, options.roll)
+        window = yaw_window(self._table.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
         if len(ranges) == 1 or window.low != ranges[0, 0] - window.shift:  # one window serves all
             turns = np.tile((window.low, window.high), (n, 1))
         else:
@@ -159,8 +156,8 @@ class InverseReachabilityMap:
         block = max(1, _ROWS_AT_A_TIME // options.k)
         for first in range(0, n, block):
             some = order[first : first + block]
-            best_bases_batch(self.tiles, queries, some, window, options.space.raster, apart, rows, counts)
-        if self._bases.is_exact_wanted(options, by_default=False):
+            best_bases_batch(self.tiles, queries, some, window, options.free_space.raster, apart, rows, counts)
+        if self._table.is_exact_wanted(options, by_default=False):
             self._decide_batch(rows, counts, points, options)
         return PlacementBatch.of_rows(rows, counts)
 
@@ -196,7 +193,7 @@ class InverseReachabilityMap:
         options = checked_options(keywords)
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
         origin = None if target is None else np.array(as_position(target))
-        return place_for_path(self._bases, points, origin, bounds, options, solids)
+        return place_for_path(self._table, points, origin, bounds, options, solids)
 
     def query_multi(
         self, targets: ArrayLike, *, yaw_ranges: ArrayLike = FULL_TURN, **keywords: Unpack[QueryKeywords]
@@ -211,25 +208,25 @@ class InverseReachabilityMap:
         Returns:
             Bases whose `torso` and `approach_yaw` are (k, m), one for each target.
         """
-        return place_for_targets(self._bases, as_positions(targets), yaw_ranges, checked_options(keywords))
+        return place_for_targets(self._table, as_positions(targets), yaw_ranges, checked_options(keywords))
 
     def _best_bases(
         self, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
     ) -> Floats:
-        """(m, 7) rows of `best_bases`, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
+        """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
         rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
         apart = max(separation, SAME_PLACE)
         while progress[0] == progress[2] < count:
             progress[2] += _ROWS_AT_A_TIME
-            best_bases_in_window(self.tiles, place, window, space.raster, apart, rows, progress)
+            best_bases(self.tiles, place, window, space.raster, apart, rows, progress)
         return rows[: progress[0]]
 
     def _decide(self, rows: Floats, points: Floats, options: QueryOptions) -> NDArray[np.bool_]:
         """Whether the bases of rows (m, 7) may reach their points (m, 3); sets exact torso heights and certainty."""
-        decided = self._bases.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
-        rows[:, 6] = decided.certain
-        rows[decided.certain, 5] = decided.torso[decided.certain, 0]
-        return decided.may_reach
+        may_reach, certain, torso = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+        rows[:, 6] = certain
+        rows[certain, 5] = torso[certain, 0]
+        return may_reach
 
     def _decide_batch(self, rows: Floats, counts: Integers, points: Floats, options: QueryOptions) -> None:
         """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
@@ -302,13 +299,13 @@ class ClassicalInverseReachabilityMap:
         options = checked_options(keywords)
         if options.exact:
             raise QueryError("exact=True is for the map of equation 5: InverseReachabilityMap")
-        grid, space = self.reachability_map.grid, options.space
+        grid, space = self.reachability_map.grid, options.free_space
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         angles = grid.orientations.pitch[key.group], grid.orientations.roll[key.group]
-        turns = base_turns(grid, key, bounds, options.yaw_step)
+        turns = base_turns(yaw_window(grid, key, bounds, options.yaw_step))
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
         mu = self.reachability_map.manipulability[base]

@@ -11,77 +11,191 @@ the TCP.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
+from math import cos, hypot, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irm.answers import NO, YES
 from irm.equations import inverse_reachability_on_floor
+from irm.errors import QueryError
+from irm.free_space import FreeSpace
+from irm.ik.solvers import ExactSolver
+from irm.query_kernels import (
+    PARTS,
+    RADIUS_STEP,
+    RING_WIDTH,
+    RINGS,
+    SECTORS,
+    Ranking,
+    Tiles,
+    any_base_near,
+    disc_meets_floor,
+    turns_of,
+)
+from irm.query_keys import Key, QueryOptions, linspace_angles, nearby_keys, outer_turns
 from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 TILE = 0.1
 """[m] Edge of a tile: two voxels, so that about twenty bases share one look-up of the floor."""
-RADIUS_STEP = 0.025
-"""[m] Step of the distances in `Ranking.skip`."""
-SECTORS = 64
-"""Directions around the TCP: the bits of one number."""
-PARTS = 4
-"""Parts of a sector: a base is known to lie in one of 256 directions."""
-RING_WIDTH = 0.05
-"""[m] of a ring of floor around the TCP."""
-RINGS = 64
-"""Number of rings; bases farther than all of them count for the last one."""
+SPARE_BASES = 8
+"""Bases that are decided beyond the number wanted, in place of those that are dropped."""
+_OUTER_VOXELS = 1.5 * float(np.sqrt(2.0))
+"""Voxels by which the outer map extends beyond a reachable one: to the far corner of its diagonal neighbour."""
 
 
-class Ranking(NamedTuple):
-    """Bases of every key, best first.
+class GroupField(NamedTuple):
+    """The map of one pitch and roll as dense arrays `mu` and `torso` (layer, yaw, x, y), for kernels.
 
-    `base` (n,): their numbers; `radius` (n,): their distances from the TCP [m]; `first` (keys + 1,): where each key's
-    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP; `where`
-    (n,): in which ring, `RING_WIDTH` wide, in which of the `SECTORS` around the TCP, and in which of its `PARTS` they
-    are, (ring * SECTORS + sector) * PARTS + part.
+    `x0`, `y0`, `z0`: lowest corner of the grid in the base frame [m]; `voxel`: edge of its cells [m];
+    `thickness` of its layers [m].
     """
 
-    base: NDArray[np.int32]
-    x: Singles
-    y: Singles
-    radius: Singles
-    where: NDArray[np.uint16]
-    first: Integers
-    skip: NDArray[np.int32]
+    mu: NDArray[np.float32]
+    torso: NDArray[np.float32]
+    x0: float
+    y0: float
+    z0: float
+    voxel: float
+    thickness: float
 
 
-class Tiles(NamedTuple):
-    """Arrays for kernels.
+class InverseTable:
+    """The bases of equation 5, found by the key of a TCP pose: what all queries on them share.
 
-    Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the TCP at approach yaw 0, `mu`, `torso` [m], `flags`.
-    Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
-    `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
-    (keys + 1,) bases. `ranked`: all bases by μ; `rings`: the best base of each voxel by μ. `torso_lower`,
-    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
+    Attributes:
+        reachability_map, grid: the map that was inverted, and its cells.
+        tiles: the bases as arrays, for kernels.
     """
 
-    x: Singles
-    y: Singles
-    yaw: Singles
-    mu: Singles
-    torso: Singles
-    flags: NDArray[np.uint8]
-    tile_x: Floats
-    tile_y: Floats
-    tile_radius: Floats
-    tile_mu: Singles
-    tile_first: Integers
-    tile_last: Integers
-    key_first: Integers
-    base_first: Integers
-    ranked: Ranking
-    rings: Ranking
-    torso_lower: float
-    torso_upper: float
+    def __init__(self, reachability_map: ReachabilityMap) -> None:
+        self.reachability_map = reachability_map
+        self.grid = reachability_map.grid
+        self.tiles = invert_map(reachability_map)
+        self._fields: dict[int, GroupField] = {}
+
+    def field(self, group: int) -> GroupField:
+        """The map of one orientation group as a dense array, made at the first call."""
+        if group not in self._fields:
+            rm, grid, start = self.reachability_map, self.grid, self.grid.orientations.start
+            layers, _, width, depth = grid.shape
+            z, orientation, x, y = rm.indices()
+            mine = (orientation >= start[group]) & (orientation < start[group + 1])
+            place = z[mine], orientation[mine] - start[group], x[mine], y[mine]
+            shape = layers, int(start[group + 1] - start[group]), width, depth
+            mu, torso = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+            mu[place], torso[place] = rm.manipulability[mine], rm.torso[mine]
+            x0, y0 = (centre - grid.half * grid.voxel for centre in grid.centre)
+            self._fields[group] = GroupField(mu, torso, x0, y0, grid.bottom, grid.voxel, grid.thickness)
+        return self._fields[group]
+
+    def disc(self, z: float, pitch: float) -> tuple[float, float] | None:
+        """Where the arm's lengths allow the base to be for a TCP at a height [m] and pitch [rad]; None for nowhere.
+
+        The base's centre is at most a radius from the wrist centre, which is a level distance behind the TCP. With a
+        closed form, the wrist centre is at most upper arm + forearm away from the lift axis. For any other arm, the TCP
+        is at most the sum of all link lengths away from the first joint. Without the arm's lengths, for the map of
+        somebody else, the base may be everywhere.
+
+        Returns:
+            That distance and that radius, both horizontal [m].
+        """
+        chain = self.reachability_map.chain
+        if chain is None:
+            return 0.0, np.inf
+        if chain.has_closed_form:
+            pan_x, pan_z, shoulder_x, shoulder_z, upper_arm, forearm, gripper = chain.links.tolist()
+            level, inner, reach = gripper * cos(pitch), abs(pan_x) + shoulder_x, upper_arm + forearm
+            height = z + gripper * sin(pitch) - pan_z - shoulder_z
+        else:
+            x, y, shoulder = chain.shoulder.tolist()
+            level, inner, reach, height = 0.0, hypot(x, y), chain.reach, z - shoulder
+        low, high = self.grid.torso_range
+        above = max(low - height, height - high, 0.0)
+        return (level, inner + sqrt(reach * reach - above * above)) if above <= reach else None
+
+    def may_exist(
+        self, point: Sequence[float], pitch: float, key: Key, yaw_range: tuple[float, float], space: FreeSpace
+    ) -> bool:
+        """Whether a base may exist for a TCP at `point` (3,) [m]: within the arm's lengths, and in the outer map, on or
+        near free floor. The outer map consists of all cells next to a reachable one."""
+        disc, raster = self.disc(point[2], pitch), space.raster
+        if disc is None:
+            return False
+        level, radius = disc
+        yaws, half = linspace_angles((yaw_range[0], yaw_range[1]))
+        if not disc_meets_floor(point[0], point[1], level, radius, yaws, half, raster):
+            return False
+        keys = nearby_keys(self.grid, key)
+        if keys is None:
+            return True
+        turns, half = outer_turns(self.grid, key, yaw_range)
+        slack = _OUTER_VOXELS * self.grid.voxel
+        return bool(any_base_near(self.tiles, keys, point[0], point[1], turns_of(turns), half, raster, slack))
+
+    def rarest(self, keys: Sequence[Key]) -> int:
+        """Index of the key with the fewest bases: the shortest list to search."""
+        numbers = np.array([key.number for key in keys])
+        return int((self.tiles.base_first[numbers + 1] - self.tiles.base_first[numbers]).argmin())
+
+    def is_exact_wanted(self, options: QueryOptions, by_default: bool) -> bool:
+        """Whether the bases of a query are to be decided exactly; `by_default`: for an arm with a closed form, if the
+        caller does not say.
+
+        Raises:
+            QueryError: the caller wants it, and the map does not know its arm.
+        """
+        chain = self.reachability_map.chain
+        if options.exact and chain is None:
+            raise QueryError("exact=True needs the arm of the map; this map was made from poses")
+        if options.exact is None:
+            return by_default and chain is not None and chain.has_closed_form
+        return options.exact
+
+    def decide(
+        self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Floats]:
+        """Exact answers for k bases and m TCP poses of each.
+
+        Args:
+            bases: (k, 3) x, y [m] and yaw [rad].
+            points: (k, m, 3) TCP positions in the world [m].
+            yaws: (k, m) approach yaws in the world [rad].
+            options: with pitch and roll of the TCP.
+
+        Returns:
+            Whether each base may reach (k,): false where a pose is certainly out of reach; whether it certainly reaches
+            all poses (k,); and torso heights of configurations that reach (k, m), NaN where there is none [m].
+        """
+        T = np.zeros((*yaws.shape, 4, 4))
+        T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
+        offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
+        T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
+        T[..., 3, 3] = 1.0
+        answers, configurations = self._solver.solve(T.reshape(-1, 4, 4))
+        answers = answers.reshape(yaws.shape)
+        torso = configurations[:, 0].reshape(yaws.shape)
+        return np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), torso
+
+    @cached_property
+    def _solver(self) -> ExactSolver:
+        assert self.reachability_map.chain is not None
+        return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
+
+
+def _about_z(angle: Floats) -> Floats:
+    """(..., 3, 3) rotations about z."""
+    R = np.zeros((*angle.shape, 3, 3))
+    c, s = np.cos(angle), np.sin(angle)
+    R[..., 0, 0], R[..., 0, 1], R[..., 1, 0], R[..., 1, 1], R[..., 2, 2] = c, -s, s, c, 1.0
+    return R
 
 
 def invert_map(rm: ReachabilityMap) -> Tiles:

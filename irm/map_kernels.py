@@ -52,7 +52,7 @@ def _pan_profile(arm: ChainArrays, approach: Floats, wrist: Floats, turns: Float
     found = False
     for k in range(turns.shape[0]):
         profile[k] = 0.0
-        count = ik_pan(arm.links, approach, wrist, turns[k, 0], turns[k, 1], arm.lower, arm.upper, rows)
+        count = ik_pan(arm, approach, wrist, turns[k, 0], turns[k, 1], rows)
         for i in range(count):
             q[2:7] = rows[i]
             fk_frames(arm.offsets, arm.axes, arm.tip, q, R, p)
@@ -140,13 +140,13 @@ def closed_form_layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Itera
 
 
 @njit(cache=True)
-def tcp_frames(offsets: Floats, axes: Integers, tip: Floats, configurations: Floats) -> tuple[Floats, Floats]:
+def tcp_frames(arm: ChainArrays, configurations: Floats) -> tuple[Floats, Floats]:
     """Orientations (m, 3, 3) and positions (m, 3) of the TCP at many configurations."""
     m, n = configurations.shape
     out_R, out_p = np.empty((m, 3, 3)), np.empty((m, 3))
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(m):
-        fk_frames(offsets, axes, tip, configurations[k], R, p)
+        fk_frames(arm.offsets, arm.axes, arm.tip, configurations[k], R, p)
         out_R[k], out_p[k] = R[n], p[n]
     return out_R, out_p
 
@@ -177,7 +177,7 @@ def sampled_layers(chain: ArmChain, grid: MapGrid, heights: Floats, parameters: 
     orientations = grid.orientations
     R = np.array([rotation(*angles) for angles in orientations.angles])
     neighbours = orientation_neighbours(orientations)
-    arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
+    arm = chain_arrays(chain)
     below = np.zeros((*grid.shape[1:], chain.size), dtype=np.float32)
     was_reached = np.zeros(grid.shape[1:], dtype=bool)
     for k, height in enumerate(heights):
@@ -190,7 +190,7 @@ def sampled_layers(chain: ArmChain, grid: MapGrid, heights: Floats, parameters: 
         centres = _Cells(grid.axis(0), grid.axis(1), float(height), R, neighbours)
         seeds = np.concatenate([configurations[mine], below[was_reached].astype(float)])
         at = np.concatenate([cells[mine, 1:], np.argwhere(was_reached)])
-        _fill_layer(*arm, orientations.free_roll, centres, seeds, np.ascontiguousarray(at), layer)
+        _fill_layer(arm, orientations.free_roll, centres, seeds, np.ascontiguousarray(at), layer)
         below, was_reached = layer.configuration, layer.mu > 0
         yield layer.mu
 
@@ -199,7 +199,7 @@ def _sorted_by_layer(
     chain: ArmChain, grid: MapGrid, configurations: Floats, heights: Floats
 ) -> tuple[Floats, Integers]:
     """The configurations whose TCP is inside a cell, and that cell (layer, orientation, x, y), lowest layer first."""
-    R, p = tcp_frames(chain.offsets, chain.axes, chain.tip, configurations)
+    R, p = tcp_frames(chain_arrays(chain), configurations)
     half = 2 * grid.half
     layer = np.floor((p[:, 2] - heights[0]) / grid.thickness + 0.5).astype(np.int64)
     x, y = (np.floor((p[:, k] - grid.centre[k]) / grid.voxel).astype(np.int64) + grid.half for k in (0, 1))
@@ -211,20 +211,9 @@ def _sorted_by_layer(
 
 
 @njit(cache=True)
-def _fill_layer(
-    offsets: Floats,
-    axes: Integers,
-    tip: Floats,
-    lower: Floats,
-    upper: Floats,
-    free_roll: bool,
-    centres: _Cells,
-    seeds: Floats,
-    at: Integers,
-    layer: _Layer,
-) -> None:
+def _fill_layer(arm: ChainArrays, free_roll: bool, centres: _Cells, seeds: Floats, at: Integers, layer: _Layer) -> None:
     """Solve the cells `at` (m, 3) from `seeds` (m, n), then their neighbours from them, until no cell improves."""
-    n = axes.shape[0]
+    n = arm.axes.shape[0]
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     A, d, e = np.empty((6, 6)), np.empty(6), np.empty(6)
     width = centres.x.shape[0]
@@ -261,7 +250,7 @@ def _fill_layer(
             layer.attempts[to, i, j] += 1
             goal[0], goal[1], goal[2] = centres.x[i], centres.y[j], centres.z
             q[:] = source
-            if not approach_pose(offsets, axes, tip, lower, upper, centres.R[to], goal, free_roll, q, R, p, J):
+            if not approach_pose(arm, centres.R[to], goal, free_roll, q, R, p, J):
                 continue
             mu = np.float32(condition(J, A, d, e))
             if mu > own:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import mujoco
@@ -40,19 +40,6 @@ APPROACHES = {
 """R_tip_tcp: the shortest turn whose x axis is the named axis of the tip."""
 
 
-class ModelArm(NamedTuple):
-    """The first fields of `irm.chain.ArmChain`, in its order; the frames have z along the joints' axes."""
-
-    name: str
-    offsets: Floats
-    axes: NDArray[np.int64]
-    lower: Floats
-    upper: Floats
-    tip: Floats
-    joints: tuple[str, ...]
-    self_collisions: tuple[tuple[str, str], ...]
-
-
 class _Joint(NamedTuple):
     """One joint at zero: a point on its axis and its direction, in the base frame [m]."""
 
@@ -67,8 +54,8 @@ class _Joint(NamedTuple):
 _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 
-def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> ModelArm:
-    """The arm from `base` to `tip`; see `irm.chain.ArmChain.from_mjcf`.
+def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
+    """Fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`; frames have z along the joints' axes.
 
     Raises:
         ChainError: no such file, body or site, or the joints between them are not those of an arm.
@@ -79,27 +66,40 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     base_body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base)
     if base_body < 0:
         raise ChainError(f"there is no body {base!r}; there are {_listed(model, mujoco.mjtObj.mjOBJ_BODY)}")
-    numbers = _joints_between(model, base_body, _tip_body(model, tip), (base, tip))
+    is_site, number = _find_tip(model, tip)
+    tip_body = int(model.site_bodyid[number]) if is_site else number
+    numbers = _joints_between(model, base_body, tip_body, (base, tip))
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
     mujoco.mj_kinematics(model, data)
     T_base_world: Floats = np.asarray(np.linalg.inv(_pose(data.xmat[base_body], data.xpos[base_body])), dtype=float)
-    lift, hinges = _lift_and_hinges([_read_joint(model, data, k, T_base_world) for k in numbers], (base, tip))
+    R, origin = T_base_world[:3, :3], T_base_world[:3, 3]
+    joints = [
+        _Joint(
+            str(model.joint(k).name) or f"joint {k}",
+            int(model.jnt_type[k]) == int(mujoco.mjtJoint.mjJNT_SLIDE),
+            R @ data.xanchor[k] + origin,
+            R @ data.xaxis[k],
+            *(model.jnt_range[k].tolist() if model.jnt_limited[k] else (-CONTINUOUS, CONTINUOUS)),
+        )
+        for k in numbers
+    ]
+    lift, hinges = _lift_and_hinges(joints, (base, tip))
     T_base_tip = T_base_world @ _tip_pose(model, data, tip)
     T_base_tip[:3, :3] = T_base_tip[:3, :3] @ _tool_rotation(approach)
     offsets, axes, tool = _frames(hinges, T_base_tip)
-    joints = (lift, *hinges)
+    joints = [lift, *hinges]
     own_name = bytes(model.names).split(b"\0", 1)[0].decode()
-    return ModelArm(
-        name=own_name if own_name not in ("", _UNNAMED) else name or "arm",
-        offsets=offsets,
-        axes=axes,
-        lower=np.array([joint.lower for joint in joints]),
-        upper=np.array([joint.upper for joint in joints]),
-        tip=tool,
-        joints=tuple(joint.name for joint in joints),
-        self_collisions=self_collision_pairs(model, base_body),
-    )
+    return {
+        "robot": own_name if own_name not in ("", _UNNAMED) else name or "arm",
+        "offsets": offsets,
+        "axes": axes,
+        "lower": np.array([joint.lower for joint in joints]),
+        "upper": np.array([joint.upper for joint in joints]),
+        "tip": tool,
+        "joints": tuple(joint.name for joint in joints),
+        "self_collisions": self_collision_pairs(model, base_body),
+    }
 
 
 def load_model(path: Path) -> mujoco.MjModel:
@@ -136,14 +136,14 @@ def load_urdf(path: Path) -> mujoco.MjModel:
         raise ChainError(f"{path} cannot be read as a URDF file: {problem}") from problem
 
 
-def _tip_body(model: mujoco.MjModel, name: str) -> int:
-    """The body of the site of that name, or the body of that name."""
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-    if site < 0 and body < 0:
-        sites, bodies = (_listed(model, kind) for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY))
-        raise ChainError(f"there is no site or body {name!r}; there are the sites {sites} and the bodies {bodies}")
-    return int(model.site_bodyid[site]) if site >= 0 else int(body)
+def _find_tip(model: mujoco.MjModel, name: str) -> tuple[bool, int]:
+    """Whether there is a site of that name, and the number of that site, or of the body of that name."""
+    for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY):
+        number = mujoco.mj_name2id(model, kind, name)
+        if number >= 0:
+            return kind == mujoco.mjtObj.mjOBJ_SITE, number
+    sites, bodies = (_listed(model, kind) for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY))
+    raise ChainError(f"there is no site or body {name!r}; there are the sites {sites} and the bodies {bodies}")
 
 
 def _listed(model: mujoco.MjModel, kind: mujoco.mjtObj) -> str:
@@ -153,11 +153,8 @@ def _listed(model: mujoco.MjModel, kind: mujoco.mjtObj) -> str:
 
 
 def _tip_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    if site >= 0:
-        return _pose(data.site_xmat[site], data.site_xpos[site])
-    body = data.body(name)
-    return _pose(body.xmat, body.xpos)
+    is_site, tip = _find_tip(model, name)
+    return _pose(data.site_xmat[tip], data.site_xpos[tip]) if is_site else _pose(data.xmat[tip], data.xpos[tip])
 
 
 def _pose(R: Floats, p: Floats) -> Floats:
@@ -190,18 +187,6 @@ def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str
             f"between {names[0]!r} and {names[1]!r} there is {listed}; an arm has hinges, and may have a lift"
         )
     return found
-
-
-def _read_joint(model: mujoco.MjModel, data: mujoco.MjData, number: int, T_base_world: Floats) -> _Joint:
-    lower, upper = model.jnt_range[number] if model.jnt_limited[number] else (-CONTINUOUS, CONTINUOUS)
-    return _Joint(
-        str(model.joint(number).name) or f"joint {number}",
-        int(model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_SLIDE),
-        T_base_world[:3, :3] @ data.xanchor[number] + T_base_world[:3, 3],
-        T_base_world[:3, :3] @ data.xaxis[number],
-        float(lower),
-        float(upper),
-    )
 
 
 def _lift_and_hinges(joints: list[_Joint], names: tuple[str, str]) -> tuple[_Joint, list[_Joint]]:
@@ -302,9 +287,6 @@ def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, s
 
 def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
     """Whether some geom of one body may collide with some geom of the other."""
-    masks = []
-    for body in (first, second):
-        geoms = slice(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
-        masks.append((model.geom_contype[geoms], model.geom_conaffinity[geoms]))
-    (type_1, affinity_1), (type_2, affinity_2) = masks
-    return bool(np.any(type_1[:, None] & affinity_2) or np.any(affinity_1[:, None] & type_2))
+    one, other = (np.flatnonzero(model.geom_bodyid == body) for body in (first, second))
+    kinds, partners = model.geom_contype, model.geom_conaffinity
+    return bool(np.any(kinds[one, None] & partners[other]) or np.any(partners[one, None] & kinds[other]))

@@ -1,6 +1,6 @@
 """Compiled queries for one TCP pose or for many: the best free bases of a key, and the proof that there is none.
 
-Bases are tested in the order of μ (`irm.inverse_table.Ranking`). To test a base at a turn is to look up one place on
+Bases are tested in the order of μ (`Ranking`). To test a base at a turn is to look up one place on
 the floor. Where little floor is free, most places of the best bases are not. So the floor around the TCP is divided
 into sectors of rings. A mask of 64 bits says for each ring which of its sectors may contain free floor; it is computed
 when the first base on that ring is tested. One operation on masks then rejects a base at all its turns.
@@ -8,6 +8,7 @@ when the first base on that ring is tested. One operation on masks then rejects 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import ceil, cos, floor, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
@@ -16,13 +17,23 @@ from numpy.typing import NDArray
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.free_space import Raster, floor_distance, floor_gap, point_is_free
-from irm.inverse_table import PARTS, RADIUS_STEP, RING_WIDTH, RINGS, SECTORS, Ranking, Tiles
 from irm.kinematics import wrap
 from irm.query_keys import YawWindow
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
+RADIUS_STEP = 0.025
+"""[m] Step of the distances in `Ranking.skip`."""
+SECTORS = 64
+"""Directions around the TCP: the bits of one number."""
+PARTS = 4
+"""Parts of a sector: a base is known to lie in one of 256 directions."""
+RING_WIDTH = 0.05
+"""[m] of a ring of floor around the TCP."""
+RINGS = 64
+"""Number of rings; bases farther than all of them count for the last one."""
 SAME_PLACE = 1e-6
 """[m] Two bases closer than this are the same base."""
 _SAME_ANGLE = 1e-9
@@ -44,6 +55,54 @@ _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 """Every sector."""
 _ONE = np.uint64(1)
 """Indices without a sign are never counted from the end, which a kernel must otherwise test."""
+
+
+class Ranking(NamedTuple):
+    """Bases of every key, best first.
+
+    `base` (n,): their numbers; `radius` (n,): their distances from the TCP [m]; `first` (keys + 1,): where each key's
+    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP; `where`
+    (n,): in which ring, `RING_WIDTH` wide, in which of the `SECTORS` around the TCP, and in which of its `PARTS` they
+    are, (ring * SECTORS + sector) * PARTS + part.
+    """
+
+    base: NDArray[np.int32]
+    x: Singles
+    y: Singles
+    radius: Singles
+    where: NDArray[np.uint16]
+    first: Integers
+    skip: NDArray[np.int32]
+
+
+class Tiles(NamedTuple):
+    """Arrays for kernels.
+
+    Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the TCP at approach yaw 0, `mu`, `torso` [m], `flags`.
+    Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
+    `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
+    (keys + 1,) bases. `ranked`: all bases by μ; `rings`: the best base of each voxel by μ. `torso_lower`,
+    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
+    """
+
+    x: Singles
+    y: Singles
+    yaw: Singles
+    mu: Singles
+    torso: Singles
+    flags: NDArray[np.uint8]
+    tile_x: Floats
+    tile_y: Floats
+    tile_radius: Floats
+    tile_mu: Singles
+    tile_first: Integers
+    tile_last: Integers
+    key_first: Integers
+    base_first: Integers
+    ranked: Ranking
+    rings: Ranking
+    torso_lower: float
+    torso_upper: float
 
 
 class TcpPlace(NamedTuple):
@@ -96,17 +155,18 @@ class RingMasks(NamedTuple):
     is_known: NDArray[np.bool_]
 
 
+class FloorAround(NamedTuple):
+    """The free floor around a TCP, and how far `apart` two bases on it must be [m]."""
+
+    raster: Raster
+    masks: RingMasks
+    apart: float
+
+
 @njit(cache=True)
-def new_masks() -> RingMasks:
-    """Masks that are not computed yet, for all radii of a ranking."""
-    return RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_))
-
-
-@njit(cache=True, inline="always")
-def forget(masks: RingMasks) -> None:
-    """Let masks be those of a new TCP."""
-    for ring in range(RINGS):
-        masks.sectors[ring], masks.is_known[ring] = _ALL, False
+def floor_around(raster: Raster, apart: float) -> FloorAround:
+    """A floor whose masks are not computed yet."""
+    return FloorAround(raster, RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_)), apart)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
@@ -166,78 +226,47 @@ def _next_candidate(
 
 
 @njit(cache=True, inline="always")
-def _free_turn(
-    x: float,
-    y: float,
-    place: TcpPlace,
-    turns: Turns,
-    part: int,
-    free_sectors: np.uint64,
-    raster: Raster,
-    taken: Floats,
-    count: int,
-    apart: float,
-) -> int:
-    """The first turn at which a base at (x, y) from the TCP is free and farther than `apart` from the first `count`
-    rows of `taken`; -1 if there is none."""
-    directions, sectors, found, turn = turns.directions, turns.sectors, -1, 0
-    while found < 0 and turn < directions.shape[0]:
-        if sectors[part, turn] & free_sectors != 0:
-            c, s = directions[turn, 0], directions[turn, 1]
-            at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
-            if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, apart):
-                found = turn
-        turn += 1
-    return found
-
-
-@njit(cache=True, inline="always")
-def next_in_order(
-    ranking: Ranking,
-    start: int,
-    place: TcpPlace,
-    turns: Turns,
-    raster: Raster,
-    masks: RingMasks,
-    taken: Floats,
-    count: int,
-    apart: float,
+def _next_in_order(
+    ranking: Ranking, start: int, place: TcpPlace, turns: Turns, floor: FloorAround, taken: Floats, count: int
 ) -> tuple[int, int]:
-    """The first base of a ranking, from `start` on, that is free and farther than `apart` from the first `count` rows
-    of `taken`.
+    """The first base of a ranking, from `start` on, that is free and apart from the first `count` rows of `taken`.
 
     Returns the rank of the base and its turn, or (end of the key's ranking, -1) if there is no such base.
 
     On the rings a turn by one yaw sample of the map is the same as the next yaw sample of the same voxel. So only the
     best sample of each voxel is needed, and all its positions around the TCP are equally good.
     """
+    raster, masks, where = floor.raster, floor.masks, ranking.where
     bounded = raster.cells.size > 0
     gap = floor_gap(raster, place.x, place.y) - ROUNDING if bounded else 0.0
     end, steps = ranking.first[place.key + 1], ranking.skip.shape[1] - 1
     rank = max(start, ranking.skip[place.key, min(int(gap / RADIUS_STEP), steps)])
-    tests, turn = 0, -1
+    tests, found = 0, -1
     while rank < end:
         free_sectors = _ALL
         if bounded and tests >= _FIRST:
-            rank = _next_candidate(ranking.where, masks.sectors, rank, end, turns.all_sectors)
+            rank = _next_candidate(where, masks.sectors, rank, end, turns.all_sectors)
             if rank == end:
                 break
-            ring = ranking.where[rank] // (SECTORS * PARTS)
+            ring = where[rank] // (SECTORS * PARTS)
             if not masks.is_known[ring]:
                 masks.sectors[ring], masks.is_known[ring] = _free_sectors(raster, place.x, place.y, gap, ring), True
                 continue
-            sector = np.uint64(ranking.where[rank] // PARTS % SECTORS)
-            free_sectors = _turned_back(masks.sectors[ring], sector)
+            free_sectors = _turned_back(masks.sectors[ring], np.uint64(where[rank] // PARTS % SECTORS))
         if ranking.radius[rank] >= gap:
-            part = ranking.where[rank] % PARTS
-            turn = _free_turn(
-                ranking.x[rank], ranking.y[rank], place, turns, part, free_sectors, raster, taken, count, apart
-            )
-            if turn >= 0:
+            part, x, y, turn = where[rank] % PARTS, ranking.x[rank], ranking.y[rank], 0
+            while found < 0 and turn < turns.directions.shape[0]:
+                if turns.sectors[part, turn] & free_sectors != 0:
+                    c, s = turns.directions[turn, 0], turns.directions[turn, 1]
+                    at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
+                    if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, floor.apart):
+                        found = turn
+                turn += 1
+            if found >= 0:
                 break
             tests += 1
         rank += 1
-    return rank, turn
+    return rank, found
 
 
 @njit(cache=True)
@@ -258,7 +287,7 @@ def _outward(k: int, count: int) -> int:
 
 @njit(cache=True)
 def lay_out_turns(window: YawWindow) -> Turns:
-    """The turns of a window, as `irm.query_keys.base_turns` lays them out.
+    """The turns of a window.
 
     Those nearest to the middle of the window come first. Turns that cover all yaws are equally good.
     """
@@ -283,37 +312,21 @@ def lay_out_turns(window: YawWindow) -> Turns:
 
 
 @njit(cache=True, inline="always")
-def best_bases(
-    tiles: Tiles,
-    ranking: Ranking,
-    place: TcpPlace,
-    turns: Turns,
-    raster: Raster,
-    masks: RingMasks,
-    apart: float,
-    rows: Floats,
-    progress: Integers,
+def _best_bases(
+    tiles: Tiles, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
 ) -> None:
-    """The k best bases for one TCP pose, each farther than `apart` from the better ones.
+    """The k best bases for one TCP pose, each apart from the better ones, into `rows`.
 
-    Args:
-        tiles: of the inverse map.
-        ranking: of its bases, for these turns.
-        place: of the TCP.
-        turns: yaws to try.
-        raster: of the free floor.
-        masks: of the floor around the TCP.
-        apart: [m].
-        rows: (k, 7) filled with x, y, yaw, approach yaw, μ, torso, certain (0 or 1).
-        progress: (3,) rows filled, rank where the search goes on, and the number of rows at which to pause. The
-            search is over if fewer rows than that are filled.
+    `rows` (k, 7): x, y, yaw, approach yaw, μ, torso, certain (0 or 1). `progress` (3,): rows filled, rank where the
+    search goes on, and the number of rows at which to pause. The search is over if fewer rows than that are filled.
     """
     lower, upper = tiles.torso_lower, tiles.torso_upper
     torso_follows = upper > lower
+    ranking = tiles.rings if turns.all_around else tiles.ranked
     turn = 0
     while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
         k = progress[0]
-        rank, turn = next_in_order(ranking, progress[1], place, turns, raster, masks, rows, k, apart)
+        rank, turn = _next_in_order(ranking, progress[1], place, turns, floor, rows, k)
         progress[1] = rank
         if turn >= 0:
             base = ranking.base[rank]
@@ -332,58 +345,40 @@ def best_bases(
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
-def _best_bases_of_one(
-    tiles: Tiles,
-    ranking: Ranking,
-    place: TcpPlace,
-    turns: Turns,
-    raster: Raster,
-    masks: RingMasks,
-    apart: float,
-    rows: Floats,
-    progress: Integers,
+def _best_bases_at_turns(
+    tiles: Tiles, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
 ) -> None:
-    best_bases(tiles, ranking, place, turns, raster, masks, apart, rows, progress)
+    _best_bases(tiles, place, turns, floor, rows, progress)
 
 
 @njit(cache=True)
-def best_bases_in_window(
-    tiles: Tiles,
-    place: TcpPlace,
-    window: YawWindow,
-    raster: Raster,
-    apart: float,
-    rows: Floats,
-    progress: Integers,
+def best_bases(
+    tiles: Tiles, place: TcpPlace, window: YawWindow, raster: Raster, apart: float, rows: Floats, progress: Integers
 ) -> None:
-    """`best_bases` for the turns of a window."""
-    turns = lay_out_turns(window)
-    ranking = tiles.rings if turns.all_around else tiles.ranked
-    _best_bases_of_one(tiles, ranking, place, turns, raster, new_masks(), apart, rows, progress)
+    """The best bases for the turns of a window, `apart` from each other [m]; `rows` and `progress` as `_best_bases`."""
+    _best_bases_at_turns(tiles, place, lay_out_turns(window), floor_around(raster, apart), rows, progress)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _best_bases_of_some(
     tiles: Tiles,
-    ranking: Ranking,
     queries: PlaceQueries,
     order: Integers,
     turns: Turns,
-    raster: Raster,
-    masks: RingMasks,
-    apart: float,
+    floor: FloorAround,
     rows: Floats,
     counts: Integers,
     progress: Integers,
 ) -> None:
-    """`best_bases` of those queries whose numbers are in `order`, with the same turns."""
+    """The best bases of those queries whose numbers are in `order`, with the same turns."""
     for i in order:
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if queries.keys[i] >= 0:
             x, y, offset = queries.positions[i, 0], queries.positions[i, 1], queries.height_offsets[i]
             place = TcpPlace(queries.keys[i], x, y, offset, queries.exact)
-            forget(masks)
-            best_bases(tiles, ranking, place, turns, raster, masks, apart, rows[i], progress)
+            for ring in range(RINGS):  # masks are those of one TCP
+                floor.masks.sectors[ring], floor.masks.is_known[ring] = _ALL, False
+            _best_bases(tiles, place, turns, floor, rows[i], progress)
         counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan
@@ -401,18 +396,12 @@ def best_bases_batch(
     rows: Floats,
     counts: Integers,
 ) -> None:
-    """`best_bases` of some of n queries.
+    """The best bases of those of n queries whose numbers are in `order` (m,), in this order.
 
-    Args:
-        tiles: of the inverse map.
-        queries: n of them.
-        order: (m,) numbers of those to answer, in this order. Neighbours with the same range share their turns.
-        window: the rest of the window of all queries.
-        raster, apart: as in `best_bases`, for all.
-        rows: (n, k, 7) filled as in `best_bases`, with NaN where no base was found.
-        counts: (n,) filled with the number of bases found.
+    Neighbours with the same range share their turns; the rest of the `window` is that of all queries. `rows` (n, k, 7)
+    as in `_best_bases`, with NaN where no base was found; `counts` (n,) of the bases found.
     """
-    progress, masks, ranges = np.zeros(3, np.int64), new_masks(), queries.ranges
+    progress, floor, ranges = np.zeros(3, np.int64), floor_around(raster, apart), queries.ranges
     first, end = 0, order.shape[0]
     while first < end:
         low, high = ranges[order[first], 0], ranges[order[first], 1]
@@ -420,10 +409,16 @@ def best_bases_batch(
         while last < end and ranges[order[last], 0] == low and ranges[order[last], 1] == high:
             last += 1
         turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, window.shift))
-        ranking = tiles.rings if turns.all_around else tiles.ranked
-        some = order[first:last]
-        _best_bases_of_some(tiles, ranking, queries, some, turns, raster, masks, apart, rows, counts, progress)
+        _best_bases_of_some(tiles, queries, order[first:last], turns, floor, rows, counts, progress)
         first = last
+
+
+@lru_cache(maxsize=256)
+def base_turns(window: YawWindow) -> Floats:
+    """(n,) turns of a window, increasing, read-only."""
+    turns = np.sort(lay_out_turns(window).yaws)
+    turns.setflags(write=False)
+    return turns
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from math import ceil, copysign, inf, isfinite, pi
+from math import copysign, inf, isfinite, pi
 from operator import index
 from typing import Any, NamedTuple, TypedDict
 
@@ -49,15 +49,15 @@ class QueryKeywords(TypedDict, total=False):
 
 
 class QueryOptions(NamedTuple):
-    """The same, validated; `space` is the free floor: `EVERYWHERE` if none was given."""
+    """The same, validated."""
 
-    pitch: float
-    roll: float
-    space: FreeSpace
-    k: int
-    separation: float
-    yaw_step: float
-    exact: bool | None
+    pitch: float = 0.0
+    roll: float = 0.0
+    free_space: FreeSpace = EVERYWHERE
+    k: int = 1
+    separation: float = SEPARATION
+    yaw_step: float = YAW_STEP
+    exact: bool | None = None
 
 
 def checked_options(keywords: QueryKeywords) -> QueryOptions:
@@ -77,33 +77,26 @@ def checked_options(keywords: QueryKeywords) -> QueryOptions:
         return _validated(**keywords)
 
 
-def _validated(
-    *,
-    pitch: float = 0.0,
-    roll: float = 0.0,
-    free_space: FreeSpace | None = None,
-    k: int = 1,
-    separation: float = SEPARATION,
-    yaw_step: float = YAW_STEP,
-    exact: bool | None = None,
-) -> QueryOptions:
-    pitch, roll = _as_number("pitch", "[rad]", pitch), _as_number("roll", "[rad]", roll)
-    separation, yaw_step = _as_number("separation", "[m]", separation), _as_number("yaw_step", "[rad]", yaw_step)
+def _validated(**keywords: Any) -> QueryOptions:
+    asked = QueryOptions(**keywords)
+    pitch, roll = _as_number("pitch", "[rad]", asked.pitch), _as_number("roll", "[rad]", asked.roll)
+    separation = _as_number("separation", "[m]", asked.separation)
+    yaw_step = _as_number("yaw_step", "[rad]", asked.yaw_step)
     if separation < 0.0:
         raise QueryError(f"separation must be a number ≥ 0 [m], not {separation}")
     if yaw_step < SMALLEST_YAW_STEP:
         raise QueryError(f"yaw_step must be at least {SMALLEST_YAW_STEP} rad, not {yaw_step}")
-    if not (free_space is None or isinstance(free_space, FreeSpace)):
-        raise QueryError(f"free_space is a FreeSpace or None, not {type(free_space).__name__}")
-    if not (exact is None or isinstance(exact, bool | np.bool_)):
-        raise QueryError(f"exact is True, False or None, not {exact!r}")
+    if not (asked.free_space is None or isinstance(asked.free_space, FreeSpace)):
+        raise QueryError(f"free_space is a FreeSpace or None, not {type(asked.free_space).__name__}")
+    if not (asked.exact is None or isinstance(asked.exact, bool | np.bool_)):
+        raise QueryError(f"exact is True, False or None, not {asked.exact!r}")
     try:
-        count = 0 if isinstance(k, bool) else index(k)
+        count = 0 if isinstance(asked.k, bool) else index(asked.k)
     except TypeError:
         count = 0
     if not 1 <= count <= MOST_BASES:
-        raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {k!r}")
-    return QueryOptions(pitch, roll, free_space or EVERYWHERE, count, separation, yaw_step, exact)
+        raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {asked.k!r}")
+    return QueryOptions(pitch, roll, asked.free_space or EVERYWHERE, count, separation, yaw_step, asked.exact)
 
 
 _recent = lru_cache(maxsize=16, typed=True)(_validated)
@@ -186,12 +179,14 @@ _OUTER_STEPS = 1.5
 class Key(NamedTuple):
     """A layer and an orientation group of the map, and the TCP's offsets from them.
 
-    `height_offset`: of the TCP above the layer's middle [m]. `exact`: whether pitch and roll are those of the group.
+    `number`: of the key; the groups of one layer have consecutive numbers. `height_offset`: of the TCP above the
+    layer's middle [m]. `exact`: whether pitch and roll are those of the group.
     `yaw_shift`: what to subtract from the approach yaw to get the turn; at a pole, the roll [rad].
     """
 
     layer: int
     group: int
+    number: int
     height_offset: float
     exact: bool
     yaw_shift: float
@@ -222,15 +217,15 @@ def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
     if not 0 <= layer < grid.layers:
         _require_covered(grid, z)
         return None
-    return Key(layer, group, z - grid.layer_height(layer), exact, shift)
+    return Key(layer, group, _number(grid, layer, group), z - grid.layer_height(layer), exact, shift)
 
 
 def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key, Integers, Floats]:
     """Keys of many TCP heights (n,) at one pitch and roll.
 
     Returns:
-        A key whose layer and height offset have no meaning; key numbers (n,), -1 where the height is out of reach; and
-        height offsets (n,) [m].
+        A key whose layer, number and height offset have no meaning; key numbers (n,), -1 where the height is out of
+        reach; and height offsets (n,) [m].
 
     Raises:
         QueryError: as `find_key`, for the lowest or the highest of them.
@@ -240,9 +235,9 @@ def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key,
             _require_covered(grid, height)
     group, exact, shift = _find_group(grid.orientations, pitch, roll)
     layers = np.floor((z - grid.bottom) / grid.thickness).astype(np.int64)
-    keys = layers * len(grid.orientations.pitch) + group
+    keys = _number(grid, layers, group)
     keys[(layers < 0) | (layers >= grid.layers)] = -1
-    return Key(0, group, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.thickness)
+    return Key(0, group, 0, 0.0, exact, shift), keys, z - (grid.bottom + (layers + 0.5) * grid.thickness)
 
 
 @lru_cache(maxsize=1024)
@@ -264,8 +259,8 @@ def _require_covered(grid: MapGrid, z: float) -> None:
         raise QueryError(f"this map covers TCP heights {grid.bottom:.2f} to {grid.top:.2f} m, not {z:.3f} m")
 
 
-def flat_key(grid: MapGrid, layer: int, group: int) -> int:
-    """Number of a key; the groups of one layer have consecutive numbers."""
+def _number(grid: MapGrid, layer: Any, group: int) -> Any:
+    """Number of a key, or of the keys of many layers."""
     return layer * len(grid.orientations.pitch) + group
 
 
@@ -281,37 +276,6 @@ def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: fl
     return YawWindow(yaw_range[0] - shift, yaw_range[1] - shift, step, samples, shift)
 
 
-def base_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> Floats:
-    """(n,) turns for a checked range of approach yaws, as kernels lay them out, read-only; see `yaw_window`."""
-    window = yaw_window(grid, key, yaw_range, step)
-    return _turns(window.low, window.high, window.step, window.samples)
-
-
-@lru_cache(maxsize=256)
-def _turns(low: float, high: float, step: float, samples: int) -> Floats:
-    turns = approach_yaws((low, high), step, samples)
-    turns.setflags(write=False)
-    return turns
-
-
-def approach_yaws(yaw_range: tuple[float, float], step: float, samples: int = 1) -> Floats:
-    """Approach yaws (n,) of a checked range, increasing [rad].
-
-    Args:
-        yaw_range: [rad].
-        step: largest distance between two of the yaws [rad].
-        samples: for a full turn, the number of yaws is a multiple of this.
-    """
-    low, high = yaw_range
-    if high - low >= 2 * pi - _ROUNDING:
-        count = samples * ceil(2 * pi / step / samples - _ROUNDING)
-        return np.asarray(low + np.arange(count) * (2 * pi / count))
-    count = ceil((high - low) / step - _ROUNDING) + 1
-    if count == 1:
-        return np.array([(low + high) / 2])
-    return np.asarray(low + np.arange(count) * ((high - low) / (count - 1)))
-
-
 def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
     """Numbers of the keys whose cells touch those of a key; None if the map was built without some of them."""
     orientations = grid.orientations
@@ -322,7 +286,7 @@ def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
     sides = len(np.unique(np.round(orientations.pitch[near] / orientations.step)))
     if not key.exact and sides < (2 if orientations.is_pole(key.group) else 3):
         return None
-    return np.array([flat_key(grid, layer, int(group)) for layer in layers for group in np.flatnonzero(near)])
+    return np.array([_number(grid, layer, int(group)) for layer in layers for group in np.flatnonzero(near)])
 
 
 def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:

@@ -13,7 +13,7 @@ import json
 import logging
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -92,6 +92,8 @@ class ReachabilityMap:
             ReachabilityError: the robot or the parameters make no sense.
         """
         wanted, chain = MapParameters(**parameters), ArmChain.of(robot)
+        if not (progress is None or callable(progress)):
+            raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
         grid = MapGrid.of(chain, wanted)
         # Heights of the layers' middles above each torso sample; samples are one layer apart, so most coincide.
         lowest, count = grid.layer_height(0) - grid.torsos[-1], grid.layers + len(grid.torsos) - 1
@@ -100,8 +102,8 @@ class ReachabilityMap:
             layers = closed_form_layers(chain, grid, heights)
         else:
             layers = sampled_layers(chain, grid, heights, wanted)
-        layers = iter(watched(layers, "reachability map", count, progress))
-        columns = _columns(*_merge_torso_heights(layers, grid), grid.orientations)
+        shown = layers if progress is None else progress(layers, desc="reachability map", total=count)
+        columns = _columns(*_merge_torso_heights(shown, grid), grid.orientations)
         return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)
 
     @staticmethod
@@ -320,19 +322,6 @@ def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, 
     return built
 
 
-def watched(items: Iterable[Any], name: str, total: int, progress: ProgressBar | None) -> Iterable[Any]:
-    """The items, shown by `progress` if there is one.
-
-    Raises:
-        ReachabilityError: `progress` is neither None nor a function.
-    """
-    if progress is None:
-        return items
-    if not callable(progress):
-        raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
-    return progress(items, desc=name, total=total)
-
-
 def map_key(chain: ArmChain, parameters: MapParameters) -> str:
     """Digest of everything a map depends on: format, kinematics, parameters."""
     digest = hashlib.sha256(FORMAT.encode())
@@ -406,7 +395,7 @@ def _columns(best: Singles, torso: NDArray[np.uint8], orientations: Orientations
     return {name: _read_only(column) for name, column in columns.items()}
 
 
-def _merge_torso_heights(layers: Iterator[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:
+def _merge_torso_heights(layers: Iterable[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:
     """Best μ over the torso heights, and its torso height: a lift of the torso shifts the map of a fixed torso up."""
     best = np.zeros(grid.shape, dtype=np.float32)
     torso = np.zeros(grid.shape, dtype=np.uint8)

@@ -86,8 +86,8 @@ def _trunk(robot: Robot) -> tuple[tuple[Floats, float, float], ...]:
 
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     data = mujoco.MjData(model)
-    lift, base = model.joint(robot.torso_joint), model.body(robot.base_body).id
-    torso, arm = int(lift.bodyid[0]), int(model.joint(robot.arm_joints[0]).bodyid[0])
+    lift, base = model.joint(robot.chain[0].joint), model.body(robot.base_body).id
+    torso, arm = int(lift.bodyid[0]), int(model.joint(robot.chain[1].joint).bodyid[0])
     data.qpos[lift.qposadr[0]] = 0.0
     mujoco.mj_kinematics(model, data)
     R, origin = data.xmat[base].reshape(3, 3), data.xpos[base]
@@ -290,7 +290,7 @@ def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
 
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     closed, opened = (_posed(model, robot, finger) for finger in (0.0, robot.max_finger_position))
-    before, last = (model.joint(name) for name in robot.arm_joints[-2:])
+    before, last = (model.joint(link.joint) for link in robot.chain[-2:])
     hand = np.concatenate([_corners(_shapes(model, data, int(last.bodyid[0]), robot)) for data in (closed, opened)])
     hand = hand.reshape(2, -1, 3)
     fingers = [int(model.joint(name).bodyid[0]) for name in robot.finger_joints]

@@ -41,7 +41,7 @@ from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
-from planners.symbolic.engines import AStar
+from planners.symbolic.astar import AStar
 from planners.symbolic.problem import (
     GroundAction,
     NoPlan,

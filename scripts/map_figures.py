@@ -32,7 +32,8 @@ from irm.chain import ArmChain
 from irm.equations import inverse_reachability, inverse_reachability_on_floor
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
-from irm.query_keys import YAW_STEP, base_turns, find_key, flat_key
+from irm.query_kernels import base_turns
+from irm.query_keys import YAW_STEP, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import rotation
 from irm.verification import Verified, tcp_poses, verify
@@ -275,7 +276,7 @@ def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> tuple[Float
     key = find_key(grid, float(tcp[2]), 0.0, 0.0)
     if key is None:
         raise ValueError(f"the TCP cannot reach the height {tcp[2]:.2f} m")
-    flat, yaws = flat_key(grid, key.layer, key.group), base_turns(grid, key, YAWS, YAW_STEP)[:, None]
+    flat, yaws = key.number, base_turns(yaw_window(grid, key, YAWS, YAW_STEP))[:, None]
     mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
     c, s = np.cos(yaws), np.sin(yaws)
     x = (tcp[0] + c * tiles.x[mine] - s * tiles.y[mine]).ravel()

@@ -25,7 +25,8 @@ from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm.answers import BasePlacement, Status
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, base_turns, find_key, flat_key
+from irm.query_kernels import base_turns
+from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import wrap_to_pi
 
@@ -51,7 +52,7 @@ def full_scan(
     key = find_key(grid, point[2], pitch, roll)
     if key is None:
         return BasePlacement.nothing(Status.NO)
-    turns, flat = base_turns(grid, key, bounds, yaw_step), flat_key(grid, key.layer, key.group)
+    turns, flat = base_turns(yaw_window(grid, key, bounds, yaw_step)), key.number
     mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]

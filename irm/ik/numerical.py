@@ -7,13 +7,12 @@ from math import acos, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irm.chain import ArmChain, ChainArrays, has_free_roll
+from irm.chain import ArmChain, ChainArrays, chain_arrays, has_free_roll
 from irm.compilation import njit
 from irm.errors import ChainError
 from irm.kinematics import arm_jacobian, fk_frames
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 MAX_STEPS = 25
 """Largest number of Newton-like steps; 6 are usual from a seed in a neighbouring cell."""
 POSITION_TOLERANCE = 1e-5
@@ -96,31 +95,20 @@ def _damped_step(J: Floats, error: Floats, damping: float, A: Floats, y: Floats,
 
 @njit(cache=True)
 def approach_pose(
-    offsets: Floats,
-    axes: Integers,
-    tip: Floats,
-    lower: Floats,
-    upper: Floats,
-    R_goal: Floats,
-    p_goal: Floats,
-    free_roll: bool,
-    q: Floats,
-    R: Floats,
-    p: Floats,
-    J: Floats,
+    arm: ChainArrays, R_goal: Floats, p_goal: Floats, free_roll: bool, q: Floats, R: Floats, p: Floats, J: Floats
 ) -> bool:
     """Move the arm joints of `q` (n,) in place until the TCP is at the goal; whether it is reached within the limits.
 
     The torso `q[0]` stays. `R` (n + 1, 3, 3), `p` (n + 1, 3) and `J` (6, n - 1) hold the frames and the Jacobian at the
     result.
     """
-    n = axes.shape[0]
+    n, lower, upper = arm.axes.shape[0], arm.lower, arm.upper
     error, step, y, A = np.empty(6), np.empty(n - 1), np.empty(6), np.empty((6, 6))
     previous = 1e9
     stalled = 0
     for _ in range(MAX_STEPS):
-        fk_frames(offsets, axes, tip, q, R, p)
-        arm_jacobian(axes, R, p, J)
+        fk_frames(arm.offsets, arm.axes, arm.tip, q, R, p)
+        arm_jacobian(arm.axes, R, p, J)
         size = _pose_error(R[n], p[n], R_goal, p_goal, free_roll, error)
         if size < POSITION_TOLERANCE:
             return True
@@ -145,8 +133,7 @@ def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
     frames, origins, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     for joint in range(1, n):
         q[joint] = min(chain.upper[joint], max(chain.lower[joint], q[joint]))
-    limits = chain.lower, chain.upper
-    return approach_pose(chain.offsets, chain.axes, chain.tip, *limits, R, p, False, q, frames, origins, J)
+    return approach_pose(chain, R, p, False, q, frames, origins, J)
 
 
 def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:
@@ -165,9 +152,9 @@ def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:
     if T.shape != (4, 4) or starts.shape[1] != chain.size:
         raise ChainError(f"expected a (4, 4) pose and seeds (m, {chain.size}), not {T.shape} and {starts.shape}")
     R, p, J = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3)), np.empty((6, chain.size - 1))
-    arm = (chain.offsets, chain.axes, chain.tip, chain.lower, chain.upper)
+    arm = chain_arrays(chain)
     R_goal, p_goal = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-    found = [q for q in starts if approach_pose(*arm, R_goal, p_goal, False, q, R, p, J)]
+    found = [q for q in starts if approach_pose(arm, R_goal, p_goal, False, q, R, p, J)]
     return np.array(found).reshape(-1, chain.size)
 
 

@@ -1,7 +1,7 @@
 """Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
 
-`exact_solver` answers each YES with a configuration within the limits as its proof. An arm with the structure of
-Fetch's arm has a solver of its own (`irm.ik.closed_form_solver`). With a structure of `irm.ik.structure` the closed
+`ExactSolver` answers each YES with a configuration within the limits as its proof. An arm with the structure of
+Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
 form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
 random configurations, and NO is a statement about its length alone.
 
@@ -13,7 +13,7 @@ by iteration from one of many stored configurations; the second parameter is the
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,10 @@ from numpy.typing import NDArray
 from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, chain_arrays
 from irm.compilation import njit
-from irm.ik.closed_form import ik_arm
-from irm.ik.closed_form_solver import ClosedFormSolver
+from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
-from irm.ik.parallel_axes import parallel_excess, parallel_solutions
-from irm.ik.spherical_wrist import scan_free_joint, spherical_solutions
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
+from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -50,64 +48,45 @@ _EXACT = 1e-8
 """[rad] Solutions of an arm with less slack need no refinement."""
 
 
-class ExactSolver(Protocol):
-    """Decides poses of one arm without a map."""
+class ExactSolver:
+    """Decides poses of one arm without a map.
+
+    Attributes:
+        chain: of an arm of 6 or 7 hinges.
+        torso_range: lowest and highest height of its lift [m]; equal if it does not move.
+
+    Example:
+        status, q = ExactSolver(chain).solve(T_base_tcp)
+    """
+
+    def __init__(self, chain: ArmChain, torso_range: tuple[float, float] | None = None) -> None:
+        self.chain = chain
+        self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
+        self._arrays = solver_arrays(chain)
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """(n,) `Status` values of poses (n, 4, 4), and (n, 1 + dof) the configuration that reaches each of them; NaN
         where none is known."""
-
-
-def exact_solver(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ExactSolver:
-    """The exact solver of an arm.
-
-    Args:
-        chain: of the arm.
-        torso_range: lowest and highest torso height to use [m]; None for the joint's limits.
-    """
-    torsos = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-    if chain.has_closed_form:
-        return ClosedFormSolver(chain, torsos)
-    return GeneralSolver(chain, torsos)
-
-
-class GeneralSolver:
-    """Exact inverse kinematics of an arm of 6 or 7 hinges.
-
-    Attributes:
-        chain: of the arm.
-        torso_range: lowest and highest height of its lift [m]; equal if it does not move.
-        structure: of its closed form, None if it has none.
-
-    Example:
-        status, q = GeneralSolver(chain, (0.0, 0.0)).solve(T_base_tcp)
-    """
-
-    def __init__(self, chain: ArmChain, torso_range: tuple[float, float]) -> None:
-        self.chain = chain
-        self.torso_range = torso_range
-        self.structure = find_structure(chain)
-        self._arrays = chain_arrays(chain)
-
-    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
-        """See `ExactSolver`."""
         T = np.ascontiguousarray(T_base_tcp, dtype=float)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
+        if self._arrays.kind == CLOSED_FORM:
+            decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
+            return status, q
         away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
         away[:, 2] -= np.clip(away[:, 2], *self.torso_range)
         status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
-        if self.structure is not None:
-            self._solve_in_closed_form(T, status, q)
+        if self._arrays.kind != ITERATIVE:
+            self._solve_by_structure(T, status, q)
         # Random configurations may still reach what is open.
         low, high = self.torso_range
         heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
         seeds = np.concatenate([random_seeds(self.chain, SEEDS, height, rng) for height in heights])
         for n in np.flatnonzero(status == UNKNOWN):
-            if _reach_from_seeds(self._arrays, T[n, :3, :3].copy(), T[n, :3, 3].copy(), seeds, q[n]):
+            if _reach_from_seeds(self._arrays.chain, T[n, :3, :3].copy(), T[n, :3, 3].copy(), seeds, q[n]):
                 status[n] = YES
         return status, q
 
-    def _solve_in_closed_form(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
+    def _solve_by_structure(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
         """Scan the lift for every open pose; what cannot be decided stays open.
 
         Between two heights the excess could reach 0 only if it changes by their sum.
@@ -147,8 +126,7 @@ class GeneralSolver:
         R, p = np.ascontiguousarray(T[some, :3, :3]), np.ascontiguousarray(T[some, :3, 3])
         found = np.zeros((len(rows), self.chain.size))
         found[:, 0] = heights[rows]
-        kernel = _try_parallel if isinstance(self.structure, ParallelArm) else _try_spherical
-        answer, excess[rows] = kernel(self._arrays, self.structure, R, p, found)
+        answer, excess[rows] = _try_poses(self._arrays, R, p, found)
         status[some[answer == YES]] = YES
         q[some[answer == YES]] = found[answer == YES]
         undecided[some[answer == UNKNOWN]] = True
@@ -156,30 +134,20 @@ class GeneralSolver:
 
 
 @njit(cache=True)
-def _try_spherical(
-    chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats, q: Floats
-) -> tuple[NDArray[np.int8], Floats]:
+def _try_poses(arm: SolverArrays, R: Floats, p: Floats, q: Floats) -> tuple[NDArray[np.int8], Floats]:
     """Answers and excesses (m,) for poses `R` (m, 3, 3), `p` (m, 3) at torso heights `q[:, 0]`; solutions into `q`."""
-    answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
-    for k in range(len(q)):
-        answers[k], excesses[k] = scan_free_joint(chain, arm, R[k], p[k], q[k])
-    return answers, excesses
-
-
-@njit(cache=True)
-def _try_parallel(
-    chain: ChainArrays, arm: ParallelArm, R: Floats, p: Floats, q: Floats
-) -> tuple[NDArray[np.int8], Floats]:
-    """The same for an arm with parallel axes."""
     answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
     lowered, best = np.empty(3), np.empty((1, 6))
     for k in range(len(q)):
+        if arm.kind == SPHERICAL:
+            answers[k], excesses[k] = scan_free_joint(arm.chain, arm.spherical, R[k], p[k], q[k])
+            continue
         lowered[0], lowered[1], lowered[2] = p[k, 0], p[k, 1], p[k, 2] - q[k, 0]
-        excesses[k] = max(0.0, parallel_excess(arm, R[k], lowered, best) - arm.slack)
+        excesses[k] = max(0.0, parallel_excess(arm.parallel, R[k], lowered, best) - arm.parallel.slack)
         q[k, 1:] = best[0]
         answers[k] = NO
         if excesses[k] == 0.0:
-            answers[k] = YES if refine(chain, R[k], p[k], q[k]) else UNKNOWN
+            answers[k] = YES if refine(arm.chain, R[k], p[k], q[k]) else UNKNOWN
     return answers, excesses
 
 
@@ -284,7 +252,7 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
         The number of rows.
     """
     if arm.kind == CLOSED_FORM:
-        return ik_arm(arm.chain.links, R, p, torso, free, arm.chain.lower, arm.chain.upper, found)
+        return ik_arm(arm.chain, R, p, torso, free, found)
     count, slack = 0, 1.0
     if arm.kind == ITERATIVE:
         found[0] = arm.seeds[int(free)]

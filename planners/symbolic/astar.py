@@ -1,4 +1,4 @@
-"""A task planner of our own: A* over the symbolic state. It needs no package, and its plans are shortest."""
+"""A task planner of our own: A* over the symbolic state."""
 
 from __future__ import annotations
 
@@ -9,48 +9,51 @@ from collections.abc import Iterable, Iterator
 from heapq import heappop, heappush
 from itertools import count
 
-from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskProblem
+from planners.symbolic.problem import Atom, GroundAction, NoPlan, SymbolicState, TaskPlan, TaskProblem
 from planners.symbolic.transitions import apply_action, arm_actions
 
 
-class SearchTimeoutError(TimeoutError):
-    """The time limit was reached before a plan or a proof was found."""
+class AStar:
+    """A* search in process: nothing to install, shortest plans."""
 
+    name = "astar"
 
-def shortest_plan(problem: TaskProblem, time_limit: float = math.inf) -> tuple[GroundAction, ...] | None:
-    """A shortest plan, or None if it is proved that there is none.
+    def plan(self, problem: TaskProblem, time_limit: float = math.inf) -> TaskPlan | NoPlan:
+        """A shortest plan; "unsolvable" if it is proved that there is none, "gave up" after `time_limit` [s].
 
-    Each step of the search is an arm action with the drive to where it is possible: a drive to anywhere else is wasted.
-
-    Raises:
-        SearchTimeoutError: neither within `time_limit` [s].
-    """
-    deadline = time.perf_counter() + time_limit
-    to_go = LowerBound(problem)
-    order = count()
-    queue: list[tuple[float, float, int, SymbolicState]] = [(0, 0, next(order), problem.state)]
-    cost: dict[frozenset[Atom], int] = {problem.state.facts: 0}
-    came_from: dict[frozenset[Atom], tuple[frozenset[Atom], tuple[GroundAction, ...]]] = {}
-    closed: set[frozenset[Atom]] = set()
-    while queue:
-        if time.perf_counter() > deadline:
-            raise SearchTimeoutError(f"no plan and no proof within {time_limit} s")
-        state = heappop(queue)[-1]
-        if problem.goal in state.facts:
-            return _actions_to(state.facts, came_from)
-        if state.facts in closed:
-            continue
-        closed.add(state.facts)
-        for actions, successor in _successors(state):
-            length = cost[state.facts] + len(actions)
-            if length < cost.get(successor.facts, math.inf):
-                remaining = to_go(successor)
-                if remaining < math.inf:
-                    cost[successor.facts] = length
-                    came_from[successor.facts] = state.facts, actions
-                    closed.discard(successor.facts)
-                    heappush(queue, (length + remaining, remaining, next(order), successor))
-    return None
+        Each step is an arm action with the drive to where it is possible: a drive to anywhere else is wasted.
+        """
+        deadline = time.perf_counter() + time_limit
+        to_go = LowerBound(problem)
+        order = count()
+        queue: list[tuple[float, float, int, SymbolicState]] = [(0, 0, next(order), problem.state)]
+        cost: dict[frozenset[Atom], int] = {problem.state.facts: 0}
+        came_from: dict[frozenset[Atom], tuple[frozenset[Atom], tuple[GroundAction, ...]]] = {}
+        closed: set[frozenset[Atom]] = set()
+        while queue:
+            if time.perf_counter() > deadline:
+                return NoPlan("gave up")
+            state = heappop(queue)[-1]
+            facts = state.facts
+            if problem.goal in facts:
+                steps: tuple[GroundAction, ...] = ()
+                while facts in came_from:
+                    facts, actions = came_from[facts]
+                    steps = (*actions, *steps)
+                return TaskPlan(steps)
+            if facts in closed:
+                continue
+            closed.add(facts)
+            for actions, successor in _successors(state):
+                length = cost[facts] + len(actions)
+                if length < cost.get(successor.facts, math.inf):
+                    remaining = to_go(successor)
+                    if remaining < math.inf:
+                        cost[successor.facts] = length
+                        came_from[successor.facts] = facts, actions
+                        closed.discard(successor.facts)
+                        heappush(queue, (length + remaining, remaining, next(order), successor))
+        return NoPlan("unsolvable")
 
 
 class LowerBound:
@@ -130,13 +133,3 @@ def _number_of_groups(sets: Iterable[frozenset[str]]) -> int:
         merged = [other for other in merged if not other & item]
         merged.append(item.union(*touching))
     return len(merged)
-
-
-def _actions_to(
-    facts: frozenset[Atom], came_from: dict[frozenset[Atom], tuple[frozenset[Atom], tuple[GroundAction, ...]]]
-) -> tuple[GroundAction, ...]:
-    reversed_actions: list[GroundAction] = []
-    while facts in came_from:
-        facts, actions = came_from[facts]
-        reversed_actions.extend(reversed(actions))
-    return tuple(reversed(reversed_actions))

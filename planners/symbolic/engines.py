@@ -1,4 +1,4 @@
-"""Task planners behind one protocol: kairos in process, any engine of unified-planning, and our own A*.
+"""Task planners behind one protocol: kairos in process, any engine of unified-planning, and our own A* (`astar`).
 
 Built-in and user-written planners pass the same check of their answers, `checked_answer`.
 """
@@ -12,7 +12,7 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any, get_args
 
-from planners.symbolic.astar import SearchTimeoutError, shortest_plan
+from planners.symbolic.astar import AStar
 from planners.symbolic.problem import GroundAction, NoPlan, Reason, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
 from planners.symbolic.transitions import InapplicableActionError, update_from_action
 
@@ -104,26 +104,10 @@ class Kairos:
         result = self._kairos.Planner().solve(parsed, anytime=False, timeout=time_limit)
         status = self._kairos.Status
         if result.status == status.SOLVED:
-            return _task_plan(((step.name, step.args) for step in result.plan.steps), self.name)
+            return _spelled((step.name, step.args) for step in result.plan.steps)
         if result.status in (status.UNSOLVABLE, status.TIMEOUT, status.NO_PLAN_FOUND):
-            return _no_plan(problem, self.name, proved=result.status == status.UNSOLVABLE)
+            return NoPlan("unsolvable" if result.status == status.UNSOLVABLE else "gave up")
         raise EngineFailedError(f"kairos: {result.status}: {'; '.join(map(str, result.diagnostics))}")
-
-
-class AStar:
-    """Our own A* search (`planners.symbolic.astar`): nothing to install, shortest plans."""
-
-    name = "astar"
-
-    def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A shortest plan for the problem, found within `time_limit` [s]."""
-        try:
-            actions = shortest_plan(problem, time_limit)
-        except SearchTimeoutError:
-            return _no_plan(problem, self.name, proved=False)
-        if actions is None:
-            return _no_plan(problem, self.name, proved=True)
-        return TaskPlan(without_detours(actions), self.name)
 
 
 class UnifiedPlanning:
@@ -159,9 +143,9 @@ class UnifiedPlanning:
             result = engine.solve(parsed, timeout=time_limit)
         if result.plan is not None:
             steps = result.plan.actions
-            return _task_plan(((s.action.name, map(str, s.actual_parameters)) for s in steps), self.name)
+            return _spelled((step.action.name, map(str, step.actual_parameters)) for step in steps)
         if result.status.name in ("UNSOLVABLE_PROVEN", "UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
-            return _no_plan(problem, self.name, proved=result.status.name == "UNSOLVABLE_PROVEN")
+            return NoPlan("unsolvable" if result.status.name == "UNSOLVABLE_PROVEN" else "gave up")
         raise EngineFailedError(f"{self.name}: {result.status.name}")
 
 
@@ -177,7 +161,7 @@ def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: Tas
         reasons = get_args(Reason)
         if answer.reason not in reasons:
             raise InvalidAnswerError(f"{name}: no reason {answer.reason!r}; valid reasons: {', '.join(reasons)}")
-        cause = why_unsolvable(problem) if answer.reason == "unsolvable" else None
+        cause = why_unsolvable(problem) if answer.reason in ("unsolvable", "gave up") else None
         return NoPlan(*(cause or (answer.reason, answer.evidence)), answer.engine or name)
     if not isinstance(answer, TaskPlan):
         raise InvalidAnswerError(
@@ -208,15 +192,11 @@ def without_detours(actions: Iterable[GroundAction]) -> tuple[GroundAction, ...]
     return tuple(kept)
 
 
-def _task_plan(steps: Iterable[tuple[str, Iterable[str]]], engine: str) -> TaskPlan:
+def _spelled(steps: Iterable[tuple[str, Iterable[str]]]) -> TaskPlan:
     """A plan in the domain's spelling; planners fold names to lower case."""
-    actions = (GroundAction(_ACTION_NAMES[name.lower()], tuple(a.lower() for a in args)) for name, args in steps)
-    return TaskPlan(without_detours(actions), engine)
-
-
-def _no_plan(problem: TaskProblem, engine: str, proved: bool) -> NoPlan:
-    """The engine's verdict, with the cause if one of the usual causes can be shown."""
-    return NoPlan(*(why_unsolvable(problem) or ("unsolvable" if proved else "gave up", ())), engine)
+    return TaskPlan(
+        tuple(GroundAction(_ACTION_NAMES[name.lower()], tuple(map(str.lower, args))) for name, args in steps)
+    )
 
 
 def _require(module: str, package: str) -> Any:

@@ -176,7 +176,7 @@ class Solution(Stored):
             ValueError: the plan has no actions.
         """
         # Drawing is built on this package and needs matplotlib, which planning must not import.
-        from planners.drawing.overview import draw_overview
+        from planners.drawing.pictures import draw_overview
 
         return draw_overview(self, ax)
 
@@ -187,7 +187,7 @@ class Solution(Stored):
             ValueError: the plan has no actions.
             OSError: the file cannot be written.
         """
-        from planners.drawing.clearances import draw_plan
+        from planners.drawing.pictures import draw_plan
 
         draw_plan(self, Path(path))
 

@@ -7,7 +7,8 @@ import pytest
 
 from irm.errors import QueryError
 from irm.inverse_map import ClassicalInverseReachabilityMap
-from irm.query_keys import approach_yaws
+from irm.query_kernels import base_turns
+from irm.query_keys import YawWindow
 
 POSITION = (0.0, 0.0, 0.9)
 
@@ -87,7 +88,7 @@ def test_positions_that_are_no_numbers_are_refused(coarse_inverse):
 
 def test_approach_yaws_cover_the_range_in_steps():
     for (low, high), step in itertools.product([(0.0, 1.0), (-0.2, 0.2), (-np.pi, np.pi)], [0.05, 0.3, 2.0]):
-        yaws = approach_yaws((low, high), step, samples=4)
+        yaws = base_turns(YawWindow(low, high, step, 4, 0.0))
         assert np.all(np.diff(yaws) <= step + 1e-9)
         assert yaws[0] >= low
         assert yaws[-1] <= high

@@ -16,7 +16,7 @@ import pytest
 from numba.core import config, event
 
 from irm.compilation import njit
-from irm.free_space import distance_to_seeds
+from irm.free_space import classify_cells
 
 ROOT = Path(__file__).resolve().parents[2]
 WITHOUT_PRIVILEGE = ("setpriv", "--bounding-set=-dac_override", "--inh-caps=-all")
@@ -62,9 +62,7 @@ numba.njit(cache=True)(f)
 """
 USE = """
 import irm, planners, clutter_env.envs.skill
-from irm.free_space import distance_to_seeds
-import numpy as np
-print(distance_to_seeds(np.eye(4) > 0, 1.0).max())
+print(irm.FreeSpace.from_boxes([(0, 0, 1, 1)], 0.3).is_free(1.0, 1.0))
 """
 
 
@@ -185,7 +183,7 @@ def test_a_kept_kernel_is_compiled_again_if_one_that_it_calls_has_changed(packag
 def test_an_index_of_kept_kernels_that_names_types_that_are_gone_counts_as_empty(
     gone: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    index, path = distance_to_seeds._cache._cache_file, tmp_path / "kernel.nbi"
+    index, path = classify_cells._cache._cache_file, tmp_path / "kernel.nbi"
     path.write_bytes(pickle.dumps(index._version) + gone)
     monkeypatch.setattr(index, "_index_path", str(path))
     assert index.load("any signature") is None

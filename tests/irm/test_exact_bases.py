@@ -8,12 +8,12 @@ from irm.answers import Status
 from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.ik.solvers import exact_solver
+from irm.ik.solvers import ExactSolver
 from irm.rotations import rotation
 from irm.verification import NotVerified, tcp_poses, verify
 
 CHAIN = ArmChain.from_robot(FETCH)
-SOLVER = exact_solver(CHAIN)
+SOLVER = ExactSolver(CHAIN)
 PITCHES = (0.0, 0.37, -0.61, np.pi / 2)
 PATH = np.array([(-0.10, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.10)])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irm.errors import QueryError
-from irm.free_space import EVERYWHERE, FreeSpace, distance_to_seeds
+from irm.free_space import EVERYWHERE, FreeSpace
 
 BOXES = [(0.0, 0.0, 0.7, 1.0), (0.6, 1.2, 0.4, 0.8, 0.5), (-1.2, -0.9, 0.1, 1.5, -1.1)]
 RADIUS = 0.3
@@ -41,15 +41,6 @@ def test_polygons_may_be_concave():
     assert space.is_free(1.0, 1.0)
     assert not space.is_free(1.0, 0.45)
     assert not space.is_free(0.1, 0.1)
-
-
-def test_distance_transform_is_that_of_all_pairs():
-    rng = np.random.default_rng(1)
-    seeds = rng.random((23, 31)) < 0.03
-    cells = np.argwhere(np.ones_like(seeds))
-    apart = np.linalg.norm(cells[:, None] - np.argwhere(seeds)[None], axis=2).min(axis=1)
-    np.testing.assert_allclose(distance_to_seeds(seeds, 0.1).ravel(), 0.1 * apart, rtol=1e-5)
-    assert distance_to_seeds(np.zeros((3, 4), dtype=bool), 0.1).min() > 1e4
 
 
 def test_nothing_is_free_where_everything_is_blocked_and_everything_is_free_on_an_empty_floor():

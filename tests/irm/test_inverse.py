@@ -5,7 +5,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.answers import Status
-from irm.chain import ArmChain
+from irm.chain import ArmChain, chain_arrays
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.closed_form import ik_pan
@@ -13,6 +13,7 @@ from irm.inverse_map import ClassicalInverseReachabilityMap
 from scripts.map_speed import full_scan
 
 CHAIN = ArmChain.from_robot(FETCH)
+ARM = chain_arrays(CHAIN)
 PANS = np.linspace(CHAIN.lower[1], CHAIN.upper[1], 721)
 TORSOS = np.linspace(CHAIN.lower[0], CHAIN.upper[0], 60)
 
@@ -28,7 +29,7 @@ def reaches(base, position, yaw, pitch=0.0, torsos=TORSOS):
     for torso in torsos:
         wrist = p - CHAIN.links[6] * approach - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
         for pan in PANS:
-            if ik_pan(CHAIN.links, approach, wrist, np.cos(pan), np.sin(pan), CHAIN.lower, CHAIN.upper, rows):
+            if ik_pan(ARM, approach, wrist, np.cos(pan), np.sin(pan), rows):
                 return True
     return False
 

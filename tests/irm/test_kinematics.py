@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.chain import ArmChain
+from irm.chain import ArmChain, chain_arrays
 from irm.errors import ChainError
 from irm.ik.closed_form import ik_pan, inverse
 from irm.kinematics import forward, jacobian, manipulability
 
 CHAIN = ArmChain.from_robot(FETCH)
+ARM = chain_arrays(CHAIN)
 ROLLS = np.linspace(-np.pi, np.pi, 72, endpoint=False)
 
 
@@ -84,7 +85,7 @@ def test_solving_for_the_pan_agrees_with_solving_for_the_roll():
         T = forward(CHAIN, q)
         approach = T[:3, 0]
         wrist = T[:3, 3] - CHAIN.links[6] * approach - [CHAIN.links[0], 0, CHAIN.links[1] + q[0]]
-        count = ik_pan(CHAIN.links, approach, wrist, np.cos(q[1]), np.sin(q[1]), CHAIN.lower, CHAIN.upper, out)
+        count = ik_pan(ARM, approach, wrist, np.cos(q[1]), np.sin(q[1]), out)
         assert count >= 1
         for row in out[:count]:
             np.testing.assert_allclose(forward(CHAIN, [q[0], q[1], *row, 0.0])[:3, 3], T[:3, 3], atol=1e-6)

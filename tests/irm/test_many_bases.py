@@ -7,7 +7,7 @@ from irm import common_bases, inverse_map
 from irm.answers import Status
 from irm.common_bases import best_common_bases
 from irm.free_space import FreeSpace
-from irm.query_kernels import best_bases_batch, best_bases_in_window
+from irm.query_kernels import best_bases, best_bases_batch
 
 POSITION = (0.0, 0.0, 0.9)
 RANGES = [(-np.pi, np.pi), (-0.6, 0.9)]
@@ -51,7 +51,7 @@ def test_kernels_are_compiled_once_with_and_without_a_floor(coarse_inverse, tabl
             for positions in ([POSITION], [POSITION, POSITION]):
                 coarse_inverse.query_batch(positions, yaw_ranges=yaw_range, free_space=floor)
             coarse_inverse.query_path([POSITION], yaw_range=yaw_range, free_space=floor)
-    for kernel in (best_bases_in_window, best_bases_batch, best_common_bases):
+    for kernel in (best_bases, best_bases_batch, best_common_bases):
         assert len(kernel.signatures) == 1
 
 

@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.chain import ArmChain
+from irm.chain import ArmChain, chain_arrays
 from irm.errors import MapFileError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
 from irm.ik.closed_form import ik_pan, inverse
-from irm.ik.solvers import exact_solver
+from irm.ik.solvers import ExactSolver
 from irm.kinematics import jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
 
 CHAIN = ArmChain.from_robot(FETCH)
+ARM = chain_arrays(CHAIN)
 
 
 def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):
@@ -53,9 +54,7 @@ def test_the_eight_images_of_a_voxel_are_those_of_a_scan_of_their_own(coarse_map
             p = np.array([grid.axis(0)[i], grid.axis(1)[j], grid.layer_height(z)])
             wrist = p - CHAIN.links[6] * R[:, 0] - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
             for pan in pans:
-                for k in range(
-                    ik_pan(CHAIN.links, R[:, 0].copy(), wrist, np.cos(pan), np.sin(pan), CHAIN.lower, CHAIN.upper, rows)
-                ):
+                for k in range(ik_pan(ARM, R[:, 0].copy(), wrist, np.cos(pan), np.sin(pan), rows)):
                     best = max(best, manipulability(jacobian(CHAIN, [torso, pan, *rows[k], 0.0])))
         number = np.ravel_multi_index(cell, grid.shape)
         place = np.searchsorted(coarse_map.cells, number)
@@ -187,7 +186,7 @@ def test_nearly_all_centres_in_reach_are_in_the_map(coarse_map):
     T = np.tile(np.eye(4), (len(cells), 1, 1))
     T[:, :3, :3] = rotations(*grid.orientations.angles[orientation].T)
     T[:, :3, 3] = np.column_stack([grid.axis(0)[x], grid.axis(1)[y], grid.bottom + (z + 0.5) * grid.thickness])
-    truth = exact_solver(CHAIN).solve(T)[0] == 2
+    truth = ExactSolver(CHAIN).solve(T)[0] == 2
     in_map = coarse_map.reachable[z, orientation, x, y]
     assert truth.sum() > 1000
     assert not np.any(in_map & ~truth)

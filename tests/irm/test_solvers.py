@@ -10,7 +10,7 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.ik.numerical import random_seeds, solve
-from irm.ik.solvers import GeneralSolver, arm_solutions, free_angles, solver_arrays
+from irm.ik.solvers import ExactSolver, arm_solutions, free_angles, solver_arrays
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.kinematics import forward
 from irm.rotations import rotation
@@ -20,7 +20,7 @@ NO, OPEN, YES = 0, 1, 2
 
 
 def solver_of(chain):
-    return GeneralSolver(chain, (float(chain.lower[0]), float(chain.upper[0])))
+    return ExactSolver(chain)
 
 
 def random_configurations(chain, count, rng, near_limits):

@@ -15,7 +15,7 @@ import pytest
 from assets.robots import FETCH
 from planners import Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
 from planners.clock import Deadline, TimeLimitError, cpu_seconds
-from planners.symbolic.astar import shortest_plan
+from planners.symbolic.astar import AStar
 from planners.symbolic.problem import TaskProblem
 from tests.planners.clearing.test_lower_bound import random_clutter, sets, smallest
 from tests.planners.scenes import cylinder, random_scene, table_scene
@@ -31,8 +31,7 @@ class Recorder:
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
         self.limits.append(time_limit)
-        actions = shortest_plan(problem)
-        return NoPlan("unsolvable") if actions is None else TaskPlan(actions)
+        return AStar().plan(problem)
 
 
 class Sleeper:

@@ -11,7 +11,7 @@ from assets.robots import FETCH
 from planners import STRATEGIES, Cause, GroundAction, Infeasible, NoPlan, Planner, Solution, Strategy, TaskPlan, solve
 from planners.scene import Scene
 from planners.strategies import StrategyError, UnknownStrategy
-from planners.symbolic.astar import shortest_plan
+from planners.symbolic.astar import AStar
 from planners.symbolic.engines import InvalidAnswerError, UnknownEngineError, without_detours
 from planners.symbolic.problem import TaskProblem
 from tests.planners.scenes import cylinder, table_scene
@@ -25,8 +25,7 @@ class ShortestPlans:
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
         self.problems.append(problem)
-        actions = shortest_plan(problem, time_limit)
-        return NoPlan("unsolvable") if actions is None else TaskPlan(actions)
+        return AStar().plan(problem, time_limit)
 
 
 class Answers:

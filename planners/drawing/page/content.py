@@ -17,8 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.drawing.clearances import choices_of
-from planners.drawing.region import ClearancePicture, DrawnSurface
+from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
 from planners.expert.report import Frame, Note, Recording, Solve
 from planners.grasping.base_placement import MapPlacer
 from planners.motion.arm import tcp_pose

@@ -15,8 +15,8 @@ from PIL import Image
 
 from assets.robots import FETCH
 from planners import Planner, Solution
-from planners.drawing.clearances import choices_of, draw_plan, last_picture
-from planners.drawing.region import COLOURS, ClearancePicture, draw_clearance
+from planners.drawing.choices import ClearancePicture, choices_of, last_picture
+from planners.drawing.pictures import COLOURS, draw_clearance, draw_plan
 from planners.placing.negative_goal_region import SweptVolume
 from planners.placing.swept_volume import path_volume
 from tests.planners.plans import solved
@@ -126,7 +126,7 @@ def test_the_last_picture_shows_the_gripper_as_wide_as_it_is_open(monkeypatch: p
         openings.append(arguments[2])
         return path_volume(*arguments)
 
-    monkeypatch.setattr("planners.drawing.clearances.path_volume", record)
+    monkeypatch.setattr("planners.drawing.choices.path_volume", record)
     last_picture(plan)
     trajectory = plan.actions[-1].trajectory
     approach = next(phase for phase in trajectory.phases if phase.name == "approach")

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from planners.symbolic import engines
-from planners.symbolic.astar import LowerBound, SearchTimeoutError, shortest_plan
+from planners.symbolic.astar import AStar, LowerBound
 from planners.symbolic.engines import (
     MissingEngineError,
     UnknownEngineError,
+    checked_answer,
     default_engine,
     task_planner,
     why_unsolvable,
 )
-from planners.symbolic.problem import NoPlan, TaskProblem, domain_text
+from planners.symbolic.problem import NoPlan, TaskPlan, TaskProblem, domain_text
 from planners.symbolic.transitions import apply_action, grasp_references, placement_references
 from tests.planners.symbolic.plan_validator import fault
 from tests.planners.symbolic.problems import names, obstruction_problem, random_problem
@@ -35,7 +36,8 @@ FAST = [name for name in INSTALLED if name in ("astar", "kairos")]
 
 def verdict(name: str, problem: TaskProblem) -> int | tuple[str, tuple[str, ...]]:
     """Length of the validated plan, or reason and evidence."""
-    result = task_planner(name).plan(problem.pruned(), TIME_LIMIT)
+    problem, planner = problem.pruned(), task_planner(name)
+    result = checked_answer(problem, planner.plan(problem, TIME_LIMIT), planner)
     assert result.engine == name
     if isinstance(result, NoPlan):
         return result.reason, result.evidence
@@ -120,13 +122,13 @@ def test_lower_bound_never_exceeds_what_is_left_of_a_shortest_plan() -> None:
     rng = np.random.default_rng(2)
     for _ in range(40):
         problem = random_problem(rng)
-        plan = shortest_plan(problem)
+        plan = AStar().plan(problem)
         bound = LowerBound(problem)
-        if plan is None:
+        if isinstance(plan, NoPlan):
             continue
         state = problem.state
-        for done, action in enumerate(plan):
-            assert bound(state) <= len(plan) - done
+        for done, action in enumerate(plan.actions):
+            assert bound(state) <= len(plan.actions) - done
             state = apply_action(state, action)
         assert bound(state) == 0
 
@@ -135,16 +137,12 @@ def test_unsolvable_problems_have_a_cause() -> None:
     rng = np.random.default_rng(3)
     for _ in range(60):
         problem = random_problem(rng)
-        assert (shortest_plan(problem) is None) == (why_unsolvable(problem) is not None)
+        assert isinstance(AStar().plan(problem), NoPlan) == (why_unsolvable(problem) is not None)
 
 
 def test_running_out_of_time_is_no_proof() -> None:
     problem = obstruction_problem("object_00", {"object_00": set(names(9)[1:])})
-    with pytest.raises(SearchTimeoutError):
-        shortest_plan(problem, time_limit=0.0)
-    result = task_planner("astar").plan(problem, 0.0)
-    assert isinstance(result, NoPlan)
-    assert result.reason == "gave up"
+    assert AStar().plan(problem, 0.0) == NoPlan("gave up")
 
 
 def test_engines_are_chosen_by_name() -> None:
@@ -170,7 +168,7 @@ def test_an_engine_unknown_to_unified_planning_is_named() -> None:
 
 def test_validator_rejects_a_plan_with_a_step_missing() -> None:
     problem = obstruction_problem("a", {"a": {"b"}})
-    plan = shortest_plan(problem)
-    assert plan is not None
-    for left_out in range(len(plan)):
-        assert fault(domain_text(), problem.text(), plan[:left_out] + plan[left_out + 1 :]) != ""
+    plan = AStar().plan(problem)
+    assert isinstance(plan, TaskPlan)
+    for left_out in range(len(plan.actions)):
+        assert fault(domain_text(), problem.text(), plan.actions[:left_out] + plan.actions[left_out + 1 :]) != ""

@@ -1,24 +1,22 @@
-"""Pictures of a plan from above: one for each clearance, and the supports before the target is taken.
+"""The choice of each clearance location in a plan: the regions and candidates behind it, computed again from the plan.
 
-Regions and candidates behind each clearance location are computed again from the plan.
+`planners.drawing.pictures` draws them from above, the page in 3-D.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from irm.chain import ArmChain
 from planners.collision.world import CollisionWorld
-from planners.drawing.region import ClearancePicture, DrawnSurface, draw_clearance, legend_entries
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.placing.locations import placement_grid
 from planners.placing.negative_goal_region import (
+    NegativeGoalRegion,
     SupportGrid,
     SweptVolume,
     clearance_order,
@@ -33,12 +31,6 @@ from planners.tamp.solution import BoundAction, Solution
 
 Array = NDArray[np.float64]
 
-_COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
-"""Pictures side by side, and how many of them where one is so many times as wide as it is high."""
-_PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
-"""[inch] Width of all pictures, heights of a title and of a row of the legend."""
-_MOST = 11
-"""Clearances drawn at most; of a longer plan the first ones are drawn."""
 _WORK_CELL = 0.025
 """[m] size of the cells that are tested for reachability."""
 _WORK_YAWS = 8
@@ -52,34 +44,72 @@ _SAME_BASE = 1e-3
 """[m], [rad] below which two base poses are the same."""
 
 
-def draw_plan(solution: Solution, path: Path) -> None:
-    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
+@dataclass(frozen=True, eq=False)
+class DrawnSurface:
+    """The top face of one support: its cells, and where the object must not be put.
 
-    Raises:
-        ValueError: the plan has no actions.
+    Drawn if given: the mask of R_work over the grid, and where the object's centre must not be.
     """
-    choices = choices_of(solution)
-    pictures = []
-    for number, choice in enumerate(choices[:_MOST], start=1):
-        because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
-        pictures.append((f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}", choice))
-    pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
-    x_low, x_high, y_low, y_high = pictures[0][1].extent
-    aspect = (y_high - y_low) / (x_high - x_low)
-    most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE
-    columns, width = min(most, len(pictures)), _PAGE / most
-    rows = -(-len(pictures) // columns)
-    legend = legend_entries()
-    height = (width / aspect + _TITLE) * rows + _LEGEND_ROW * -(-len(legend) // (2 * columns))
-    figure = Figure(figsize=(width * columns, height), layout="constrained")
-    all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for axes, (title, picture) in zip(all_axes, pictures, strict=False):
-        draw_clearance(axes, picture, title)
-    for axes in all_axes[len(pictures) :]:
-        axes.set_axis_off()
-    style: dict[str, Any] = {"ncols": 2 * columns, "frameon": False, "fontsize": 8}
-    figure.legend(list(legend.values()), list(legend), loc="outside lower center", **style)
-    figure.savefig(path, dpi=130)
+
+    grid: SupportGrid
+    region: NegativeGoalRegion
+    in_work: NDArray[np.bool_] | None = None
+    grown: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ClearancePicture:
+    """The supports when one clearance location is chosen, or before the target is taken.
+
+    Attributes:
+        surfaces, bodies: top faces of the supports, and all objects on them.
+        target, obstacles: names of the target and of the objects still to be cleared after this one.
+        candidates: (n, 2) placement locations [m].
+        ordered: (m, 2) those allowed, best first.
+        chosen: (2,) the location taken, or None.
+        moved: name of the object to be put aside, "" for none.
+        obstructed: name of the object that it obstructs, "" if it is put aside for no particular object.
+        is_far: whether the base drives between taking the object and putting it down.
+        cleared: names of the objects put aside before.
+        stands: (k, 2) base positions [m], first to take the object, then to put it down.
+        outlines: (k, 2) corners [m] of each static obstacle on the support.
+    """
+
+    surfaces: Sequence[DrawnSurface]
+    bodies: Sequence[Body]
+    target: str
+    obstacles: Sequence[str] = ()
+    candidates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    ordered: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    chosen: NDArray[np.float64] | None = None
+    moved: str = ""
+    obstructed: str = ""
+    is_far: bool = False
+    cleared: Sequence[str] = ()
+    stands: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    outlines: Sequence[NDArray[np.float64]] = ()
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """(x low, x high, y low, y high) [m] of all surfaces together."""
+        low = np.min([surface.grid.extent for surface in self.surfaces], axis=0)
+        high = np.max([surface.grid.extent for surface in self.surfaces], axis=0)
+        return float(low[0]), float(high[1]), float(low[2]), float(high[3])
+
+    @property
+    def moved_body(self) -> Body | None:
+        """The object to be put aside; None if it is in the gripper from the start, or none is put aside."""
+        return next((body for body in self.bodies if body.name == self.moved), None)
+
+    def kind(self, body: Body) -> str:
+        """What an object is in this picture."""
+        if body.name == self.target:
+            return "target"
+        if body.name == self.moved:
+            return "moved"
+        if body.name in self.cleared:
+            return "cleared"
+        return "obstacle" if body.name in self.obstacles else "object"
 
 
 def choices_of(solution: Solution) -> list[ClearancePicture]:

@@ -1,21 +1,28 @@
-"""Top-down pictures of the Negative Goal Region, R_work, candidates and choices (Figs. 8-10 of Lee & Kim 2019)."""
+"""Pictures of a plan from above: the whole plan in one, or one for each clearance (Figs. 8-10 of Lee & Kim 2019).
+
+They show the scene as the robot sees it, itself at the bottom: y to the left, x upwards.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Rectangle
+from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid
+from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of, last_picture
 from planners.scene import Body
+from planners.tamp.solution import Solution
+
+Array = NDArray[np.float64]
 
 COLOURS = {
     "table": "#faf6ef",
@@ -31,6 +38,15 @@ COLOURS = {
     "refused": "#9a9a9a",
     "ink": "#30343b",
 }
+_MARGIN = 0.15
+"""[m] around the support and the base's footprints."""
+_BASE_COLOUR = "#4c78a8"
+_COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
+"""Pictures side by side, and how many of them where one is so many times as wide as it is high."""
+_PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
+"""[inch] Width of all pictures, heights of a title and of a row of the legend."""
+_MOST = 11
+"""Clearances drawn at most; of a longer plan the first ones are drawn."""
 _RANKED = 9
 """Candidates that get their rank as a number."""
 _UNKNOWN_RADIUS = 0.03
@@ -39,76 +55,90 @@ _SAME_PLACE = 0.005
 """[m] below which two base positions get one mark."""
 
 
-@dataclass(frozen=True, eq=False)
-class DrawnSurface:
-    """The top face of one support: its cells, and where the object must not be put.
+def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
+    """Draw a whole plan in axes, or in a new figure: the scene, the clearances in order, and the path of the base.
 
-    Drawn if given: the mask of R_work over the grid, and where the object's centre must not be.
+    Raises:
+        ValueError: the plan has no actions, because the target is in the gripper from the start.
     """
+    if not solution.actions:
+        raise ValueError("a plan without actions has nothing to draw")
+    axes = plt.subplots(figsize=(6.4, 7.2), layout="constrained")[1] if ax is None else ax
+    scene = solution.actions[0].scene
+    for obstacle in sorted(scene.static_obstacles, key=lambda entry: entry.top):  # lower ones first
+        is_support = obstacle.name == scene.support.name
+        face = COLOURS["table"] if is_support else "none"
+        edge = COLOURS["ink"] if is_support else COLOURS["refused"]
+        axes.add_patch(Polygon(obstacle.outline[:, ::-1], facecolor=face, edgecolor=edge, linewidth=0.8, zorder=1))
+    for body in scene.objects:
+        kind = "target" if body.name == solution.target else "moved" if body.name in solution.clearances else "object"
+        _draw_body(axes, body, COLOURS[kind])
+    for number, action in enumerate((a for a in solution.actions if a.is_clearance), start=1):
+        if (placed := action.released) is not None:
+            _draw_body(axes, placed, "none", str(number), COLOURS["location"])
+            _join(axes, action.scene.body(action.target), placed.position)
+    _draw_base(axes, solution)
+    entries = {
+        "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
+        "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
+        "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
+        "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
+    }
+    axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)
+    axes.set_title(f"{solution.target} after {len(solution.clearances)} clearances ({solution.strategy.name})")
+    return axes
 
-    grid: SupportGrid
-    region: NegativeGoalRegion
-    in_work: NDArray[np.bool_] | None = None
-    grown: NDArray[np.bool_] | None = None
+
+def _draw_base(axes: Axes, solution: Solution) -> None:
+    """The path of the base's centre, and its footprint and heading wherever it stops; the axes show all of it."""
+    for action in solution.actions:
+        base = action.trajectory.base
+        axes.plot(base[:, 1], base[:, 0], color=_BASE_COLOUR, linewidth=1.0, zorder=2)
+    radius = solution.actions[0].scene.robot.base_radius
+    stops = [solution.actions[0].trajectory.base[0], *(action.trajectory.base[-1] for action in solution.actions)]
+    for x, y, yaw in np.unique(np.round(stops, 3), axis=0):
+        axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=_BASE_COLOUR, linewidth=0.8, zorder=2))
+        ahead = (y + radius * np.sin(yaw), x + radius * np.cos(yaw))
+        axes.plot((y, ahead[0]), (x, ahead[1]), color=_BASE_COLOUR, linewidth=1.6, zorder=2)
+    bases = np.vstack([action.trajectory.base[:, :2] for action in solution.actions])
+    support = solution.actions[0].scene.support
+    lower = np.minimum(support.lower[:2], bases.min(axis=0) - radius) - _MARGIN
+    upper = np.maximum(support.upper[:2], bases.max(axis=0) + radius) + _MARGIN
+    axes.set(xlim=(upper[1], lower[1]), ylim=(lower[0], upper[0]), aspect="equal", xlabel="y [m]", ylabel="x [m]")
 
 
-@dataclass(frozen=True, eq=False)
-class ClearancePicture:
-    """The supports when one clearance location is chosen, or before the target is taken.
+def draw_plan(solution: Solution, path: Path) -> None:
+    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
 
-    Attributes:
-        surfaces, bodies: top faces of the supports, and all objects on them.
-        target, obstacles: names of the target and of the objects still to be cleared after this one.
-        candidates: (n, 2) placement locations [m].
-        ordered: (m, 2) those allowed, best first.
-        chosen: (2,) the location taken, or None.
-        moved: name of the object to be put aside, "" for none.
-        obstructed: name of the object that it obstructs, "" if it is put aside for no particular object.
-        is_far: whether the base drives between taking the object and putting it down.
-        cleared: names of the objects put aside before.
-        stands: (k, 2) base positions [m], first to take the object, then to put it down.
-        outlines: (k, 2) corners [m] of each static obstacle on the support.
+    Raises:
+        ValueError: the plan has no actions.
     """
-
-    surfaces: Sequence[DrawnSurface]
-    bodies: Sequence[Body]
-    target: str
-    obstacles: Sequence[str] = ()
-    candidates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    ordered: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    chosen: NDArray[np.float64] | None = None
-    moved: str = ""
-    obstructed: str = ""
-    is_far: bool = False
-    cleared: Sequence[str] = ()
-    stands: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    outlines: Sequence[NDArray[np.float64]] = ()
-
-    @property
-    def extent(self) -> tuple[float, float, float, float]:
-        """(x low, x high, y low, y high) [m] of all surfaces together."""
-        low = np.min([surface.grid.extent for surface in self.surfaces], axis=0)
-        high = np.max([surface.grid.extent for surface in self.surfaces], axis=0)
-        return float(low[0]), float(high[1]), float(low[2]), float(high[3])
-
-    @property
-    def moved_body(self) -> Body | None:
-        """The object to be put aside; None if it is in the gripper from the start, or none is put aside."""
-        return next((body for body in self.bodies if body.name == self.moved), None)
-
-    def kind(self, body: Body) -> str:
-        """What an object is in this picture."""
-        if body.name == self.target:
-            return "target"
-        if body.name == self.moved:
-            return "moved"
-        if body.name in self.cleared:
-            return "cleared"
-        return "obstacle" if body.name in self.obstacles else "object"
+    choices = choices_of(solution)
+    pictures = []
+    for number, choice in enumerate(choices[:_MOST], start=1):
+        because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
+        pictures.append((f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}", choice))
+    pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
+    x_low, x_high, y_low, y_high = pictures[0][1].extent
+    aspect = (y_high - y_low) / (x_high - x_low)
+    most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE
+    columns, width = min(most, len(pictures)), _PAGE / most
+    rows = -(-len(pictures) // columns)
+    legend = legend_entries()
+    height = (width / aspect + _TITLE) * rows + _LEGEND_ROW * -(-len(legend) // (2 * columns))
+    figure = Figure(figsize=(width * columns, height), layout="constrained")
+    all_axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for axes, (title, picture) in zip(all_axes, pictures, strict=False):
+        draw_clearance(axes, picture, title)
+    for axes in all_axes[len(pictures) :]:
+        axes.set_axis_off()
+    style: dict[str, Any] = {"ncols": 2 * columns, "frameon": False, "fontsize": 8}
+    figure.legend(list(legend.values()), list(legend), loc="outside lower center", **style)
+    figure.savefig(path, dpi=130)
 
 
 def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> None:
-    """Draw the picture as the robot sees the table, itself at the bottom: y to the left, x upwards."""
+    """Draw the choice of one clearance location, or the supports before the target is taken."""
     x_low, x_high, y_low, y_high = picture.extent
     axes.set_facecolor(COLOURS["table"])
     for surface in picture.surfaces:
@@ -116,10 +146,7 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
     for corners in picture.outlines:
         axes.add_patch(Polygon(corners[:, ::-1], facecolor=COLOURS["refused"], edgecolor=COLOURS["ink"], zorder=4))
     for body in picture.bodies:
-        axes.add_patch(outline(body, COLOURS[picture.kind(body)]))
-        at = (body.position[1], body.position[0])
-        number = body.name.removeprefix("object_")
-        axes.annotate(number, at, ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=6)
+        _draw_body(axes, body, COLOURS[picture.kind(body)])
     _draw_locations(axes, picture)
     _draw_move(axes, picture)
     _draw_stands(axes, picture)
@@ -178,11 +205,6 @@ def _draw_surface(axes: Axes, surface: DrawnSurface) -> None:
         axes.contour(surface.grown.astype(float), levels=[0.5], extent=extent, zorder=2, **style)
 
 
-def join(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
-    """Join where an object stands and where it is put, in the picture's axes: under the objects, as it is no path."""
-    axes.plot(*zip(start, end, strict=True), color=COLOURS["moved"], linewidth=1.2, dashes=(2, 2), zorder=3, gid="move")
-
-
 def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
     """Candidates with their ranks; the one chosen as the object's outline, its rank above it."""
     allowed = {(x, y) for x, y in picture.ordered}
@@ -207,8 +229,8 @@ def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
     axes.add_patch(Circle((y, x), _radius(picture), alpha=0.8, zorder=6, gid="put", **ghost))
     number = picture.moved.removeprefix("object_")
     axes.annotate(number, (y, x), ha="center", va="center", fontsize=7, color=COLOURS["ink"], zorder=7)
-    if (moved := picture.moved_body) is not None:
-        join(axes, (float(moved.position[1]), float(moved.position[0])), (y, x))
+    if picture.moved_body is not None:
+        _join(axes, picture.moved_body, picture.chosen)
 
 
 def _radius(picture: ClearancePicture) -> float:
@@ -237,22 +259,22 @@ def _stand(left: str, right: str) -> dict[str, Any]:
     return {"marker": "^", "markersize": 11, "fillstyle": "left", "color": left, "markerfacecoloralt": right, **edge}
 
 
-def outline(body: Body, colour: str) -> Ellipse | Polygon:
-    """The object from above, in the picture's axes: y along, x up."""
-    x, y = float(body.position[0]), float(body.position[1])
-    style: dict[str, Any] = {
-        "facecolor": colour,
-        "edgecolor": COLOURS["ink"],
-        "linewidth": 0.8,
-        "alpha": 0.92,
-        "zorder": 5,
-    }
+def _draw_body(axes: Axes, body: Body, colour: str, text: str | None = None, ink: str = COLOURS["ink"]) -> None:
+    """Draw an object from above, with its number or another short text."""
+    at = (float(body.position[1]), float(body.position[0]))
+    style: dict[str, Any] = {"facecolor": colour, "edgecolor": COLOURS["ink"], "linewidth": 0.8, "alpha": 0.92}
     if body.shape == "cylinder" and body.is_upright:
-        return Circle((y, x), body.radius, **style)
-    rotation, half = body.rotation, body.half_extents
-    level = np.delete(np.arange(3), np.abs(rotation[2]).argmax())
-    corners = [
-        body.position[:2] + sum(s * half[a] * rotation[:2, a] for s, a in zip(signs, level, strict=True))
-        for signs in ((-1, -1), (-1, 1), (1, 1), (1, -1))
-    ]
-    return Polygon([(c[1], c[0]) for c in corners], **style)
+        axes.add_patch(Circle(at, body.radius, zorder=5, **style))
+    else:
+        level = np.delete(np.arange(3), np.abs(body.rotation[2]).argmax())
+        corners = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * body.half_extents[level]
+        places = body.position[:2] + corners @ body.rotation[:2, level].T
+        axes.add_patch(Polygon(places[:, ::-1], zorder=5, **style))
+    number = body.name.removeprefix("object_") if text is None else text
+    axes.annotate(number, at, ha="center", va="center", fontsize=7, color=ink, zorder=6)
+
+
+def _join(axes: Axes, body: Body, end: Array) -> None:
+    """Join where an object stands and where it is put: under the objects, as it is no path."""
+    x, y = zip(body.position[:2], end[:2], strict=True)
+    axes.plot(y, x, color=COLOURS["moved"], linewidth=1.2, dashes=(2, 2), zorder=3, gid="move")
