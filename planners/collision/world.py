@@ -36,6 +36,8 @@ STEP = 0.006
 """[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
 SUPPORT_SLACK = 0.0005
 """[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
+FINGER_GAP = 0.012
+"""[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
 _ALL = (1 << 64) - 1
 _KEPT = 32
 """Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""
@@ -116,16 +118,8 @@ class CollisionWorld:
         """Mask of the objects that idle arms hold."""
         return self.scene.mask(one.held.name for one in self.scene.aside)
 
-    def attached(self, held: HeldObject | None) -> Attached:
-        """The held object, or none, for kernels; computed once for each object passed.
-
-        Raises:
-            UnknownObject: the scene has no object of that name.
-        """
-        return self._carry(held).attached
-
     def _carry(self, held: HeldObject | None) -> _Carried:
-        """What is computed once for each held object, and for none."""
+        """What is computed once for each held object, and for none; raises `UnknownObject`."""
         if id(held) not in self._carried:
             width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
             attached = self._attach(held)
