@@ -83,6 +83,31 @@ def _exclude_neighbours(spec: mujoco.MjSpec, scene: Scene) -> None:
             spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
 
 
+class ModelPositions:
+    """Positions of the joints, `qpos` (nq,), of a `scene_model`: they are set to those of a scene, then changed."""
+
+    def __init__(self, model: mujoco.MjModel, scene: Scene, qpos: NDArray[np.float64]) -> None:
+        robot, self.qpos = scene.robot, qpos
+        self._columns = [int(model.joint(name).qposadr[0]) for name in (*robot.drive_joints, robot.finger_joints[0])]
+        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
+        self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+            qpos[model.joint(joint).qposadr[0]] = angle
+        for body in scene.objects:
+            self.put(body.name, body.position, body.quaternion)
+
+    def move(self, state: NDArray[np.float64]) -> None:
+        """Move the robot to a whole-body configuration and finger position (12,)."""
+        self.qpos[self._columns] = state
+        self.qpos[self._second_finger] = state[-1]
+
+    def put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
+        """Put an object at a pose."""
+        start = self._start[name]
+        self.qpos[start : start + 3] = position
+        self.qpos[start + 3 : start + 7] = quaternion
+
+
 class PenetrationReport(NamedTuple):
     """The deepest penetration of a motion.
 
@@ -114,17 +139,10 @@ class MujocoCollisionChecker:
         self.scene = scene
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
-        self._columns = np.array(
-            [model.joint(name).qposadr[0] for name in (*robot.drive_joints, robot.finger_joints[0])]
-        )
-        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
-        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-            self._data.joint(joint).qpos = angle
+        self._positions = ModelPositions(model, scene, self._data.qpos)
         self._tcp = model.site(robot.tcp_site).id
         self._gripper = _gripper_geoms(model, robot)
         self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
-        self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
-        self.move_to(scene)
 
     def move_to(self, scene: Scene) -> None:
         """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
@@ -132,7 +150,7 @@ class MujocoCollisionChecker:
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         self.scene = scene
         for body in scene.objects:
-            self._put(body.name, body.position, body.quaternion)
+            self._positions.put(body.name, body.position, body.quaternion)
 
     def accepts(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> bool:
         """Whether nothing penetrates deeper than `TOLERANCE`; see `deepest_penetration`."""
@@ -145,7 +163,7 @@ class MujocoCollisionChecker:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
             step: [m] that a point of the robot may move between two checked configurations.
         """
-        worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self._columns) - 1))
+        worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints)))
         for segment in self._segments(motion):
             held_geom = -1 if segment.held is None else self._geoms[segment.held.name]
             ignored = {self._geoms[name] for name in self.scene.names_of(segment.ignore)}
@@ -162,7 +180,7 @@ class MujocoCollisionChecker:
                 # From now on the object stays where it was placed last.
                 geom, quaternion = self._geoms[segment.held.name], np.empty(4)
                 mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
-                self._put(segment.held.name, self._data.geom_xpos[geom], quaternion)
+                self._positions.put(segment.held.name, self._data.geom_xpos[geom], quaternion)
             for geom in grips:
                 self._let_collide(geom, 0)
         self.move_to(self.scene)
@@ -198,8 +216,7 @@ class MujocoCollisionChecker:
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
         """Place the robot and what its grippers hold, and find contacts."""
         model, data = self._model, self._data
-        data.qpos[self._columns] = state
-        data.qpos[self._second_finger] = state[-1]
+        self._positions.move(state)
         mujoco.mj_kinematics(model, data)
         if held is not None:
             self._place_held(held, self._tcp)
@@ -212,11 +229,6 @@ class MujocoCollisionChecker:
         data, geom, R = self._data, self._geoms[held.name], self._data.site_xmat[tcp].reshape(3, 3)
         data.geom_xpos[geom] = data.site_xpos[tcp] + R @ held.T_tcp_object[:3, 3]
         data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
-
-    def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
-        start = self._start[name]
-        self._data.qpos[start : start + 3] = position
-        self._data.qpos[start + 3 : start + 7] = quaternion
 
     def _let_collide(self, geom: int, bits: int) -> None:
         """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
@@ -22,23 +22,6 @@ GRIPPER = "robot_gripper"
 """The gripper of a robot that acts with one arm."""
 ROBOT_INIT_LOC = "robot_init_loc"
 """The base pose the robot starts from."""
-
-_ARGUMENT_TYPES: Mapping[str, tuple[str, ...]] = {
-    "empty": ("gripper",),
-    "robotAt": ("base-pose",),
-    "objectAt": ("obj", "loc"),
-    "occupied": ("loc",),
-    "graspedBy": ("obj", "gripper"),
-    "isGrasp": ("arm-pose", "obj", "loc"),
-    "outOfReach": ("gripper", "arm-pose"),
-    "isPlacementLocation": ("loc", "obj"),
-    "isClearanceLocation": ("loc", "obj", "obj"),
-    "isMotion": ("arm-traj", "base-pose", "arm-pose"),
-    "isBaseMotion": ("base-traj", "base-pose"),
-    "obstructs": ("obj", "arm-traj", "obj"),
-    "obstacle": ("obj",),
-}
-"""Argument types of the domain's predicates; they give the type of every symbol in the problem text."""
 
 _LEGAL_SYMBOL = re.compile(r"[a-z][a-z0-9_-]*")
 
@@ -205,10 +188,11 @@ class TaskProblem:
 
     def _symbols(self) -> dict[str, list[str]]:
         kinds: dict[str, str] = {}
+        known = _argument_types()
         for predicate, *arguments in (*self.state.facts, self.goal):
-            types = _ARGUMENT_TYPES.get(predicate, ())
+            types = known.get(predicate, ())
             if len(types) != len(arguments):
-                raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {_ARGUMENT_TYPES}")
+                raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {known}")
             for symbol, kind in zip(arguments, types, strict=True):
                 if not _LEGAL_SYMBOL.fullmatch(symbol):
                     raise SymbolError(f"{symbol!r} is no PDDL name: lower-case letters, digits, _ and - only")
@@ -305,6 +289,13 @@ def domain_text(holds_aside: bool = False) -> str:
     """The PDDL domain; with `holds_aside` a gripper may take an object while another one holds one."""
     text = path("pddl/domain.pddl").read_text(encoding="utf-8")
     return text.replace(_ALL_EMPTY, _ONE_EMPTY) if holds_aside else text
+
+
+@cache
+def _argument_types() -> dict[str, tuple[str, ...]]:
+    """Types of the arguments of the domain's predicates; they give the type of every symbol in the problem text."""
+    declared = re.sub(r";.*", "", domain_text()).partition("(:predicates")[2].partition("(:action")[0]
+    return {name: tuple(re.findall(r"- (\S+)", rest)) for name, rest in re.findall(r"\((\w+)([^()]*)\)", declared)}
 
 
 def format_atom(atom: Atom) -> str:

@@ -98,40 +98,30 @@ class MotionLayer:
         `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
         """
         problem = ClearingProblem(
-            self.context,
             self.candidates,
             self.placement_search,
             scene,
             target,
             strategy,
             self.rng,
-            self.is_usable,
-            order_by_task_plan,
             self.deadline,
-            left_alone=frozenset(cleared) if strategy.leaves_cleared else frozenset(),
-            holds_aside=holds_aside,
+            self.is_usable,
+            self._reject,
+            order_by_task_plan,
+            frozenset(cleared) if strategy.leaves_cleared else frozenset(),
+            holds_aside,
+            self.context.saves_time,
         )
-        found = self._usable_commitments(problem)
+        found = commitments_for(problem)
         if isinstance(found, NoCommitment) and problem.left_alone and not self.deadline.is_over:
             problem = replace(problem, left_alone=frozenset())
-            found = self._usable_commitments(problem)
-        if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
-            return found
-        provisional = strategy.non_monotone - (len(cleared) - len(set(cleared)))
-        return non_monotone_plan(problem, provisional) or found
-
-    def _usable_commitments(self, problem: ClearingProblem) -> ClearancePlan | NoCommitment:
-        """The first commitments to grasps that are all usable; those that are not are rejected on the way."""
-        while True:
             found = commitments_for(problem)
-            if isinstance(found, ClearancePlan):
-                return found
-            if isinstance(found, NoCommitment):
-                # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
-                is_refuted = self.has_refuted and found.cause.lies_in_grasps
-                return replace(found, cause=Cause.MOTION) if is_refuted else found
-            for grasp in found:
-                self._reject(problem.scene, grasp)
+        if isinstance(found, ClearancePlan):
+            return found
+        if found.cause is Cause.NO_CLEARANCE_LOCATION:
+            return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
+        # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
+        return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
