@@ -2,7 +2,7 @@
 
 import mujoco
 
-from assets.robots import FETCH
+from assets import FETCH
 from planners import AStar, Planner, Scene, Solution, Strategy, execute
 
 BOXES = {"tea": (0.95, -0.06), "rice": (0.95, 0.06), "salt": (1.05, 0.1), "flour": (1.05, -0.1), "sugar": (1.15, 0)}
