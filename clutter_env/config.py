@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from numbers import Integral
 from typing import Any
 
 from assets import InvalidRobot, RobotSpec, UnknownRobot
 from assets import robot as find_robot
-from clutter_env.errors import ConfigError
+from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
 from clutter_env.scene.obstruction import robots_with_approaches
@@ -153,18 +151,3 @@ class EnvConfig:
             if name not in known:
                 raise ConfigError(f"unknown keyword argument {name!r}; known ones: {', '.join(known)}")
         return cls(**keywords)
-
-
-def check_choice(name: str, value: object, valid: Iterable[object]) -> None:
-    """Raise ConfigError unless `value` is one of `valid` (compared by type and value)."""
-    choices = list(valid)
-    if not any(type(value) is type(choice) and value == choice for choice in choices):
-        raise ConfigError(f"{name}={value!r} is not valid; valid values: {', '.join(repr(c) for c in choices)}")
-
-
-def check_integer(name: str, value: object, lowest: int, highest: int | None = None) -> None:
-    """Raise ConfigError unless `value` is an integer between `lowest` and `highest`, both included."""
-    wanted = f"an integer of at least {lowest}" if highest is None else f"an integer from {lowest} to {highest}"
-    most = math.inf if highest is None else highest
-    if not isinstance(value, Integral) or isinstance(value, bool) or not lowest <= int(value) <= most:
-        raise ConfigError(f"{name}={value!r} is not valid; it must be {wanted}")

@@ -1,6 +1,10 @@
-"""The exceptions of this package; their messages say what was wrong and list what is valid."""
+"""The exceptions of this package, whose messages say what was wrong and list what is valid; checks that raise them."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from numbers import Integral, Real
 
 
 class ClutterEnvError(ValueError):
@@ -53,3 +57,31 @@ class UnknownExpert(LearningError):
 
 class UnknownTask(LearningError):
     """No environment of that name, or not with those keyword arguments; the message lists the known ones."""
+
+
+def check_choice(name: str, value: object, valid: Iterable[object], error: type[ClutterEnvError] = ConfigError) -> None:
+    """Raise an error unless `value` is one of `valid` (compared by type and value)."""
+    choices = list(valid)
+    if not any(type(value) is type(choice) and value == choice for choice in choices):
+        raise error(f"{name}={value!r} is not valid; valid values: {', '.join(repr(c) for c in choices)}")
+
+
+def check_integer(
+    name: str, value: object, lowest: int, highest: int | None = None, error: type[ClutterEnvError] = ConfigError
+) -> int:
+    """The value as an int; raise an error unless it is an integer between `lowest` and `highest`, both included."""
+    wanted = f"an integer of at least {lowest}" if highest is None else f"an integer from {lowest} to {highest}"
+    most = math.inf if highest is None else highest
+    if not isinstance(value, Integral) or isinstance(value, bool) or not lowest <= int(value) <= most:
+        raise error(f"{name}={value!r} is not valid; it must be {wanted}")
+    return int(value)
+
+
+def check_number(
+    name: str, value: object, limits: tuple[float, float], unit: str, error: type[ClutterEnvError] = ConfigError
+) -> float:
+    """The value as a float; raise an error unless it is a number between the limits, both included."""
+    lowest, highest = limits
+    if not isinstance(value, Real) or isinstance(value, bool) or not lowest <= float(value) <= highest:
+        raise error(f"{name}={value!r} must be a number from {lowest:.4g} to {highest:.4g} [{unit}]")
+    return float(value)

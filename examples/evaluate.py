@@ -7,6 +7,5 @@ from clutter_env.evaluation.tables import markdown, summarise
 scenes = SceneSet(env_id="clutter_env/Skill-o10-v0", count=5)
 rows = []
 for name in ("random-skills", "greedy"):
-    evaluation = evaluate(name, scenes)
-    rows.append(summarise(scenes.name, name, [evaluation.scores], floors={}, seed=0))
+    rows.append(summarise(name, [evaluate(name, scenes)]))
 print(markdown(rows))

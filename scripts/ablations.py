@@ -18,7 +18,7 @@ import tyro
 
 from assets import robot as find_robot
 from clutter_env.cli import table
-from clutter_env.evaluation.clearance_table import Attempt, Variant
+from clutter_env.cli.clearance_trials import Record, Trials, Variant
 from clutter_env.reporting.intervals import bootstrap
 from clutter_env.reporting.tables import markdown_section, number_text
 from clutter_env.scene.layout import TABLE
@@ -67,18 +67,17 @@ def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:
 def effort(arguments: Arguments, variants: Mapping[str, Variant]) -> str:
     """Base motions and simulated time of a plan, paired with the first strategy."""
     reference = arguments.strategies[0]
-    rows = {reference: Variant(STRATEGIES[reference]), **variants}
-    trials = arguments.table(rows)
+    trials = Trials(arguments, variants)
     head = ["N", "planner", "base motions", reference, "fewer", "simulated time [s]", reference, "less [s]"]
     lines = []
     for objects in arguments.objects:
-        attempts = {name: trials.attempts(objects, name) for name in rows}
+        attempts = {name: trials.attempts(objects, name) for name in (reference, *variants)}
         for name, own in attempts.items():
             lines.append([str(objects), name, *paired(own, attempts[reference])])
     return markdown_section(f"Base motions and simulated time, paired with {reference}", head, lines)
 
 
-def paired(own: Mapping[int, Attempt], reference: Mapping[int, Attempt]) -> list[str]:
+def paired(own: Mapping[int, Record], reference: Mapping[int, Record]) -> list[str]:
     """Means over the scenes that both solved, of base motions and simulated time: own, the reference's, difference."""
     both = [(one, reference[k]) for k, one in own.items() if one.solved and k in reference and reference[k].solved]
     cells = []

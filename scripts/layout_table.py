@@ -15,12 +15,11 @@ from pathlib import Path
 import tyro
 
 from clutter_env.cli import table
-from clutter_env.evaluation.clearance_table import CRASH, Attempt, Variant
+from clutter_env.cli.clearance_trials import CRASH, Record, Trials
 from clutter_env.reporting.intervals import times
 from clutter_env.reporting.tables import NOTHING, markdown_table
-from planners import find_strategy
 
-HEAD = ["layout", "N", "solved / taken alone", "scenes", "cleared / lower bound", "above the bound", "twice"]
+HEAD = ["layout", "N", "solved / taken alone", "scenes", "cleared / lower bound", "above it", "twice"]
 HEAD += ["whole solve [CPU s]: median (95%)", "causes", "crashed"]
 
 
@@ -38,22 +37,19 @@ class Arguments(table.Arguments):
 
 def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:
     """Make the trials that are missing, layout by layout, and print one table."""
-    (name, *_), rows = arguments.strategies, []
-    variants = {name: Variant(find_strategy(name))}
+    name, rows = arguments.strategies[0], []
     for layout in arguments.layouts:
-        made = replace(arguments, layout=layout, out=arguments.out / layout).table(variants)
+        made = Trials(replace(arguments, strategies=(name,), layout=layout, out=arguments.out / layout))
         if not arguments.report_only:
-            made.run(arguments.workers, arguments.retry_crashes)
+            made.run()
         for objects in arguments.objects:
             if attempts := made.attempts(objects, name):
-                found = made.assessments(objects)
-                floors = {k: scene.floor for k, scene in found.items() if scene.proved and scene.floor is not None}
-                rows.append([layout, str(objects), *layout_cells(attempts, floors)])
+                rows.append([layout, str(objects), *layout_cells(attempts, made.floors(objects))])
     print(markdown_table(HEAD, rows))
 
 
-def layout_cells(attempts: Mapping[int, Attempt], floors: Mapping[int, int]) -> list[str]:
-    """The cells of one layout: attempts by seed of the scene, and proved minimum numbers of clearances by seed."""
+def layout_cells(attempts: Mapping[int, Record], floors: Mapping[int, int]) -> list[str]:
+    """The cells of one layout: attempts by seed of the scene, and proved lower bounds by seed."""
     ended = {seed: attempt for seed, attempt in attempts.items() if attempt.cause != CRASH}
     solved = {seed: attempt for seed, attempt in ended.items() if attempt.solved}
     failed = [attempt for attempt in ended.values() if not attempt.solved]

@@ -59,8 +59,8 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Play, summarise, print."""
     from clutter_env.evaluation.compare import Comparison, compare
+    from clutter_env.evaluation.evaluate import ResultRecords
     from clutter_env.evaluation.picture import plot
-    from clutter_env.evaluation.records import ResultRecords
     from clutter_env.evaluation.tables import markdown, markdown_by_floor
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar

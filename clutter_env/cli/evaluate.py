@@ -8,12 +8,9 @@ A policy has the methods `reset(info)` and `act(observation)`. The rules are in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-from clutter_env.reporting.tables import markdown_table
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -23,10 +20,10 @@ class Arguments:
     suite: str = "side-15-v1"
     """Name of the suite."""
     policy: str = "lookahead"
-    """A strategy of the expert with side grasps ("lookahead", "ngr", "dogar", "srivastava") or with all grasps
-    ("lookahead-all", …), "keyframes" (learned decisions and motions), "planned-decisions", "planned-motions" (each also
-    "…-all" and "…-shelf"), "random", "random-skills", "greedy", "direct-approach", "scripted", the directory of a
-    training run, or module:Class."""
+    """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
+    grasps; keyframes (learned decisions and motions), planned-decisions, planned-motions, each also …-all and …-shelf;
+    greedy, random-skills, direct-approach, scripted, random; for other scenes reach and pick; the directory of a
+    training run; or module:Class."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
@@ -47,9 +44,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, print, write."""
-    from clutter_env.evaluation.evaluate import evaluate, minimum_clearances
-    from clutter_env.evaluation.results import results
+    from clutter_env.evaluation.evaluate import evaluate
     from clutter_env.evaluation.scenes import SceneSet
+    from clutter_env.evaluation.tables import markdown, markdown_by_floor, results, summarise
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
@@ -65,31 +62,13 @@ def run(arguments: Arguments) -> None:
             count_crashes=arguments.count_crashes,
             tick=bar.update,
         )
-    content = results(evaluation, minimum_clearances(scenes, evaluation.grasps))
-    print(_text(content), end="")
-    means = content["summary"]["mean"]
-    print("\nmeans over all episodes: " + ", ".join(f"{name} {value:.3g}" for name, value in means.items()))
-    if evaluation.crashes:
-        print(f"\n{evaluation.crashes} episodes, counted as failures, ended with an exception of the policy")
+    content, row = results(evaluation), summarise(arguments.policy, [evaluation])
+    print(f"{markdown([row])}\nLower bounds are for {evaluation.grasps} grasps.\n\n{markdown_by_floor([row])}")
+    print(f"objects moved {row.moved.mean:.2f}, cleared {row.cleared.mean:.2f}, on average over all episodes")
+    if content["crashes"]:
+        print(f"\n{content['crashes']} episodes, counted as failures, ended with an exception of the policy")
     # The table stands on the screen before the file is written: a full disk does not lose it.
     name = f"{arguments.suite}_{arguments.policy.replace(':', '.').replace('/', '.')}.json"
     file = arguments.json or Path("outputs/evaluate") / name
     write_json(file, content)
     print(f"\ndigest: {content['digest']}\nwritten: {file}")
-
-
-def _text(content: Mapping[str, Any]) -> str:
-    """The summary as a Markdown table."""
-    summary = content["summary"]
-    rows = {
-        "all": summary,
-        **{f"lower bound {name}, {content['grasps']} grasps": rates for name, rates in summary["by_floor"].items()},
-    }
-    cells = []
-    for name, rates in rows.items():
-        clean, lifted = (
-            f"{rates[kind]['mean']:.2f} [{rates[kind]['low']:.2f}, {rates[kind]['high']:.2f}]"
-            for kind in ("clean", "lifted")
-        )
-        cells.append((name, str(rates["episodes"]), clean, lifted))
-    return markdown_table(("scenes", "episodes", "clean success", "lifted"), cells)

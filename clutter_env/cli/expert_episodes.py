@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,10 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import clutter_env
+from clutter_env.cli import table
+from clutter_env.cli.clearance_trials import Trials, let_act
 from clutter_env.errors import RenderingUnavailable, UsageError
-from clutter_env.evaluation.clearance_table import CRASH, Attempt, Table, Trial, Variant
 from clutter_env.rendering.film import Film
-from clutter_env.reporting.intervals import times, wilson
 from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners import (
     EpisodeReport,
@@ -28,7 +27,6 @@ from planners import (
     Scene,
     Solution,
     TampExpert,
-    find_strategy,
     format_plan,
     warmup,
 )
@@ -42,6 +40,8 @@ _MOST_SEEDS = 1000
 """Seeds tried until the target of a scene is obstructed."""
 _PLANNING_S = 30.0
 """[s] of wall time for one solve."""
+_OF_TABLE = ("obstructed", "seed", "robot", "layout", "grasps", "control_mode", "workers", "out")
+"""Arguments that `clutter-env table` has too."""
 _FACTS = 8
 """Maximum number of new facts printed for one replanning step."""
 
@@ -150,18 +150,13 @@ def _filmed(arguments: Arguments, env: gym.Env) -> Iterator[Film | None]:
 
 def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
     """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
-    is_success, lifted, is_over = False, False, expert.done
     page = expert.live_page() if arguments.display == "live" else None
     if page is not None:
         _log(f"the episode in a browser of this machine: {page.address}")
     step_s = 1 / env.metadata["render_fps"]
     with progress_bar(bar_format="{n:.0f} s simulated{postfix}") as bar:
-        while not is_over:
-            action = expert.act()
-            phase = expert.phase
-            _, _, terminated, truncated, info = env.step(action)
-            is_success = bool(info["is_success"])
-            lifted |= info["lifted"]
+
+        def watch(phase: str) -> None:
             if film is not None:
                 film.watch(phase)
             if page is not None:
@@ -169,7 +164,9 @@ def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film 
                 time.sleep(step_s)
             bar.update(step_s)
             bar.set_postfix_str(phase, refresh=False)
-            is_over = terminated or truncated or expert.done
+
+        info, lifted = let_act(expert, env, watch)
+    is_success = bool(info["is_success"])
     if film is not None:
         film.finish(f"{expert.target} taken" if is_success else f"ended: {expert.report.failure}")
     if page is not None:
@@ -274,67 +271,19 @@ def _aligned(rows: dict[str, str]) -> str:
 
 
 def count_many(arguments: Arguments) -> dict[str, Any]:
-    """Play the scenes from a seed on in parallel, and print the success rate; the records as JSON values.
-
-    Scenes and episodes are written to episodes.jsonl as they end, one JSON object a line.
-    """
-    objects, strategy, path = arguments.objects, arguments.strategy, arguments.out / "episodes.jsonl"
-    common = Trial(
-        objects,
-        arguments.seed,
-        strategy,
-        arguments.layout,
-        arguments.control_mode,
+    """Play the scenes from a seed on in parallel, as `clutter-env table` does, and print its tables; the episodes."""
+    chosen = table.Arguments(
+        objects=(arguments.objects,),
+        strategies=(arguments.strategy,),
+        scenes=arguments.episodes,
         physics=True,
         time_limit=_PLANNING_S,
-        grasps=arguments.grasps,
-        robot=arguments.robot,
+        **{name: getattr(arguments, name) for name in _OF_TABLE},
     )
-    mode = f"{arguments.control_mode} mode, {strategy}, grasp set {arguments.grasps}"
-    print(f"{arguments.episodes} episodes of {arguments.environment}, robot {arguments.robot}, {mode}")
-    path.unlink(missing_ok=True)
-    variants = {strategy: Variant(find_strategy(strategy))}
-    table = Table(common, (objects,), variants, arguments.episodes, arguments.obstructed, path)
-    table.run(arguments.workers)
-    attempts, scenes = table.attempts(objects, strategy), table.assessments(objects)
-    floors = {seed: scenes[seed].floor if scenes[seed].proved else None for seed in attempts}
-    print(f"\n{counts_text(list(attempts.values()), floors)}\n\nevery episode: {path}")
-    episodes = [{"floor": floors[seed], "attempt": asdict(attempt)} for seed, attempt in attempts.items()]
-    return {"settings": asdict(common), "episodes": episodes}
-
-
-def counts_text(played: Sequence[Attempt], floors: Mapping[int, int | None]) -> str:
-    """Rates of both kinds of success with 95% intervals, clearances, times, causes of failure and deviations.
-
-    `floors` has by seed the minimum number of clearances, None if not proved.
-    """
-    ended = [attempt for attempt in played if attempt.cause != CRASH]
-    solved = [attempt for attempt in ended if attempt.solved]
-    lifted = sum(attempt.lifted for attempt in ended)
-    known = [floor for attempt in solved if (floor := floors.get(attempt.seed)) is not None]
-    simulated, planning = times([one.sim_s for one in solved]), times([one.total_s for one in ended])
-    rows = {
-        "episodes": f"{len(ended)}, and {len(played) - len(ended)} CRASHED",
-        "clean success": f"{len(solved)} of {len(ended)}: {wilson(len(solved), len(ended))}",
-        "target lifted": f"{lifted} of {len(ended)}: {wilson(lifted, len(ended))}",
-        "objects cleared": f"{_mean([len(attempt.clearances) for attempt in solved]):.2f} on average",
-        "lower bound of clearances": f"{_mean(known):.2f} on average",
-        "cleared twice or more": f"{sum(attempt.duplicated for attempt in ended)} objects",
-        "replans after deviations": f"{sum(attempt.replans for attempt in ended)}",
-        "toppled or off the table": f"{sum(attempt.fallen for attempt in ended)} objects",
-        "disturbed": f"{sum(attempt.disturbed for attempt in ended)} objects",
-        "planning": f"{planning.median:.2f} s of CPU time (median), {planning.p95:.2f} s (95th percentile)",
-        "simulated time of a success": f"{simulated.median:.1f} s (median), {simulated.p95:.1f} s (95th percentile)",
-    }
-    lines = [_aligned(rows)]
-    causes = Counter(attempt.cause for attempt in played if attempt.cause)
-    # Deviations are counted without the names of their objects.
-    deviations = Counter(text.rpartition(": ")[2] for attempt in ended for text in attempt.deviations)
-    for title, counts in (("causes of failure", causes), ("deviations", deviations)):
-        if counts:
-            lines += [f"  {title}:", *(f"    {number} x {name}" for name, number in counts.most_common())]
-    return "\n".join(lines)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else float("nan")
+    (arguments.out / "trials.jsonl").unlink(missing_ok=True)
+    table.run(chosen)
+    trials = Trials(chosen)
+    floors = trials.floors(arguments.objects)
+    attempts = trials.attempts(arguments.objects, arguments.strategy)
+    episodes = [{"floor": floors.get(seed), "attempt": asdict(attempt)} for seed, attempt in attempts.items()]
+    return {"settings": trials.settings, "episodes": episodes}

@@ -6,13 +6,16 @@ docstring is the help text. Modules import what they run inside their functions,
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import io
+import re
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -33,6 +36,19 @@ COMMANDS = {
 }
 """The commands, each in the module of its name in this package, and what they do."""
 
+REPLACED = {
+    "curve": "python scripts/learning_curve.py",
+    "decisions": "clutter-env train decisions",
+    "map figures": "python scripts/map_figures.py",
+    "map benchmark": "python scripts/map_speed.py",
+    "map check": "python scripts/map_accuracy.py",
+    "table --ablations": "python scripts/ablations.py",
+    "table --arms": "python scripts/ablations.py --arms",
+    "table --layouts": "python scripts/layout_table.py",
+    "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
+}
+"""Commands, sub-commands and options of version 0.1, and what there is in their place."""
+
 SHELLS = ("bash", "zsh", "tcsh")
 PACKAGES = ("assets", "irm", "planners", "clutter_env")
 
@@ -46,6 +62,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         argv: the command and its arguments; those of the process if not given.
     """
     command, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    typed = [command, *(word.partition("=")[0].replace("_", "-") for word in rest)]
+    for name, instead in REPLACED.items():
+        first, *word = name.split()
+        # A sub-command stands at once after its command; an option may stand anywhere.
+        if first == command and (not word or word[0] in (typed[1:] if word[0][0] == "-" else typed[1:2])):
+            _end(f"clutter-env: {name} is of version 0.1; now: {instead}", 2)
     if command in ("-h", "--help"):
         print(_overview())
     elif command == "--version":
@@ -57,12 +79,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     elif command in COMMANDS:
         _run(command, rest)
     else:
-        import difflib
-
-        close = difflib.get_close_matches(command, COMMANDS, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
-        print(f"clutter-env: no command {command!r}{hint}\n\n{_overview()}", file=sys.stderr)
-        sys.exit(2)
+        print(f"{_overview()}\n", file=sys.stderr)
+        hint = _did_you_mean([command], f"{command} {' '.join(COMMANDS)}")
+        _end(f"clutter-env: no command {command!r}{hint and f'; {hint}'}", 2)
 
 
 def _run(command: str, argv: Sequence[str]) -> None:
@@ -72,26 +91,56 @@ def _run(command: str, argv: Sequence[str]) -> None:
     advice = ""
     try:
         module = importlib.import_module(f"clutter_env.cli.{command}")
-        if hint := getattr(module, "old_spelling", lambda _: "")(argv):
-            print(f"clutter-env {command}: {hint}", file=sys.stderr)
-            sys.exit(2)
         arguments = read(module, f"clutter-env {command}", argv)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
         module.run(arguments)
     except KeyboardInterrupt:
-        print(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", file=sys.stderr)
-        sys.exit(130)
+        _end(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", 130)
     except Exception as problem:
         if not is_own(problem):
             raise
-        sys.exit(f"clutter-env {command}: {problem}")
+        # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError.
+        code = 1 if isinstance(problem, RuntimeError | OSError) else 2
+        message = "\n".join((str(problem), *getattr(problem, "__notes__", ())))
+        hint = _did_you_mean(argv, message) if code == 2 else ""
+        _end(f"clutter-env {command}: {message}{hint and f'; {hint}'}", code)
+
+
+def _did_you_mean(argv: Sequence[str], message: str) -> str:
+    """A hint at the name in a message that is closest to one of the words typed; "" if none is close.
+
+    Messages list the valid names beside the wrong one: that is a rule of this project, and what tyro does.
+    """
+    import difflib
+
+    typed = [part for word in argv for part in word.split("=")]
+    named = dict.fromkeys(re.findall(r"[\w./:-]*\w", message))
+    valid = [name for name in named if name not in typed and not name.isdigit()]
+    wrong = [word for word in typed if word in named]
+    close = [name for word in wrong for name in difflib.get_close_matches(word, valid, n=1, cutoff=0.7)]
+    return f"did you mean {close[0]!r}?" if close else ""
+
+
+def _end(message: str, code: int) -> NoReturn:
+    """End the process with a message on the error stream; the exception has it too, for those who call `main`."""
+    print(message, file=sys.stderr)
+    end = SystemExit(message)
+    end.code = code
+    raise end
 
 
 def read(module: ModuleType, prog: str, argv: Sequence[str]) -> Any:
     """The arguments of a command; wrong ones end the process with a message and exit code 2."""
     import tyro
 
-    return tyro.cli(module.Arguments, prog=prog, description=module.__doc__, args=argv)
+    said, stderr = io.StringIO(), sys.stderr
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(module.Arguments, prog=prog, description=module.__doc__, args=argv)
+    finally:
+        stderr.write(said.getvalue())
+        if hint := _did_you_mean(argv, said.getvalue()):
+            print(f"{prog}: {hint}", file=stderr)
 
 
 def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[str] = ()) -> str:
@@ -147,8 +196,7 @@ def _overview() -> str:
 
 def _print_completion(shell: str = "", *_: str) -> None:
     if shell not in SHELLS:
-        print(f"clutter-env: --completion {shell}: valid shells: {', '.join(SHELLS)}", file=sys.stderr)
-        sys.exit(2)
+        _end(f"clutter-env: --completion {shell}: valid shells: {', '.join(SHELLS)}", 2)
     import tyro
 
     modules = {name: importlib.import_module(f"clutter_env.cli.{name}") for name in COMMANDS}

@@ -17,7 +17,7 @@ class Arguments:
     """Play one episode of a policy."""
 
     policy: str = "keyframes"
-    """A built-in policy, or module:Class; an unknown name lists the built-in ones."""
+    """A name as for `clutter-env evaluate`, whose help lists them, or module:Class."""
     objects: int = 15
     """Number of objects on the table, the target among them."""
     seed: int = 1_000_000
@@ -37,24 +37,24 @@ def run(arguments: Arguments) -> None:
 
     import clutter_env
     from clutter_env.errors import UsageError
-    from clutter_env.evaluation.evaluate import evaluate
-    from clutter_env.evaluation.scenes import SceneSet
+    from clutter_env.evaluation.scenes import SeededScene, skill_scene
+    from clutter_env.evaluation.score import play_scene
+    from clutter_env.policies.registry import acts_by_skills, env_keywords, load_policy
     from clutter_env.rendering.film import Film
     from clutter_env.rendering.renderer import has_display
 
     if arguments.objects not in clutter_env.OBJECT_COUNTS:
         valid = ", ".join(map(str, clutter_env.OBJECT_COUNTS))
         raise UsageError(f"--objects {arguments.objects} is not valid; valid numbers: {valid}")
-    path = arguments.film
+    env_id, path = f"clutter_env/Retrieve-o{arguments.objects}-v0", arguments.film
     if path is None and not has_display():
         path = Path("outputs/play") / f"{arguments.policy.replace(':', '.')}-{arguments.objects}-{arguments.seed}"
-    scene = SceneSet(
-        env_id=f"clutter_env/Retrieve-o{arguments.objects}-v0",
-        obstructed=arguments.obstructed,
-        layout=arguments.layout,
-        count=1,
-        first_seed=arguments.seed,
-    )
+    keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
+    scene: Any = SeededScene(env_id, {name: value for name, value in keywords.items() if value}, arguments.seed)
+    policy = load_policy(arguments.policy, seed=0)
+    if acts_by_skills(policy):
+        scene = skill_scene(scene, "oracle")
+    env = scene.make(render_mode="human" if path is None else "rgb_array", **env_keywords(policy))
     film: Film | None = None
 
     def watch(env: Any, policy: Any) -> None:
@@ -63,8 +63,9 @@ def run(arguments: Arguments) -> None:
             film = film or Film(env.unwrapped)
             film.watch(str(getattr(policy, "phase", "")))
 
-    mode = "human" if path is None else "rgb_array"
-    (score,) = evaluate(arguments.policy, scene, watch=watch, render_mode=mode).scores
+    score = play_scene(scene, env, policy, watch=watch)
+    if path is None:
+        env.get_wrapper_attr("wait_for_window")()
     lifted = "the target was lifted" if score.lifted else f"the target was not lifted ({score.failure})"
     around = f"{score.disturbed} objects disturbed, {score.fallen} fallen"
     print(f"{lifted} after {score.sim_s:.1f} s; {around}: {'clean success' if score.clean else 'no clean success'}")
@@ -73,3 +74,4 @@ def run(arguments: Arguments) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         print(f"film: {film.save_film(path)}")
         film.close()
+    env.close()

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
-    from clutter_env.evaluation.clearance_table import Table, Variant
+    from clutter_env.cli.clearance_trials import Variant
 
 WHEN_INTERRUPTED = "run the same command again to go on"
 
@@ -45,7 +45,8 @@ class Arguments:
     layout: str = "paper"
     """Layout of the table."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
-    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
+    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
+    unless told otherwise."""
     supports: tuple[str, ...] = ()
     """Where objects may be put: all, table, or names of the layout's supports. If not given, the table alone with side
     grasps, and all supports with the others."""
@@ -55,8 +56,6 @@ class Arguments:
     """Control mode."""
     time_limit: float = 20.0
     """[s] of wall time for one solve."""
-    cap: int = 20
-    """Clearances that an unsolved scene counts as in the censored mean."""
     workers: int = os.cpu_count() or 1
     """Number of processes."""
     retry_crashes: bool = False
@@ -70,45 +69,26 @@ class Arguments:
     markdown: Path | None = None
     """Write the page to this file too, and its picture to images/ beside it."""
 
-    def table(self, variants: Mapping[str, Variant]) -> Table:
-        """The table of these rows, with the trials that are in its directory."""
-        from clutter_env.evaluation.clearance_table import Table, Trial
-
-        names = ("seed", "layout", "control_mode", "physics", "time_limit", "grasps", "supports", "robot")
-        # Each trial has its own number of objects and strategy.
-        common = Trial(objects=0, strategy="", **{name: getattr(self, name) for name in names})
-        file = self.out / "trials.jsonl"
-        return Table(common, self.objects, variants, self.scenes, self.obstructed, file)
-
 
 def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "clutter-env table") -> None:
-    """Find the scenes, try the strategies, report.
-
-    Args:
-        arguments: of the command line.
-        more: rows besides the strategies.
-        name: what the command is called in the page.
-    """
-    from clutter_env.evaluation.clearance_page import markdown, summarise, write_page
-    from clutter_env.evaluation.clearance_table import Variant
+    """Find the scenes, try the strategies and `more` rows, report; `name` is the command shown on the page."""
+    from clutter_env.cli.clearance_page import markdown, summarise, write_page
+    from clutter_env.cli.clearance_trials import Trials
     from clutter_env.reporting.files import write_json
-    from planners import find_strategy
 
-    variants = {name: Variant(find_strategy(name)) for name in arguments.strategies} | dict(more or {})
-    table = arguments.table(variants)
+    trials = Trials(arguments, more)
     if not arguments.report_only:
-        print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
-        table.run(arguments.workers, arguments.retry_crashes)
-    summary = summarise(table, arguments.cap)
+        trials.run()
+    summary = summarise(trials)
     if not summary["rows"]:
         print(f"no trials of these strategies and numbers of objects in {arguments.out}")
         return
-    print(f"\n{markdown(summary, arguments.physics, arguments.cap)}")
+    print(f"\n{markdown(summary, arguments.physics)}")
     for path in filter(None, (arguments.out / "table.json", arguments.json)):
-        write_json(path, {"settings": table.settings, **summary})
+        write_json(path, {"settings": trials.settings, **summary})
     command = command_line(name, arguments, ("workers", "retry_crashes", "report_only", "out", "json"))
     for page in filter(None, (arguments.out / "table.md", arguments.markdown)):
-        write_page(table, command, summary, page, arguments.cap)
+        write_page(trials, command, summary, page)
     print(f"tables, figures and plots: {arguments.out}")
     if crashed := sum(entry["crashed"] for entry in (*summary["rows"], *summary["scenes"])):
         print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")

@@ -3,7 +3,7 @@
     clutter-env train sac --env clutter_env/Reach-v0 --steps 30000
     clutter-env train maskable-ppo --env clutter_env/Skill-o10-v0 --steps 30000 --seeds 3 --workers 2
     clutter-env train bc --env clutter_env/Pick-v0 --demos outputs/demos/pick
-    clutter-env train keyframes --env clutter_env/Retrieve-o15-v0 --demos outputs/demos/o15
+    clutter-env train keyframes --demos outputs/demos/o15
     clutter-env train keyframes --env clutter_env/Retrieve-o25-v0 --grasps all --steps 6000
     clutter-env train decisions-dagger --env clutter_env/Retrieve-o15-v0 --obstructed
 
@@ -13,7 +13,6 @@ its own under outputs/runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -37,6 +36,12 @@ if TYPE_CHECKING:
     from clutter_env.training.run import Run
     from clutter_env.training.train import Trained
 
+_ENVIRONMENTS = {
+    "reach": "clutter_env/Reach-v0",
+    "skill": "clutter_env/Skill-o15-v0",
+    "retrieve": "clutter_env/Retrieve-o15-v0",
+}
+"""Environments to learn on if none is given, by the family that an algorithm is for."""
 WHEN_INTERRUPTED = "run the same command again with --resume to go on from the last checkpoint"
 
 
@@ -57,8 +62,9 @@ class Arguments:
         | Annotated[DecisionsDAgger, tyro.conf.subcommand("decisions-dagger")]
     )
     """Algorithm, and its options."""
-    env: str = "clutter_env/Reach-v0"
-    """Environment id."""
+    env: str = ""
+    """Environment id. Without it, that of the demonstrations with all of its keyword arguments; or, for algorithms that
+    learn without demonstrations, clutter_env/Reach-v0, Skill-o15-v0 or Retrieve-o15-v0."""
     seed: int = 0
     """Random seed; the first one of several."""
     seeds: int = 1
@@ -89,16 +95,6 @@ class Arguments:
     """Write the histories of all runs to this file."""
 
 
-def old_spelling(argv: Sequence[str]) -> str:
-    """A hint for those who type the algorithm as in version 0.1, `--algorithm sac`; "" for others."""
-    flags = [word.partition("=")[0].replace("_", "-") for word in argv]
-    if "--algorithm" not in flags:
-        return ""
-    at = flags.index("--algorithm")
-    name = argv[at].partition("=")[2] or next(iter(argv[at + 1 :]), "ALGORITHM")
-    return f"the algorithm is a sub-command now: clutter-env train {name.replace('_', '-')} ..., before all options"
-
-
 def run(arguments: Arguments) -> None:
     """Train and print the histories."""
     from clutter_env.reporting.files import write_json
@@ -115,21 +111,31 @@ def print_history(run: Run, trained: Trained) -> None:
     """Print success at every checkpoint, and the times."""
     for entry in trained.history:
         print("  ".join(f"{name} {value:g}" for name, value in entry.items()))
+    if not trained.history:
+        print("success was not measured: that is done every --checkpoint-every steps")
     print(f"{run.directory}: {trained.wall_s:.0f} s, {trained.cpu_s:.0f} s of CPU time")
 
 
 def make_run(arguments: Arguments) -> Run:
     """The run that the arguments describe; the environment refuses what it does not know."""
+    from clutter_env.data.dataset import Dataset
     from clutter_env.task import Task
     from clutter_env.training.run import Run
 
+    settings: Settings = arguments.settings
     names = ("control_mode", "reward_mode", "layout", "obstructed", "simulation", "geometric_mask", "feasibility")
     keywords = {name: getattr(arguments, name) for name in names if getattr(arguments, name)}
-    if "/Skill" in arguments.env:
-        keywords.setdefault("simulation", "kinematic")
-    settings: Settings = arguments.settings
-    name = f"{settings.algorithm}-{arguments.env.rpartition('/')[2].removesuffix('-v0').lower()}"
+    if arguments.env:
+        task = Task(arguments.env, keywords)
+    elif demos := getattr(settings, "demos", None):
+        collected = Dataset(demos).task
+        task = Task(collected.env_id, {**collected.keywords, **keywords})
+    else:
+        task = Task(_ENVIRONMENTS[settings.families[0]], keywords)
+    if task.family == "skill":
+        task = Task(task.env_id, {"simulation": "kinematic", **task.keywords})
+    name = f"{settings.algorithm}-{task.env_id.rpartition('/')[2].removesuffix('-v0').lower()}"
     if arguments.seeds == 1:
         name += f"-{arguments.seed}"
     directory = arguments.out or Path("outputs/runs") / name
-    return Run(Task(arguments.env, keywords), settings, directory, arguments.seed)
+    return Run(task, settings, directory, arguments.seed)

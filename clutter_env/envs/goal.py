@@ -13,10 +13,11 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from clutter_env.config import EnvConfig, check_choice, check_integer
+from clutter_env.config import EnvConfig
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.observation import Observer
 from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.errors import check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
 

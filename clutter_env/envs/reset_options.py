@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from numbers import Real
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.config import OBSTRUCTED, EnvConfig, check_choice
-from clutter_env.errors import ConfigError, OptionError
+from clutter_env.config import OBSTRUCTED, EnvConfig
+from clutter_env.errors import OptionError, check_choice, check_integer, check_number
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.obstruction import UNREACHABLE, count_blockers, side_approaches
 from clutter_env.scene.random_scene import sample_base, sample_scene
@@ -70,16 +69,19 @@ def _draw_obstructed(
     )
 
 
-OPTION_NAMES = ("target", "objects", "state", "obstructed")
 _COMMON_KEYS = ("shape", "position", "height", "yaw", "mass", "row")
 _SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("radius",), "box": ("depth", "width")}
 _OPTIONAL_KEYS: Mapping[str, tuple[str, ...]] = {"cylinder": ("lying",), "box": ()}
-HALF_WIDTH_LIMITS = (0.01, 0.10)
-"""[m] radius of a cylinder, half depth and half width of a box."""
+RADIUS_LIMITS, WIDTH_LIMITS = (0.01, 0.10), (0.02, 0.20)
+"""[m] radius of a cylinder, depth and width of a box."""
 HEIGHT_LIMITS = (0.04, 0.39)
 """[m]"""
 HEADROOM_MARGIN = 0.01
 """[m] between an object's top and what hangs above the table, at least."""
+POSITION_LIMITS = (-2.0, 2.0)
+"""[m] along x and y."""
+YAW_LIMITS = (-2 * math.pi, 2 * math.pi)
+"""[rad]"""
 MASS_LIMITS = (0.01, 5.0)
 """[kg]"""
 DEFAULT_MASS = 0.2
@@ -105,11 +107,12 @@ class ResetOptions:
         """
         if options is None:
             return cls()
+        known = [entry.name for entry in fields(cls)]
         if not isinstance(options, Mapping):
-            raise OptionError(f"options must be a dictionary with keys from {', '.join(OPTION_NAMES)}, not {options!r}")
+            raise OptionError(f"options must be a dictionary with keys from {', '.join(known)}, not {options!r}")
         for name in options:
-            if name not in OPTION_NAMES:
-                raise OptionError(f"unknown option {name!r}; known options: {', '.join(OPTION_NAMES)}")
+            if name not in known:
+                raise OptionError(f"unknown option {name!r}; known options: {', '.join(known)}")
         given = {name: value for name, value in options.items() if value is not None}
         if "state" in given and len(given) > 1:
             raise OptionError("option 'state' brings its own objects and target; give it alone")
@@ -117,17 +120,11 @@ class ResetOptions:
             raise OptionError(f"option 'target' must be an object's name such as 'object_00', not {given['target']!r}")
         if not isinstance(given.get("state", b""), bytes):
             raise OptionError(f"option 'state' must be bytes from save_state(), not {type(given['state']).__name__}")
-        try:
-            check_choice("option 'obstructed'", given.get("obstructed", False), OBSTRUCTED)
-        except ConfigError as problem:
-            raise OptionError(str(problem)) from None
+        check_choice("option 'obstructed'", given.get("obstructed", False), OBSTRUCTED, OptionError)
         if "objects" in given:
             objects = given["objects"]
-            if isinstance(objects, str | bytes) or not isinstance(objects, Sequence):
+            if not isinstance(objects, Sequence) or not all(isinstance(entry, Mapping) for entry in objects):
                 raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
-            for entry in objects:
-                if not isinstance(entry, Mapping):
-                    raise OptionError(f"option 'objects' must be a list of dictionaries; it holds {entry!r}")
             given["objects"] = tuple(objects)
         return cls(**given)
 
@@ -167,10 +164,10 @@ def explicit_scene(
         base=sample_base(rng, layout),
         target=int(rng.integers(len(rows))),
     )
-    footprints = [_footprint(scene, index) for index in range(scene.num_objects)]
-    half = np.array([layout.depth, layout.width]) / 2
-    for index, (shape, height) in enumerate(zip(footprints, 2 * scene.standing_extents[:, 2], strict=True)):
-        if (np.abs(shape.corners) + shape.radius > half + TOUCH_TOLERANCE).any():
+    half, heights = np.array([layout.depth, layout.width]) / 2, 2 * scene.standing_extents[:, 2]
+    outlines = [_outline(scene, index) for index in range(scene.num_objects)]
+    for index, ((corners, radius), height) in enumerate(zip(outlines, heights, strict=True)):
+        if (np.abs(corners) + radius > half + TOUCH_TOLERANCE).any():
             raise OptionError(
                 f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
                 f"x must stay within ±{half[0]:.3g} m and y within ±{half[1]:.3g} m, the object's size included"
@@ -182,7 +179,7 @@ def explicit_scene(
             )
         for other in range(index):
             is_beside = scene.levels[other] == scene.levels[index]
-            if is_beside and _separation(footprints[other], shape) < -TOUCH_TOLERANCE:
+            if is_beside and _separation(outlines[other], outlines[index]) < -TOUCH_TOLERANCE:
                 raise OptionError(f"{object_name(other)} and {object_name(index)} overlap; move one of them")
     return scene
 
@@ -202,87 +199,56 @@ def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, A
             raise OptionError(f"{place}: key {key!r} is missing; keys of a {shape}: {', '.join(known)}")
     if not isinstance(is_lying := entry.get("lying", False), bool):
         raise OptionError(f"{place}: lying={is_lying!r} must be True or False")
-    full = 2 * HALF_WIDTH_LIMITS[0], 2 * HALF_WIDTH_LIMITS[1]
+
+    def number(key: str, limits: tuple[float, float], unit: str, default: float | None = None) -> float:
+        return check_number(f"{place}: {key}", entry.get(key, default), limits, unit, OptionError)
+
     if shape == "box":
-        half_x, half_y = (_number(place, key, entry[key], *full) / 2 for key in ("depth", "width"))
+        half_x, half_y = (number(key, WIDTH_LIMITS, "m") / 2 for key in ("depth", "width"))
     else:
-        half_x = half_y = _number(place, "radius", entry["radius"], *HALF_WIDTH_LIMITS)
+        half_x = half_y = number("radius", RADIUS_LIMITS, "m")
+    position = entry["position"]
+    if not isinstance(position, Sequence | np.ndarray) or isinstance(position, str) or len(position) != 2:
+        raise OptionError(f"{place}: position={position!r} must be (x, y) in metres on the table")
+    row = check_integer(
+        f"{place}, in layout {layout.name!r}: row", entry.get("row", 0), 0, len(layout.levels) - 1, OptionError
+    )
     return {
-        "half_extents": (half_x, half_y, _number(place, "height", entry["height"], *HEIGHT_LIMITS) / 2),
+        "half_extents": (half_x, half_y, number("height", HEIGHT_LIMITS, "m") / 2),
         "is_box": shape == "box",
-        "positions": _position(place, entry["position"]),
-        "yaws": _number(place, "yaw", entry.get("yaw", 0.0), -2 * math.pi, 2 * math.pi),
-        "masses": _number(place, "mass", entry.get("mass", DEFAULT_MASS), *MASS_LIMITS),
+        "positions": [
+            check_number(f"{place}: position", value, POSITION_LIMITS, "m", OptionError) for value in position
+        ],
+        "yaws": number("yaw", YAW_LIMITS, "rad", 0.0),
+        "masses": number("mass", MASS_LIMITS, "kg", DEFAULT_MASS),
         "is_lying": is_lying,
-        "levels": _level(place, entry.get("row", 0), layout),
+        "levels": layout.levels[row],
     }
 
 
-def _number(place: str, key: str, value: object, lowest: float, highest: float) -> float:
-    is_number = isinstance(value, Real | np.number) and not isinstance(value, bool)
-    if not is_number or not lowest <= float(value) <= highest:  # type: ignore[arg-type]  # a number
-        raise OptionError(f"{place}: {key}={value!r} must be a number from {lowest:.4g} to {highest:.4g}")
-    return float(value)  # type: ignore[arg-type]  # a number
-
-
-def _level(place: str, row: object, layout: Layout) -> float:
-    """[m] of a row of objects above the table."""
-    rows = range(len(layout.levels))
-    if isinstance(row, bool) or not isinstance(row, int | np.integer) or row not in rows:
-        valid = ", ".join(map(str, rows))
-        raise OptionError(f"{place}: row={row!r} is not valid in layout {layout.name!r}; valid rows: {valid}")
-    return layout.levels[row]
-
-
-def _position(place: str, value: object) -> tuple[float, float]:
-    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or len(value) != 2:
-        raise OptionError(f"{place}: position={value!r} must be (x, y) in metres on the table")
-    x, y = (_number(place, f"position {axis}", entry, -2.0, 2.0) for axis, entry in zip("xy", value, strict=True))
-    return x, y
-
-
-Polygon = NDArray[np.float64]
-
-
-class _Footprint(NamedTuple):
-    """A disc or a rectangle on the table: its centre, its corners (4, 2) or its centre alone, and its radius."""
-
-    centre: Polygon
-    corners: Polygon
-    radius: float
-
-
-def _footprint(scene: TableScene, index: int) -> _Footprint:
-    centre = scene.positions[index]
-    half_x, half_y, _ = scene.standing_extents[index]
+def _outline(scene: TableScene, index: int) -> tuple[NDArray[np.float64], float]:
+    """An object from above: corners (4, 2) and 0, or of a round one its centre (1, 2) and its radius [m]."""
+    centre, (half_x, half_y, _) = scene.positions[index], scene.standing_extents[index]
     if not scene.is_angular[index]:
-        return _Footprint(centre, centre[None], float(half_x))
+        return centre[None], float(half_x)
     cosine, sine = math.cos(scene.yaws[index]), math.sin(scene.yaws[index])
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (half_x, half_y)
-    return _Footprint(centre, centre + signs @ np.array([[cosine, sine], [-sine, cosine]]), 0.0)
+    return centre + signs @ np.array([[cosine, sine], [-sine, cosine]]), 0.0
 
 
-def _separation(a: _Footprint, b: _Footprint) -> float:
-    """Largest gap over the separating axes [m]: negative if and only if the two overlap."""
-    axes = [*_edge_normals(a), *_edge_normals(b)]
-    for shape, other in ((a, b), (b, a)):
-        if len(shape.corners) == 1:
-            offsets = other.corners - shape.centre
-            nearest = offsets[np.argmin(np.linalg.norm(offsets, axis=1))]
-            distance = np.linalg.norm(nearest)
-            if distance > 0:
-                axes.append(nearest / distance)
-    if not axes:
-        return -math.inf
+def _separation(first: tuple[NDArray[np.float64], float], second: tuple[NDArray[np.float64], float]) -> float:
+    """Largest gap [m] over the separating axes: negative if and only if the two outlines overlap.
+
+    The axes are along the edges of the rectangles and, where there is a circle, along the line to the nearest corner.
+    """
+    (one, radius), (other, other_radius) = first, second
+    axes = [corners[side] - corners[0] for corners in (one, other) if len(corners) > 1 for side in (1, 3)]
+    if radius + other_radius > 0:
+        between = (one[:, None] - other).reshape(-1, 2)
+        axes.append(between[np.argmin(np.linalg.norm(between, axis=1))])
     gaps = []
     for axis in axes:
-        on_a, on_b = a.corners @ axis, b.corners @ axis
-        gaps.append(max(on_b.min() - on_a.max(), on_a.min() - on_b.max()))
-    return float(max(gaps)) - a.radius - b.radius
-
-
-def _edge_normals(shape: _Footprint) -> list[Polygon]:
-    if len(shape.corners) == 1:
-        return []
-    edges = shape.corners[1:3] - shape.corners[:2]
-    return [np.array([-y, x]) / math.hypot(x, y) for x, y in edges]
+        unit = axis / (math.hypot(*axis) or 1.0)  # no line between a circle and a corner in its centre
+        on_one, on_other = one @ unit, other @ unit
+        gaps.append(max(on_other.min() - on_one.max(), on_one.min() - on_other.max()))
+    return float(max(gaps)) - radius - other_radius

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from clutter_env.config import EnvConfig, check_integer
+from clutter_env.config import EnvConfig
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.reward import dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
+from clutter_env.errors import check_integer
 from clutter_env.scene.layout import TABLE
 from clutter_env.simulation.saved_state import Fields
 

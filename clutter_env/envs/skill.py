@@ -17,11 +17,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from clutter_env import skill_budget
-from clutter_env.config import check_choice, check_integer
 from clutter_env.envs.base import restored_generator
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.success import is_as_placed
-from clutter_env.errors import ActionError, ConfigError
+from clutter_env.errors import ActionError, ConfigError, check_choice, check_integer
 from planners import (
     DIRECTIONS,
     Body,

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.evaluate import Evaluation, evaluate, minimum_clearances
-from clutter_env.evaluation.records import ResultRecords
+from clutter_env.evaluation.evaluate import Evaluation, ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import Row, summarise
 from clutter_env.policies.registry import load_policy, policy_families
@@ -91,34 +89,30 @@ def compare(
     Raises:
         See `evaluate`.
     """
-    how: dict[str, Any] = {"workers": workers, "ray": ray, "records": records}
     rows = []
     for scenes in comparison.scene_sets:
         contenders = comparison.contenders(scenes)
-        evaluations = [
-            evaluate(
-                name,
+        names = {policy: policy for policy in contenders} | run_names(contenders)
+        groups: dict[str, list[Evaluation]] = {}
+        bounds: dict[str, tuple[Floor, ...]] = {}
+        for policy in contenders:
+            found = evaluate(
+                policy,
                 scenes,
                 seed=comparison.seed,
                 feasibility=comparison.feasibility,
+                workers=workers,
+                ray=ray,
                 count_crashes=count_crashes,
+                records=records,
                 tick=tick,
-                **how,
             )
-            for name in contenders
-        ]
-        floors: dict[str, list[Floor]] = {}
-        if scenes.family == "retrieve":
-            for grasps in sorted({evaluation.grasps for evaluation in evaluations}):
-                floors[grasps] = minimum_clearances(scenes, grasps, **how)
-        names = {policy: policy for policy in contenders} | run_names(contenders)
-        groups: dict[str, list[Evaluation]] = {}
-        for evaluation in evaluations:
-            groups.setdefault(names[evaluation.policy], []).append(evaluation)
-        seeds = [scene.seed for scene in scenes.scenes]
-        for name, group in groups.items():
-            by_seed = dict(zip(seeds, floors.get(group[0].grasps, ()), strict=False))
-            rows.append(summarise(scenes.name, name, [one.scores for one in group], by_seed, comparison.seed))
+            if scenes.family == "retrieve" and not found.floors:
+                if found.grasps not in bounds:
+                    bounds[found.grasps] = lower_bounds(scenes, found.grasps, workers=workers, ray=ray, records=records)
+                found = replace(found, floors=bounds[found.grasps])
+            groups.setdefault(names[policy], []).append(found)
+        rows += [summarise(name, group, comparison.seed) for name, group in groups.items()]
     return rows
 
 

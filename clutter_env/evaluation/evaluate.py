@@ -1,30 +1,33 @@
 """`evaluate(policy, scenes)`: episodes of a policy on fixed scenes, and their scores.
 
-The commands `evaluate`, `compare` and `play` print its results in three ways; training measures success with it.
+The commands `evaluate` and `compare` print its results; an interrupted evaluation goes on with its file of records.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import gymnasium as gym
 
 from clutter_env.errors import ClutterEnvError, LearningError, SuiteError
-from clutter_env.evaluation.records import ResultRecords
 from clutter_env.evaluation.scenes import Scene, SceneSet, find_floor, skill_scene
-from clutter_env.evaluation.score import Score, Watch, play_scene
+from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.registry import acts_by_skills, env_keywords, load_policy, policy_grasps
-from clutter_env.provenance import provenance
-from clutter_env.suites import Floor
+from clutter_env.policies.runs import load_run, run_directories
+from clutter_env.provenance import differences, provenance
+from clutter_env.reporting.files import JsonLines
+from clutter_env.suites import Floor, suite
 
-
-class PolicyCrashed(RuntimeError):
-    """A policy raised an exception in another process; the message ends with its traceback."""
+ResultT = TypeVar("ResultT", Score, Floor)
+_HINT = "--count-crashes counts such episodes as failures"
 
 
 @dataclass(frozen=True)
@@ -36,9 +39,9 @@ class Evaluation:
         scenes: the scenes that it played.
         seed: of the built-in random policies.
         feasibility: of the Skill environment, for policies that act by skills.
-        grasps: "side" or "all", by whose minimum numbers of clearances its results are broken down.
+        grasps: "side" or "all", by whose lower bounds its results are broken down.
         scores: of the scenes, in their order.
-        crashes: number of episodes in which the policy raised an exception.
+        floors: lower bounds of the scenes for these grasps; empty where they are not known, as outside the suites.
         provenance: version, commit, packages and digest of the environment; see `clutter_env.provenance`.
     """
 
@@ -48,7 +51,7 @@ class Evaluation:
     feasibility: str
     grasps: str
     scores: tuple[Score, ...]
-    crashes: int
+    floors: tuple[Floor, ...]
     provenance: Mapping[str, Any]
 
 
@@ -58,8 +61,19 @@ class _Job:
 
     policy: str
     scenes: SceneSet
-    seed: int
-    feasibility: str
+    seed: int = 0
+    feasibility: str = ""
+
+    def scene(self, index: int, policy: AnyPolicy) -> Scene:
+        scene = self.scenes.scenes[index]
+        return skill_scene(scene, self.feasibility) if acts_by_skills(policy) else scene
+
+    def make_env(self, policy: AnyPolicy) -> gym.Env[Any, Any]:
+        """The environment of all its scenes."""
+        return self.scene(0, policy).make(**env_keywords(policy))
+
+    def place(self, index: int) -> str:
+        return f"{self.policy} on scene {index} of {self.scenes.name} (seed {self.scenes.scenes[index].seed})"
 
 
 def evaluate(
@@ -73,8 +87,6 @@ def evaluate(
     count_crashes: bool = False,
     records: ResultRecords | None = None,
     tick: Callable[[], object] = lambda: None,
-    watch: Watch | None = None,
-    render_mode: str | None = None,
 ) -> Evaluation:
     """Play all scenes with a policy.
 
@@ -88,122 +100,115 @@ def evaluate(
         count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
         records: file to which every score is written at once; those that are in it are not made again.
         tick: called after every episode.
-        watch: called during the episodes, which are then played in this process.
-        render_mode: of the environment, for `watch`; a window stays until its user closes it.
 
     Raises:
         SuiteError: no such suite or split, or a scene is not the one that the suite was made with.
         PolicyError: no such policy, or it cannot play these scenes.
-        LearningError: a worker was killed.
-        PolicyCrashed: the policy raised an exception in another process; one raised in this process is not caught.
+        PolicyCrashed: the policy raised an exception in another process, which died, or returned no valid action; an
+            exception in this process is not caught.
         OSError: the scores cannot be written; those written before stay.
     """
     name = policy if isinstance(policy, str) else type(policy).__name__
     playing = load_policy(policy, seed) if isinstance(policy, str) else policy
-    job = _Job(name, scenes, seed, feasibility)
-    env = _make_env(job, playing, render_mode)
-    try:
-        made_with = provenance(env)
-        key = partial(_key, job, made_with)
-        found: dict[int, Score] = {}
-        for index in range(len(scenes.scenes)):
-            if records is not None and isinstance(known := records.get(key(index)), Score):
-                found[index] = known
-                tick()
-        missing = [index for index in range(len(scenes.scenes)) if index not in found]
-        crashes = 0
-        results: Iterable[tuple[int, Score | ClutterEnvError | Crash | Killed]]
-        if (workers == 1 and not ray) or not isinstance(policy, str) or watch is not None:
-            results = ((index, _play_here(job, index, env, playing, watch, count_crashes)) for index in missing)
-        else:
-            results = run_jobs(partial(_play_in_worker, job), missing, workers, ray=ray)
-        for index, result in results:
+    grasps, job = policy_grasps(playing), _Job(name, scenes, seed, feasibility)
+    floors = lower_bounds(scenes, grasps) if scenes.suite else ()
+    env = job.make_env(playing)
+
+    def play(missing: Iterable[int]) -> Iterator[tuple[int, Score]]:
+        if (workers == 1 and not ray) or not isinstance(policy, str):
+            yield from ((index, _play_here(job, index, env, playing, count_crashes)) for index in missing)
+            return
+        for index, result in run_jobs(partial(_play_in_worker, job), missing, workers, ray=ray):
             if isinstance(result, ClutterEnvError):
                 raise result
-            if isinstance(result, Crash | Killed):
-                result = _crashed(job, index, result, count_crashes)
-                crashes += 1
-            elif records is not None:
-                records.add(key(index), result)
-            found[index] = result
-            tick()
-        if render_mode == "human":
-            env.get_wrapper_attr("wait_for_window")()
+            if isinstance(result, Crash) and result.is_final and count_crashes:
+                result = Score.of_crash(scenes.scenes[index].seed, result.summary)
+            elif isinstance(result, Crash | Killed):
+                hint = f"; {_HINT}" if isinstance(result, Crash) and result.is_final else ""
+                raise PolicyCrashed(f"{job.place(index)}{hint}\n\n{_text(result)}")
+            yield index, result
+
+    try:
+        made_with = provenance(env)
+        scores = _complete(job, made_with, records, play, tick)
     finally:
         env.close()
-    scores = tuple(score for _, score in sorted(found.items()))
-    return Evaluation(name, scenes, seed, feasibility, policy_grasps(playing), scores, crashes, made_with)
+    return Evaluation(name, scenes, seed, feasibility, grasps, tuple(scores), floors, made_with)
 
 
-def minimum_clearances(
-    scenes: SceneSet,
-    grasps: str,
-    *,
-    workers: int = 1,
-    ray: str = "",
-    records: ResultRecords | None = None,
-    tick: Callable[[], object] = lambda: None,
-) -> list[Floor]:
-    """The minimum number of clearances of every scene: that of the suite, or found by the planner.
+def lower_bounds(
+    scenes: SceneSet, grasps: str, *, workers: int = 1, ray: str = "", records: ResultRecords | None = None
+) -> tuple[Floor, ...]:
+    """The lower bound of every scene, the fewest clearances: that of the suite, or found by the planner.
 
     Raises:
         SuiteError: the suite has none for these grasps.
-        LearningError: a worker was killed, or the planner failed.
+        LearningError: the planner failed.
     """
-    every = range(len(scenes.scenes))
+
+    def find(missing: Iterable[int]) -> Iterator[tuple[int, Floor]]:
+        for index, result in run_jobs(partial(_find_floor, scenes, grasps), missing, workers, ray=ray):
+            if isinstance(result, Crash | Killed):
+                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {_text(result)}")
+            yield index, result
+
     if scenes.suite:
-        return [find_floor(scenes.scenes[index], grasps) for index in every]
-    job = _Job(f"minimum for {grasps}", scenes, 0, "")
+        return tuple(find_floor(scene, grasps) for scene in scenes.scenes)
     env = scenes.scenes[0].make()
-    key = partial(_key, job, provenance(env))
+    made_with = provenance(env)
     env.close()
-    known = {index: records.get(key(index)) for index in every} if records is not None else {}
-    found = {index: floor for index, floor in known.items() if isinstance(floor, Floor)}
-    missing = [index for index in every if index not in found]
-    for index, result in run_jobs(partial(_find_floor, scenes, grasps), missing, workers, ray=ray):
-        if isinstance(result, Crash | Killed):
-            raise LearningError(f"minimum number of clearances of scene {index} of {scenes.name}: {_text(result)}")
-        if records is not None:
-            records.add(key(index), result)
+    return tuple(_complete(_Job(f"minimum for {grasps}", scenes), made_with, records, find))
+
+
+def _complete(
+    job: _Job,
+    made_with: Mapping[str, Any],
+    records: ResultRecords | None,
+    make: Callable[[Iterable[int]], Iterator[tuple[int, ResultT]]],
+    tick: Callable[[], object] = lambda: None,
+) -> list[ResultT]:
+    """The results of all scenes: those in the records, and those that `make` makes of the others' indices.
+
+    A result is written as soon as it is made, but for a crash: the policy will have been mended.
+    """
+    count, found, keys = len(job.scenes.scenes), {}, []
+    for index in range(count):
+        keys.append(_key(job, index, made_with))
+        if records is not None and (known := records.get(keys[index])) is not None:
+            found[index] = known
+            tick()
+    for index, result in make([index for index in range(count) if index not in found]):
+        if records is not None and not (isinstance(result, Score) and result.is_crash):
+            records.add(keys[index], result)
         found[index] = result
         tick()
-    return [found[index] for index in every]
+    return [found[index] for index in range(count)]
 
 
-def _make_env(job: _Job, policy: AnyPolicy, render_mode: str | None = None) -> gym.Env[Any, Any]:
-    rendering = {} if render_mode is None else {"render_mode": render_mode}
-    return _scene(job, 0, policy).make(**env_keywords(policy), **rendering)
-
-
-def _scene(job: _Job, index: int, policy: AnyPolicy) -> Scene:
-    scene = job.scenes.scenes[index]
-    return skill_scene(scene, job.feasibility) if acts_by_skills(policy) else scene
-
-
-def _play_here(
-    job: _Job, index: int, env: gym.Env, policy: AnyPolicy, watch: Watch | None, count_crashes: bool
-) -> Score | Crash:
+def _play_here(job: _Job, index: int, env: gym.Env, policy: AnyPolicy, count_crashes: bool) -> Score:
+    scene = job.scene(index, policy)
     try:
-        return play_scene(_scene(job, index, policy), env, policy, watch=watch)
+        return play_scene(scene, env, policy)
     except (SuiteError, PolicyError):
         raise
     except Exception as problem:
         if not count_crashes:
+            problem.add_note(f"{job.place(index)}; {_HINT}")
             raise  # with the traceback of the policy's own code
-        return Crash(f"{type(problem).__name__}: {problem}", is_final=True)
+        return Score.of_crash(scene.seed, f"{type(problem).__name__}: {problem}")
 
 
 @lru_cache(maxsize=2)
 def _env_and_policy(job: _Job) -> tuple[gym.Env[Any, Any], AnyPolicy]:
     """Made once in a worker for all scenes of a set, which have the same environment."""
     policy = load_policy(job.policy, job.seed)
-    return _make_env(job, policy), policy
+    return job.make_env(policy), policy
 
 
 def _play_in_worker(job: _Job, index: int) -> Score | ClutterEnvError:
     env, policy = _env_and_policy(job)
     try:
-        return play_scene(_scene(job, index, policy), env, policy)
+        return play_scene(job.scene(index, policy), env, policy)
     except (SuiteError, PolicyError) as problem:
         return problem
 
@@ -212,20 +217,54 @@ def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:
     return find_floor(scenes.scenes[index], grasps)
 
 
-def _crashed(job: _Job, index: int, crash: Crash | Killed, count_crashes: bool) -> Score:
-    """The score of an episode in which the policy raised an exception; other crashes are errors."""
-    seed = job.scenes.scenes[index].seed
-    where = f"{job.policy} on scene {index} of {job.scenes.name} (seed {seed})"
-    if isinstance(crash, Killed) or not crash.is_final:
-        raise LearningError(f"{where}: {_text(crash)}")
-    if not count_crashes:
-        raise PolicyCrashed(f"{where}; count_crashes counts such episodes as failures\n\n{crash.detail}")
-    return Score.of_crash(seed, crash.summary)
-
-
 def _text(problem: Crash | Killed) -> str:
     return problem.detail if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
 
 
-def _key(job: _Job, made_with: Mapping[str, Any], index: int) -> str:
-    return ResultRecords.key(job.scenes, index, job.policy, job.seed, job.feasibility, made_with)
+class ResultRecords:
+    """The scores in a file, one line per policy and scene; those made so far are found again.
+
+    Raises:
+        LearningError: the file is damaged, holds something else, or its scores were made with another version; the
+            message says what differs.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._known: dict[str, Any] = {}
+        try:
+            self._file = JsonLines(path)
+            header, *rows = self._file.values or [{"provenance": provenance()}]
+            made_with = header.get("provenance")
+            for row in rows:
+                values = row["result"]
+                self._known[row["key"]] = Score(**values) if "clean" in values else Floor(**values)
+        except (ValueError, KeyError, TypeError, AttributeError) as problem:
+            raise LearningError(f"{path} holds no scores of this package, or it is damaged: {problem!r}") from problem
+        if changed := differences(made_with, provenance()):
+            raise LearningError(f"{path} cannot be continued. {' '.join(changed)} Choose another --out.")
+        if not self._file.values:
+            self._file.append(header)
+
+    def get(self, key: str) -> Any:
+        """The `Score` or `Floor` of a key, None if it has not been made."""
+        return self._known.get(key)
+
+    def add(self, key: str, result: Score | Floor) -> None:
+        """Add a result, and write it to the disk.
+
+        Raises:
+            OSError: the disk is full or cannot be written; what was written before stays.
+        """
+        self._file.append({"key": key, "result": result})
+        self._known[key] = result
+
+
+def _key(job: _Job, index: int, made_with: Mapping[str, Any]) -> str:
+    """Identify a result; a run that was trained further, or a changed suite or environment, is played again."""
+    scenes = job.scenes
+    where = f"{scenes.suite} {suite(scenes.suite).digest} {scenes.split}" if scenes.suite else scenes.env_id
+    if not scenes.suite:
+        where += f" {scenes.layout} {scenes.obstructed} from {scenes.first_seed}"
+    steps = "".join(f" after {load_run(run)['steps']}" for run in run_directories(job.policy))
+    environment = hashlib.sha256(json.dumps(made_with["environment"], sort_keys=True).encode()).hexdigest()[:16]
+    return f"{where} {index}: {job.policy}{steps}, seed {job.seed}, {job.feasibility}, environment {environment}"

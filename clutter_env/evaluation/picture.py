@@ -23,7 +23,7 @@ _FLOOR_COLOURS = dict(zip(STRATA, ("#fdbe6f", "#f28e2b", "#d1495b", "#7b2d5b", "
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:
-    """Draw success, success by floor, and objects moved, with 95% intervals; one group of lines per set of scenes."""
+    """Draw success, by lower bound too, and objects moved, with 95% intervals; one group of lines per set of scenes."""
     names = list(dict.fromkeys(row.scene_set for row in rows))
     groups = [[row for row in rows if row.scene_set == name] for name in names]
     heights = [_LINE * len(group) + _MARGIN for group in groups]
@@ -32,51 +32,34 @@ def plot(rows: Sequence[Row], path: Path) -> None:
         len(groups), 3, squeeze=False, gridspec_kw={"height_ratios": heights, "width_ratios": (1.3, 1.3, 1.0)}
     )
     for (success, by_floor, moved), group in zip(panels, groups, strict=True):
-        _draw_success(success, group)
-        _draw_by_floor(by_floor, group)
-        _draw_moved(moved, group)
+        _draw(success, [row.lifted for row in group], 0.13, _LIFTED, "lifted", marker="o", hollow=True)
+        _draw(success, [row.clean for row in group], -0.13, _CLEAN, "clean", marker="o")
+        strata = [name for name in STRATA if any(name in row.by_floor for row in group)]
+        for place, name in enumerate(strata):
+            offset = 0.0 if len(strata) == 1 else _WITHIN * (2 * place / (len(strata) - 1) - 1)
+            rates = [row.by_floor.get(name) for row in group]
+            label = f"{name} ({max(rate.scenes for rate in rates if rate)} scenes)"
+            shown = [rate and rate.clean for rate in rates]
+            _draw(by_floor, shown, offset, _FLOOR_COLOURS[name], label, marker="s")
+        _draw(moved, [row.moved_per_floor for row in group], 0.0, _MOVED, "", marker="D")
+        moved.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
+        success.set(title="success", xlim=(-0.03, 1.03))
+        by_floor.set(title="clean success, by lower bound", xlim=(-0.03, 1.03))
+        moved.set(title="moved / lower bound, solved", xlim=(0, None))
         for axes in (success, by_floor, moved):
             axes.set_ylim(len(group) - 0.5, -0.5)
             axes.set_yticks(range(len(group)), [row.policy for row in group] if axes is success else [])
             axes.grid(axis="x", alpha=0.3)
             axes.tick_params(axis="y", length=0)
+            axes.title.set_fontsize(10)
             for line in range(1, len(group)):
                 axes.axhline(line - 0.5, color="0.9", linewidth=0.8, zorder=0)
+            if axes is success or (axes is by_floor and strata):
+                # What the marks are, below the panel: inside it hides intervals.
+                below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12)}
+                axes.legend(ncols=4, fontsize=8, frameon=False, columnspacing=1.0, **below)
         success.set_ylabel(group[0].scene_set, fontweight="bold")
     figure.savefig(path, dpi=120)
-
-
-def _draw_success(axes: Any, rows: Sequence[Row]) -> None:
-    _draw(axes, [row.lifted for row in rows], 0.13, _LIFTED, "lifted", marker="o", hollow=True)
-    _draw(axes, [row.clean for row in rows], -0.13, _CLEAN, "clean", marker="o")
-    axes.set_title("success", fontsize=10)
-    axes.set_xlim(-0.03, 1.03)
-    _key(axes)
-
-
-def _draw_by_floor(axes: Any, rows: Sequence[Row]) -> None:
-    strata = [name for name in STRATA if any(name in row.by_floor for row in rows)]
-    for place, name in enumerate(strata):
-        offset = 0.0 if len(strata) == 1 else _WITHIN * (2 * place / (len(strata) - 1) - 1)
-        rates = [row.by_floor[name].clean if name in row.by_floor else None for row in rows]
-        scenes = max(row.by_floor[name].scenes for row in rows if name in row.by_floor)
-        _draw(axes, rates, offset, _FLOOR_COLOURS[name], f"{name} ({scenes} scenes)", marker="s")
-    axes.set_title("clean success, by lower bound", fontsize=10)
-    axes.set_xlim(-0.03, 1.03)
-    if strata:
-        _key(axes)
-
-
-def _key(axes: Any) -> None:
-    """What the marks are, below the panel: inside it hides intervals."""
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4, fontsize=8, frameon=False, columnspacing=1.0)
-
-
-def _draw_moved(axes: Any, rows: Sequence[Row]) -> None:
-    _draw(axes, [row.moved_per_floor for row in rows], 0.0, _MOVED, "", marker="D")
-    axes.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
-    axes.set_title("moved / lower bound, solved", fontsize=9)
-    axes.set_xlim(left=0)
 
 
 def _draw(

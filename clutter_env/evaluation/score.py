@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,17 +10,22 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ActionError
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
 from clutter_env.task import HELD_OUT
 
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""
+_CRASHED = "crashed: "
 
 Watch = Callable[[gym.Env[Any, Any], AnyPolicy], None]
 """Called with the environment and the policy after the reset and after every step of an episode."""
+
+
+class PolicyCrashed(RuntimeError):
+    """A policy raised an exception in another process, its process died, or it returned no valid action."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +34,8 @@ class Score:
 
     Attributes:
         seed: of the scene.
-        clean: success: in Retrieve and Skill, the target was lifted, and nothing had fallen or been disturbed by then;
-            in Reach and Pick, the goal was reached in the end.
-        lifted: the target was lifted.
+        clean: success, as the environment's info says at the end.
+        lifted: the target was lifted, whatever else has moved.
         steps: of the environment: control steps, or skills.
         sim_s: simulated time [s].
         moved: number of objects other than the target that ended elsewhere; see `MOVED`.
@@ -56,11 +61,16 @@ class Score:
     @classmethod
     def of_crash(cls, seed: int, cause: str) -> Score:
         """The score of a policy that raised an exception: a failed episode."""
-        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0, f"crashed: {cause}", 0.0)
+        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0, f"{_CRASHED}{cause}", 0.0)
+
+    @property
+    def is_crash(self) -> bool:
+        """Whether the policy raised an exception."""
+        return self.failure.startswith(_CRASHED)
 
 
 def play_scene(
-    scene: Any, env: gym.Env, policy: AnyPolicy, max_steps: int | None = None, watch: Watch | None = None
+    scene: Any, env: gym.Env, policy: AnyPolicy, max_steps: int | None = None, watch: Watch = lambda *_: None
 ) -> Score:
     """One episode: until the target has been lifted, cleanly or not, or is lost; the policy gives up; or time is up.
 
@@ -77,46 +87,62 @@ def play_scene(
     Raises:
         SuiteError: the first state is not the one that the suite was made with.
         PolicyError: the policy is not made for this environment.
+        PolicyCrashed: it returned no valid action.
     """
     started = time.perf_counter()
     observation, info = env.reset(seed=scene) if isinstance(scene, int) else scene.reset(env)
     physics_env: Any = getattr(env.unwrapped, "physics_env", env.unwrapped)  # Skill contains one
-    is_retrieval = isinstance(physics_env, RetrieveEnv)
-    positions = _positions(physics_env)
+    is_retrieval, target = isinstance(physics_env, RetrieveEnv), physics_env.target_slot
+    before = np.array(physics_env.measurements.poses[:, :3])
     begin_episode(policy, info, env)
-    steps, is_over, failure = 0, False, ""
-    while not is_over:
-        if watch is not None:
-            watch(env, policy)
-        if getattr(policy, "done", False):
-            failure = str(getattr(policy, "failure", "")) or "gave up"
-            break
-        observation, _, terminated, truncated, info = env.step(policy.act(observation))
+    watch(env, policy)
+    steps, is_over, terminated = 0, False, False
+    while not (is_over or getattr(policy, "done", False)):
+        action = policy.act(observation)
+        try:
+            observation, _, terminated, truncated, info = env.step(action)
+        except ActionError as problem:  # the traceback shows nothing of the policy's own code
+            raise PolicyCrashed(f"{_place(policy)} returned no valid action: {problem}") from problem
         steps += 1
         # A lifted target is a success or can never become one.
         is_over = terminated or truncated or steps == max_steps or (is_retrieval and bool(info["lifted"]))
-        failure = _ending(env, physics_env, terminated)
-    if watch is not None and is_over:
         watch(env, policy)
-    away = np.linalg.norm(_positions(physics_env) - positions, axis=1) > MOVED
-    target = physics_env.target_slot
-    away[target : target + 1] = False
-    lifted = bool(info["lifted"])
-    clean = lifted and not info["num_fallen"] and not info["num_disturbed"] if is_retrieval else info["is_success"]
+    is_moved = np.linalg.norm(physics_env.measurements.poses[:, :3] - before, axis=1) > MOVED
+    is_moved[target : target + 1] = False
+    if info["is_success"]:
+        failure = ""
+    elif info["lifted"]:
+        failure = "not clean"
+    elif not is_over:
+        failure = str(getattr(policy, "failure", "")) or "gave up"
+    elif target >= 0 and physics_env.measurements.is_off[target]:
+        failure = "target lost"
+    elif not terminated:
+        failure = "time limit"
+    else:
+        failure = "object fallen" if physics_env is env.unwrapped else "budget spent"
     return Score(
         seed=scene if isinstance(scene, int) else scene.seed,
-        clean=bool(clean),
-        lifted=lifted,
+        clean=bool(info["is_success"]),
+        lifted=bool(info["lifted"]),
         steps=steps,
         sim_s=float(physics_env.data.time),
-        moved=int(away.sum()),
+        moved=int(is_moved.sum()),
         cleared=int(info["num_cleared"]),
         disturbed=int(info["num_disturbed"]),
         fallen=int(info["num_fallen"]),
         refused=int(info.get("num_refused", 0)),
-        failure="" if clean else "not clean" if lifted else failure,
+        failure=failure,
         wall_s=time.perf_counter() - started,
     )
+
+
+def _place(policy: AnyPolicy) -> str:
+    kind = type(policy)
+    try:
+        return f"{kind.__qualname__} in {inspect.getfile(kind)}"
+    except TypeError:  # defined in a shell
+        return kind.__qualname__
 
 
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
@@ -127,16 +153,3 @@ def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
 def success_rate(env: gym.Env, policy: AnyPolicy, seeds: Sequence[int], max_steps: int | None = None) -> float:
     """Share of the episodes on the scenes of some seeds that succeed, within `max_steps` each."""
     return float(np.mean([play_scene(seed, env, policy, max_steps).clean for seed in seeds]))
-
-
-def _ending(env: gym.Env, physics_env: Any, terminated: bool) -> str:
-    if physics_env.target_slot >= 0 and physics_env.measurements.is_off[physics_env.target_slot]:
-        return "target lost"
-    if not terminated:
-        return "time limit"
-    return "object fallen" if physics_env is env.unwrapped else "budget spent"
-
-
-def _positions(physics_env: Any) -> NDArray[np.float64]:
-    """Centres (n, 3) [m] of the objects in the simulation."""
-    return np.array(physics_env.measurements.poses[:, :3])

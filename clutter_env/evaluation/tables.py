@@ -1,33 +1,36 @@
-"""The results of a comparison as Markdown tables."""
+"""The rows of a comparison, as Markdown tables, and the results file of one evaluation."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from clutter_env.evaluation.evaluate import Evaluation
 from clutter_env.evaluation.score import Score
 from clutter_env.reporting.intervals import NO_INTERVAL, Interval, bootstrap, success_interval
 from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
-from clutter_env.suites import Floor
+from clutter_env.suites import Floor, content_digest, suite
 
-STRATA = ("0", "1", "2", "3 or more", "none", "unproved")
-"""Minimum numbers of clearances; "none": there is no plan; "unproved": only an upper bound is known."""
+FORMAT = 4
+"""Version of the results file."""
+STRATA = ("0", "1", "2", "3 or more", "none", "not proved")
+"""Lower bounds; "none": there is no plan; "not proved": fewer clearances than the bound may do."""
 
 
 def stratum(floor: Floor) -> str:
-    """The stratum of a scene with that minimum number of clearances."""
+    """The stratum of a scene with that lower bound."""
     if not floor.is_proved:
-        return "unproved"
+        return "not proved"
     return "none" if floor.count is None else STRATA[min(floor.count, 3)]
 
 
 class StratumRate(NamedTuple):
-    """Clean success on the scenes with one minimum number of clearances: number of scenes, and rate."""
+    """Clean success on the scenes with one lower bound: number of scenes, and rate."""
 
     scenes: int
     clean: Interval
@@ -44,10 +47,10 @@ class Row:
         episodes: number of episodes of all runs.
         clean: share of the episodes with success; see `Score.clean` and `success_interval`.
         lifted: share of the episodes whose target was lifted, whatever else moved; NaN for Reach and Pick.
-        by_floor: clean success by stratum, see `STRATA`; empty where no minimum numbers are known.
-        moved_per_floor: number of objects moved, divided by the minimum number of clearances, over the scenes that the
-            policy solved and whose proved minimum is at least 1.
-        disturbed, fallen: numbers of objects, over all episodes.
+        by_floor: clean success by stratum, see `STRATA`; empty where no lower bounds are known.
+        moved_per_floor: number of objects moved, divided by the lower bound, over the scenes that the policy solved
+            and whose lower bound is proved and at least 1.
+        moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
         refused: number of skills refused by the motion layer, over all episodes.
         steps: of the environment.
         sim_s: simulated time [s].
@@ -63,6 +66,8 @@ class Row:
     lifted: Interval
     by_floor: Mapping[str, StratumRate]
     moved_per_floor: Interval
+    moved: Interval
+    cleared: Interval
     disturbed: Interval
     fallen: Interval
     refused: Interval
@@ -72,61 +77,78 @@ class Row:
     failures: Mapping[str, int]
 
 
-def summarise(
-    scene_set: str, policy: str, runs: Sequence[Sequence[Score]], floors: Mapping[int, Floor], seed: int
-) -> Row:
+_MEANS = ("moved", "cleared", "disturbed", "fallen", "refused", "steps", "sim_s", "wall_s")
+
+
+def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> Row:
     """The row of one policy.
 
     Args:
-        scene_set: name of the scenes.
-        policy: name of the policy.
-        runs: its scores, one sequence per training seed, all of the same scenes in the same order.
-        floors: minimum number of clearances by seed of the scene, as far as known.
+        policy: its name.
+        evaluations: one per training seed, all of the same scenes.
         seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
-
-    def mean(name: str) -> Interval:
-        """Of one attribute of the scores, over all episodes."""
-        return bootstrap([[float(getattr(score, name)) for score in run] for run in runs], rng)
-
+    scenes, floors = evaluations[0].scenes.name, evaluations[0].floors
+    runs = [evaluation.scores for evaluation in evaluations]
     return Row(
-        scene_set=scene_set,
+        scene_set=scenes,
         policy=policy,
         runs=len(runs),
-        episodes=sum(len(run) for run in runs),
+        episodes=sum(map(len, runs)),
         clean=_rate(runs, "clean", rng),
-        lifted=NO_INTERVAL if scene_set in ("reach", "pick") else _rate(runs, "lifted", rng),
+        lifted=NO_INTERVAL if scenes in ("reach", "pick") else _rate(runs, "lifted", rng),
         by_floor=_by_floor(runs, floors, rng),
         moved_per_floor=bootstrap([_moved_per_floor(run, floors) for run in runs], rng),
-        disturbed=mean("disturbed"),
-        fallen=mean("fallen"),
-        refused=mean("refused"),
-        steps=mean("steps"),
-        sim_s=mean("sim_s"),
-        wall_s=mean("wall_s"),
-        failures=dict(Counter(score.failure for run in runs for score in run if not score.clean)),
+        **{name: bootstrap([[getattr(score, name) for score in run] for run in runs], rng) for name in _MEANS},
+        failures=dict(Counter(score.failure for run in runs for score in run if not score.clean).most_common()),
     )
+
+
+def results(evaluation: Evaluation) -> dict[str, Any]:
+    """The content of the results file of one policy on one set of scenes.
+
+    `digest` covers the scenes, the policy's name, the environment and the episodes, but no wall times: equal digests
+    mean equal results.
+    """
+    scenes, scores = evaluation.scenes, evaluation.scores
+    counts = [floor.count for floor in evaluation.floors] or [None] * len(scores)
+    played = {
+        "scenes": scenes.name,
+        "suite": scenes.suite,
+        "suite_sha256": suite(scenes.suite).digest if scenes.suite else "",
+        "split": scenes.split,
+        "policy": evaluation.policy,
+        "seed": evaluation.seed,
+        "feasibility": evaluation.feasibility,
+        "grasps": evaluation.grasps,
+        "environment": evaluation.provenance["environment"],
+        "episodes": [
+            {"index": index, "floor": count, **{k: v for k, v in asdict(score).items() if k != "wall_s"}}
+            for index, (score, count) in enumerate(zip(scores, counts, strict=True))
+        ],
+    }
+    summary = vars(summarise(evaluation.policy, [evaluation]))
+    return {
+        "format": FORMAT,
+        "provenance": evaluation.provenance,
+        "digest": content_digest(played),
+        "summary": {name: value for name, value in summary.items() if name != "wall_s"},
+        "crashes": sum(score.is_crash for score in scores),
+        **played,
+        "wall_s": [score.wall_s for score in scores],
+    }
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
-    head = [
-        "scenes",
-        "policy",
-        "runs × scenes",
-        "clean success",
-        "lifted",
-        "moved / lower bound",
-        "disturbed",
-        "fallen",
-    ]
-    head += ["refused", "steps", "sim s", "wall s", "failures"]
+    head = ["scenes", "policy", "runs × scenes", "clean success", "lifted", "moved / lower bound"]
+    head += ["disturbed", "fallen", "refused", "steps", "sim s", "wall s", "failures"]
     return markdown_table(head, [_cells(row) for row in rows])
 
 
 def markdown_by_floor(rows: Sequence[Row]) -> str:
-    """Clean success by the minimum number of clearances, with the number of scenes; "" where none are known."""
+    """Clean success by the lower bound, with the number of scenes; "" where none are known."""
     known = [row for row in rows if row.by_floor]
     strata = [name for name in STRATA if any(name in row.by_floor for row in known)]
     if not known:
@@ -166,18 +188,19 @@ def _rate(runs: Sequence[Sequence[Score]], name: str, rng: np.random.Generator) 
 
 
 def _by_floor(
-    runs: Sequence[Sequence[Score]], floors: Mapping[int, Floor], rng: np.random.Generator
+    runs: Sequence[Sequence[Score]], floors: Sequence[Floor], rng: np.random.Generator
 ) -> dict[str, StratumRate]:
     found = {}
     for name in STRATA:
-        seeds = {seed for seed, floor in floors.items() if stratum(floor) == name}
-        own = [[score for score in run if score.seed in seeds] for run in runs]
-        if scenes := max(map(len, own), default=0):
-            found[name] = StratumRate(scenes, _rate(own, "clean", rng))
+        chosen = [index for index, floor in enumerate(floors) if stratum(floor) == name]
+        if chosen:
+            found[name] = StratumRate(len(chosen), _rate([[run[k] for k in chosen] for run in runs], "clean", rng))
     return found
 
 
-def _moved_per_floor(run: Sequence[Score], floors: Mapping[int, Floor]) -> list[float]:
-    """The quotient on every scene; NaN where it was not solved, or no minimum of at least 1 is proved."""
-    known = {seed: floor.count for seed, floor in floors.items() if floor.is_proved and floor.count}
-    return [score.moved / known[score.seed] if score.clean and score.seed in known else math.nan for score in run]
+def _moved_per_floor(run: Sequence[Score], floors: Sequence[Floor]) -> list[float]:
+    """The quotient on every scene; NaN where it was not solved, or no lower bound of at least 1 is proved."""
+    return [
+        score.moved / floor.count if score.clean and floor.is_proved and floor.count else math.nan
+        for score, floor in zip(run, floors, strict=bool(floors))
+    ]

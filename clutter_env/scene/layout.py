@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from numbers import Real
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from clutter_env.errors import ConfigError
+from clutter_env.errors import ConfigError, check_number
 
 TABLE_HEIGHT = 0.75
 """[m] of every table's top face above the ground."""
@@ -35,7 +34,7 @@ HEADROOM_RANGE = (0.25, 1.0)
 """[m] from the table top to whatever hangs above it: random objects are up to 0.20 m high."""
 BOX_HALF_EXTENT_RANGE = (0.001, 5.0)
 """[m]"""
-BOX_POSITION_BOUND = 10.0
+BOX_POSITION_RANGE = (-10.0, 10.0)
 """[m]"""
 START_DISTANCE = (0.6, 1.1)
 """[m] from the table's front edge to the base centre at the start."""
@@ -88,15 +87,14 @@ class Layout:
             raise ConfigError(f"a layout's name must be a non-empty string, not {self.name!r}")
         place = f"layout {self.name!r}"
         for name in ("depth", "width"):
-            _check_number(place, name, getattr(self, name), *TABLE_SIZE_RANGE)
+            check_number(f"{place}: {name}", getattr(self, name), TABLE_SIZE_RANGE, "m")
         if not isinstance(self.is_front_only, bool):
             raise ConfigError(f"{place}: is_front_only={self.is_front_only!r} must be True or False")
-        if self.board_height is not None:
-            _check_number(place, "board_height", self.board_height, *HEADROOM_RANGE)
-        if self.second_board_height is not None:
-            _check_number(place, "second_board_height", self.second_board_height, *HEADROOM_RANGE)
-            if self.board_height is None:
-                raise ConfigError(f"{place}: second_board_height={self.second_board_height!r} needs a board_height")
+        for name in ("board_height", "second_board_height"):
+            if (height := getattr(self, name)) is not None:
+                check_number(f"{place}: {name}", height, HEADROOM_RANGE, "m")
+        if self.second_board_height is not None and self.board_height is None:
+            raise ConfigError(f"{place}: second_board_height={self.second_board_height!r} needs a board_height")
         object.__setattr__(self, "boxes", _checked_boxes(place, self.boxes))
         names = [box.name for box in furniture(self)]
         for name in names:
@@ -161,16 +159,10 @@ def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
         if len(box.position) != 3 or len(box.half_extents) != 3:
             raise ConfigError(f"{place}: box {box.name!r} must have three positions and three half extents")
         for value in box.position:
-            _check_number(f"{place}: box {box.name!r}", "position", value, -BOX_POSITION_BOUND, BOX_POSITION_BOUND)
+            check_number(f"{place}: box {box.name!r}: position", value, BOX_POSITION_RANGE, "m")
         for value in box.half_extents:
-            _check_number(f"{place}: box {box.name!r}", "half_extents", value, *BOX_HALF_EXTENT_RANGE)
+            check_number(f"{place}: box {box.name!r}: half_extents", value, BOX_HALF_EXTENT_RANGE, "m")
     return made
-
-
-def _check_number(place: str, name: str, value: object, lowest: float, highest: float) -> None:
-    is_number = isinstance(value, Real) and not isinstance(value, bool) and lowest <= float(value) <= highest
-    if not is_number:
-        raise ConfigError(f"{place}: {name}={value!r} must be a number from {lowest:g} to {highest:g} [m]")
 
 
 def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool:

@@ -10,7 +10,6 @@ import pytest
 from clutter_env.cli.episode import Arguments
 from clutter_env.cli.expert_episodes import (
     Played,
-    counts_text,
     episode_text,
     plan_text,
     replanning_text,
@@ -18,7 +17,6 @@ from clutter_env.cli.expert_episodes import (
     write_plan,
 )
 from clutter_env.cli.main import main
-from clutter_env.evaluation.clearance_table import Attempt
 from planners import Cause, EpisodeReport, Infeasible, Solution
 from planners.tamp.solution import ReplanRecord, SolveStats
 from tests.planners.plans import solved
@@ -60,15 +58,6 @@ def test_the_report_believes_the_environment() -> None:
     assert report_rows(report, is_success=True, lifted=True)["success"] == "yes, by the environment"
     assert report_rows(report, is_success=False, lifted=False)["success"] == "no: the target was not held up"
     assert "no: an object has fallen" in report_rows(report, is_success=False, lifted=True)["success"]
-
-
-def test_counts_keep_crashes_apart_from_failures() -> None:
-    success = Attempt(15, 1, "lookahead", solved=True, clearances=("object_02",), deviations=("object_03: toppled",))
-    failed = Attempt(15, 2, "lookahead", cause="no clearance location")
-    crashed = Attempt(15, 3, "lookahead", cause="crash", detail="Traceback")
-    text = counts_text([success, failed, crashed], {1: 1, 2: 2, 3: None})
-    for part in ("1 of 2: 0.50", "1 CRASHED", "1 x no clearance location", "1 x toppled"):
-        assert part in text
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,10 @@ from pathlib import Path
 import pytest
 
 from clutter_env.cli.main import main
+from clutter_env.cli.train import Arguments, make_run
+from clutter_env.data.dataset import Dataset, Job
+from clutter_env.task import Task
+from clutter_env.training.settings import Keyframes, MaskablePPO
 
 pytest.importorskip("sb3_contrib")
 ROOT = Path(__file__).resolve().parents[3]
@@ -46,11 +50,19 @@ def test_what_ctrl_c_advises_works(tmp_path: Path) -> None:
     assert again.wait(60) == 130
 
 
-@pytest.mark.parametrize("words", [["--algorithm", "maskable_ppo"], ["--steps", "9", "--algorithm=maskable_ppo"]])
-def test_the_spelling_of_version_0_1_is_answered_with_the_new_one(
-    words: list[str], capsys: pytest.CaptureFixture[str]
+def test_the_environment_is_that_of_the_demonstrations(tmp_path: Path) -> None:
+    """Without --env it was Reach, on which keyframes cannot be learned."""
+    task = Task("clutter_env/Retrieve-o5-v0", {"layout": "wide"})
+    Dataset.open_for(Job(task, "canonical", 1), tmp_path / "demos")
+    run = make_run(Arguments(Keyframes(demos=tmp_path / "demos"), obstructed=True))
+    assert run.task == Task(task.env_id, {"layout": "wide", "obstructed": True})
+    assert make_run(Arguments(Keyframes())).task.env_id == "clutter_env/Retrieve-o15-v0"
+    assert make_run(Arguments(MaskablePPO())).task.keywords == {"simulation": "kinematic"}
+
+
+@pytest.mark.slow
+def test_a_run_without_a_checkpoint_says_why_there_is_no_history(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["train", *words])
-    assert end.value.code == 2
-    assert "clutter-env train maskable-ppo ..." in capsys.readouterr().err
+    main(["train", "sac", "--steps", "20", "--out", str(tmp_path / "run")])
+    assert "every --checkpoint-every steps" in capsys.readouterr().out

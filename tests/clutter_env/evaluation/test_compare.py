@@ -26,6 +26,7 @@ from clutter_env.training.run import Run
 from clutter_env.training.settings import SAC
 
 O15 = SceneSet("side-15-v1", count=2)
+O5 = SceneSet(env_id="clutter_env/Retrieve-o5-v0", count=1)
 REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
 
 
@@ -36,19 +37,23 @@ def score(seed: int, moved: int | None, disturbed: int = 0) -> Score:
     return Score(seed, solved, solved, 100, 5.0, moved or 0, moved or 0, disturbed, 0, 0, failure, 1.0)
 
 
-def test_moved_per_minimum_counts_solved_scenes_with_a_known_minimum_of_at_least_one() -> None:
-    runs = [[score(0, 2), score(1, 3), score(2, None), score(3, 5), score(4, 1)]]
-    floors = {0: Floor(1, True), 1: Floor(2, True), 2: Floor(1, True), 3: Floor(1, False), 4: Floor(0, True)}
-    row = summarise("o5", "lookahead", runs, floors, seed=0)
+def played(scores: list[Score], floors: list[Floor], scenes: SceneSet = O15) -> Evaluation:
+    return Evaluation("ngr", scenes, 0, "oracle", "side", tuple(scores), tuple(floors), {})
+
+
+def test_moved_per_lower_bound_counts_solved_scenes_with_a_proved_one_of_at_least_one() -> None:
+    scores = [score(0, 2), score(1, 3), score(2, None), score(3, 5), score(4, 1)]
+    floors = [Floor(1, True), Floor(2, True), Floor(1, True), Floor(1, False), Floor(0, True)]
+    row = summarise("ngr", [played(scores, floors)])
     assert row.clean.mean == 0.8
     assert row.moved_per_floor.mean == pytest.approx((2 + 1.5) / 2)
     assert dict(row.failures) == {"time limit": 1}
 
 
-def test_success_is_broken_down_by_minimum() -> None:
-    floors = {0: Floor(0, True), 1: Floor(1, True), 2: Floor(1, True), 3: Floor(7, True), 4: Floor(None, True, "why")}
+def test_success_is_broken_down_by_lower_bound() -> None:
+    floors = [Floor(0, True), Floor(1, True), Floor(1, True), Floor(7, True), Floor(None, True, "why")]
     scores = [score(0, 0), score(1, 1), score(2, None), score(3, 9), score(4, None)]
-    row = summarise("o5", "random", [scores], floors, 0)
+    row = summarise("random", [played(scores, floors)])
     assert {name: (rate.scenes, rate.clean.mean) for name, rate in row.by_floor.items()} == {
         "0": (1, 1.0),
         "1": (2, 0.5),
@@ -56,19 +61,20 @@ def test_success_is_broken_down_by_minimum() -> None:
         "none": (1, 0.0),
     }
     assert row.by_floor["1"].clean == wilson(1, 2)
-    assert stratum(Floor(2, False)) == "unproved"
+    assert stratum(Floor(2, False)) == "not proved"
 
 
 def test_the_tables_have_a_line_per_row_and_the_picture_is_drawn(tmp_path: Path) -> None:
-    floors = {0: Floor(1, True)}
-    rows = [summarise(name, "random", [[score(0, None)]], floors, 0) for name in ("o5", "side-15-v1")]
+    rows = [summarise("random", [played([score(0, None)], [Floor(1, True)], scenes)]) for scenes in (O15, O5)]
     for table in (markdown(rows), markdown_by_floor(rows)):
         lines = table.splitlines()
         assert len(lines) == 4
         assert len({line.count("|") for line in lines}) == 1
     plot(rows, tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 1000
-    assert markdown_by_floor([summarise("reach", "random", [[score(0, None)]], {}, 0)]) == ""
+    reach = summarise("random", [played([score(0, None)], [], REACH)])
+    assert markdown_by_floor([reach]) == ""
+    assert json.loads(json_text(reach), parse_constant=pytest.fail)["moved_per_floor"]["mean"] is None
 
 
 def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
@@ -81,11 +87,11 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
     assert set(run_names([str(one), str(other)]).values()) == {"sac"}
     assert run_names([str(one), str(longer)])[str(longer)] == "sac, b"
 
-    def played(policy: str, scenes: SceneSet, **_: object) -> Evaluation:
-        scores = tuple(score(scene.seed, 1) for scene in scenes.scenes)
-        return Evaluation(policy, scenes, 0, "oracle", "side", scores, 0, {})
+    def evaluated(_: str, scenes: SceneSet, **__: object) -> Evaluation:
+        floors = [scene.floor_side for scene in scenes.scenes] if scenes.suite else []
+        return played([score(scene.seed, 1) for scene in scenes.scenes], floors, scenes)
 
-    monkeypatch.setattr(comparing, "evaluate", played)
+    monkeypatch.setattr(comparing, "evaluate", evaluated)
     rows = compare(Comparison((REACH,), runs=(one, other)))
     assert [(row.policy, row.runs) for row in rows] == [("sac", 2), ("random", 1)]
     rows = compare(Comparison((O15,), ("ngr",)))
@@ -102,8 +108,6 @@ def test_an_unknown_policy_is_refused_and_controls_are_known() -> None:
 
 
 def test_the_command_writes_tables_pictures_and_rows(tmp_path: Path) -> None:
-    row = summarise("reach", "random", [[score(0, None)]], {}, 0)
-    assert json.loads(json_text(row), parse_constant=pytest.fail)["moved_per_floor"]["mean"] is None
     words = ["compare", "--envs", "clutter_env/Reach-v0", "--policies", "random", "--scenes", "1", "--workers", "1"]
     main([*words, "--out", str(tmp_path), "--json", str(tmp_path / "new" / "rows.json")])
     (found,) = json.loads((tmp_path / "new" / "rows.json").read_text(), parse_constant=pytest.fail)

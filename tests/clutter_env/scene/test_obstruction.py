@@ -22,8 +22,8 @@ from clutter_env.scene.obstruction import (
     side_approaches,
 )
 from clutter_env.scene.table_scene import TableScene
-from planners.collision.world import PADDING
-from planners.grasping.grasp_poses import FINGER_GAP, SIDE
+from planners.collision.world import FINGER_GAP, PADDING
+from planners.grasping.grasp_poses import SIDE
 from planners.scene.cover import BACK, HELD_GAP
 from scripts.obstruction import compare
 from scripts.side_approaches import reachable_yaws

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mink
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ import pytest
 from assets import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.simulation.control import CONTROL_STEP
-from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
+from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower, _MotionLimit
 
 LOWER = np.array([max(link.lower, -50.0) for link in FETCH.chain])
 UPPER = np.array([min(link.upper, 50.0) for link in FETCH.chain])
@@ -52,19 +50,14 @@ def test_the_follower_reaches_a_pose_near_home() -> None:
     assert np.abs(reached - goal).max() < 0.005
 
 
-@pytest.fixture
-def no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limits that contradict each other: every solve of mink's fails."""
+def test_failures_of_the_inverse_kinematics_are_counted_saved_and_reset(monkeypatch: pytest.MonkeyPatch) -> None:
+    bounds = _MotionLimit.inequalities
 
-    def contradiction(self: Any, configuration: mink.Configuration, dt: float) -> mink.Constraint:  # noqa: ARG001
-        rows = np.eye(configuration.nv)
-        return mink.Constraint(np.vstack((rows, -rows)), -np.ones(2 * configuration.nv))
+    def contradiction(limit: _MotionLimit, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, ...]:
+        rows, upper, *others = bounds(limit, q, qd)
+        return rows, -np.ones_like(upper), *others
 
-    monkeypatch.setattr("clutter_env.simulation.end_effector._MotionLimit.compute_qp_inequalities", contradiction)
-
-
-@pytest.mark.usefixtures("no_solution")
-def test_failures_of_the_inverse_kinematics_are_counted_saved_and_reset() -> None:
+    monkeypatch.setattr(_MotionLimit, "inequalities", contradiction)
     env = RetrieveEnv(num_objects=1, control_mode="ee")
     assert env.reset(seed=0)[1]["ik_failures"] == 0
     for count in (1, 2, 3):

@@ -1,0 +1,425 @@
+"""Trials behind `clutter-env table`: strategies on the same scenes, planned or in physics, each kept in a file."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+
+from assets import RobotSpec
+from assets import robot as find_robot
+from clutter_env import time_limit
+from clutter_env.cli.table import Arguments
+from clutter_env.config import EnvConfig
+from clutter_env.errors import UsageError
+from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.reporting.files import JsonLines
+from clutter_env.reporting.progress import progress_bar
+from clutter_env.scene.layout import TABLE, find_layout, supports_of
+from clutter_env.scene.object_sets import MAX_OBJECTS
+from planners import (
+    ExpertConfig,
+    Infeasible,
+    Planner,
+    Scene,
+    Solution,
+    Strategy,
+    TampExpert,
+    contacts,
+    find_strategy,
+)
+
+logger = logging.getLogger(__name__)
+
+ASSESSMENT = "floor"
+"""In place of a strategy: compute the lower bound of the scene."""
+CRASH = "crash"
+"""Cause of a trial that ended in an exception or a dead process; it says nothing about the strategy."""
+NOT_CLEAN = "lifted, but not clean"
+"""Cause of the failure of an episode in which the target was lifted and an object had fallen or been disturbed."""
+_SAME_SETTINGS = ("layout", "physics", "control_mode", "time_limit", "grasps", "supports", "robot")
+"""Arguments that all trials in one file have in common."""
+_WARM_UP_SEED = 99_999
+"""Seed of a scene that is solved before anything is timed, so that compilation and loading are not timed."""
+_SAME_BASE = 1e-3
+"""[m], [rad] A base that has moved less has stayed."""
+_SOLVE_LIMITS, _EPISODE_LIMITS = 6, 60
+"""A trial without, or in, physics is killed after so many times the planner's own time limit."""
+_RESETS_PER_SCENE = 50
+"""Resets that are assessed for each obstructed scene wanted, before giving up."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A row of a table: a strategy, fields of `Planner` that differ, and whether all arms of the robot act."""
+
+    strategy: Strategy
+    planner: Mapping[str, Any] = field(default_factory=dict)
+    all_arms: bool = False
+
+    def robot(self, robot: RobotSpec) -> RobotSpec:
+        """The robot that a table's `robot` becomes."""
+        return robot.with_all_arms() if self.all_arms else robot
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What to do on the scene of a number of objects and a seed: try a variant, or without one assess the scene."""
+
+    arguments: Arguments
+    objects: int
+    seed: int
+    strategy: str = ASSESSMENT
+    variant: Variant | None = None
+
+    @property
+    def key(self) -> tuple[int, int, str]:
+        """Objects, seed and strategy, which identify it within one table."""
+        return self.objects, self.seed, self.strategy
+
+
+@dataclass(frozen=True)
+class Record:
+    """What became of a trial.
+
+    Attributes:
+        objects: number of objects on the table.
+        seed: of the environment's reset.
+        strategy: its name, or `ASSESSMENT`.
+        cause: "" for success, `CRASH`, "killed", or the cause of the failure.
+        detail: more about it; the traceback of a crash.
+        total_s: CPU time [s] of planning.
+        floor: of an assessment: the lower bound; None if there is no self-clearable set, or after a crash.
+        proved: whether it is proved; otherwise fewer clearances may do.
+        side_floor: the lower bound with side grasps, whatever the grasp set.
+        solved: of an attempt: whether there is a plan; in physics, whether the environment reports clean success.
+        clearances: names of the objects cleared, in order.
+        replans: in physics, only those after deviations.
+        task_plans: calls of the task planner.
+        task_planning_s: CPU time [s] of the task planner.
+        motion_planning_s: CPU time [s] of motion planning.
+        sim_s: simulated time [s]: of the episode in physics, else of the plan.
+        base_moves: how often the base drives between two contacts of the plan, without physics.
+        lifted: whether the target was lifted and held, whatever else moved, in physics.
+        fallen, disturbed: numbers of such objects, in physics.
+        deviations: what made the expert replan, in physics.
+        is_taken_alone: whether the target of a scene without a plan is taken when it stands there alone; true where
+            there is a plan, and in physics, where it is not asked.
+    """
+
+    objects: int
+    seed: int
+    strategy: str
+    cause: str = ""
+    detail: str = ""
+    total_s: float = 0.0
+    floor: int | None = None
+    proved: bool = False
+    side_floor: int | None = None
+    solved: bool = False
+    clearances: tuple[str, ...] = ()
+    replans: int = 0
+    task_plans: int = 0
+    task_planning_s: float = 0.0
+    motion_planning_s: float = 0.0
+    sim_s: float = 0.0
+    base_moves: int = 0
+    lifted: bool = False
+    fallen: int = 0
+    disturbed: int = 0
+    deviations: tuple[str, ...] = ()
+    is_taken_alone: bool = True
+
+    @property
+    def is_obstructed(self) -> bool:
+        """Whether something has to be cleared before a level gripper takes the target, and can be."""
+        return bool(self.side_floor)
+
+    @property
+    def duplicated(self) -> int:
+        """Number of objects cleared twice or more."""
+        return sum(count > 1 for count in Counter(self.clearances).values())
+
+
+def run_trial(trial: Trial) -> Record:
+    """Run a trial; the first one of a process first compiles and loads what all need."""
+    _warm_up(trial.arguments)
+    if trial.variant is None:
+        return _assess(trial)
+    return (_execute if trial.arguments.physics else _solve)(trial, trial.variant)
+
+
+def _assess(trial: Trial) -> Record:
+    _, planner, scene, target = _scene(trial)
+    before = time.process_time()
+    floor = planner.clearance_floor(scene, target)
+    total_s = time.process_time() - before
+    side = floor if planner.grasps == "side" else replace(planner, grasps="side").clearance_floor(scene, target)
+    assessed = Record(*trial.key, cause=floor.cause, total_s=total_s)
+    return replace(assessed, floor=floor.count, proved=floor.proved, side_floor=side.count)
+
+
+def _solve(trial: Trial, variant: Variant) -> Record:
+    _, planner, scene, target = _scene(trial)
+    rng = np.random.default_rng(trial.seed)
+    planner = replace(planner, robot=variant.robot(planner.robot), **variant.planner)
+    scene = replace(scene, robot=planner.robot)
+    outcome = planner.solve(scene, target, variant.strategy, rng, trial.arguments.time_limit)
+    stats = outcome.stats
+    attempt = Record(
+        *trial.key,
+        clearances=outcome.clearances,
+        replans=stats.replans,
+        task_plans=stats.task_plans,
+        task_planning_s=stats.task_planning_s,
+        motion_planning_s=stats.motion_planning_s,
+        total_s=stats.total_s,
+    )
+    if isinstance(outcome, Infeasible):
+        alone = planner.solve(replace(scene, objects=(scene.body(target),)), target, variant.strategy, rng)
+        taken = isinstance(alone, Solution)
+        return replace(attempt, cause=str(outcome.cause), detail=outcome.detail, is_taken_alone=taken)
+    return replace(attempt, solved=True, sim_s=outcome.duration, base_moves=base_moves(outcome))
+
+
+def _execute(trial: Trial, variant: Variant) -> Record:
+    """Let the expert execute its plans in physics."""
+    env, planner, _, target = _scene(trial, variant)
+    config = ExpertConfig(planning_s=trial.arguments.time_limit, with_floor=False)
+    expert = TampExpert(env, variant.strategy, planner=replace(planner, **variant.planner), config=config)
+    expert.reset(target)
+    info, lifted = let_act(expert, env)
+    report, solved = expert.report, bool(info["is_success"])
+    failure = NOT_CLEAN if lifted and not solved else report.failure or "no success in time"
+    return Record(
+        *trial.key,
+        # The kind of a failure, without the details of the single case after a colon or a semicolon.
+        cause="" if solved else failure.partition(":")[0].partition(";")[0],
+        detail="" if solved else failure,
+        solved=solved,
+        clearances=report.clearances,
+        replans=report.replans,
+        total_s=report.planning_s,
+        sim_s=report.sim_s,
+        lifted=lifted,
+        fallen=int(info["num_fallen"]),
+        disturbed=int(info["num_disturbed"]),
+        deviations=report.deviations,
+    )
+
+
+def let_act(
+    expert: TampExpert, env: gym.Env, watch: Callable[[str], object] = lambda _: None
+) -> tuple[Mapping[str, Any], bool]:
+    """Let an expert that has planned act until the episode ends; the last info, and whether the target was lifted.
+
+    `watch` is called after every step with the phase of the motion.
+    """
+    inner: Any = env.unwrapped
+    info, lifted, is_over = inner.info, False, expert.done
+    while not is_over:
+        action = expert.act()
+        phase = expert.phase
+        _, _, terminated, truncated, info = env.step(action)
+        lifted |= info["lifted"]
+        watch(phase)
+        is_over = terminated or truncated or expert.done
+    return info, lifted
+
+
+def base_moves(solution: Solution) -> int:
+    """How often the base stands elsewhere when fingers close or open than the time before, or than at the start."""
+    if not solution.actions:
+        return 0
+    bases = [solution.actions[0].trajectory.base[0], *(contact.base for contact in contacts(solution))]
+    return int((np.abs(np.diff(bases, axis=0)).max(axis=1) > _SAME_BASE).sum())
+
+
+def _scene(trial: Trial, variant: Variant | None = None) -> tuple[gym.Env, Planner, Scene, str]:
+    """The environment after its reset, the planner, the scene and its target; with a variant, its robot in the scene.
+
+    Plans of several arms are made in the scene of the robot with one, since it decides what counts as obstructed.
+    """
+    arguments = trial.arguments
+    robot = find_robot(arguments.robot)
+    robot = variant.robot(robot) if variant else robot
+    env = _environment(trial.objects, arguments.layout, arguments.control_mode, robot)
+    _, info = env.reset(seed=trial.seed)
+    inner: Any = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+    follower = inner.tcp_follower() if arguments.control_mode == "ee" else None
+    planner = Planner(inner.robot, follower=follower, grasps=arguments.grasps, supports=support_names(arguments))
+    return env, planner, scene, info["target"]
+
+
+@cache
+def _environment(objects: int, layout: str, control_mode: str, robot: RobotSpec) -> gym.Env:
+    keywords: dict[str, Any] = {"num_objects": objects, "layout": layout, "robot": robot, "control_mode": control_mode}
+    keywords["max_episode_steps"] = time_limit(objects)
+    return gym.make("clutter_env/Retrieve-o15-v0", disable_env_checker=True, **keywords)
+
+
+@cache
+def _warm_up(arguments: Arguments) -> None:
+    _, planner, scene, target = _scene(Trial(replace(arguments, supports=()), 15, _WARM_UP_SEED))
+    planner.clearance_floor(scene, target)
+    planner.solve(scene, target, time_limit=arguments.time_limit)
+
+
+def support_names(arguments: Arguments) -> Literal["all"] | tuple[str, ...] | None:
+    """The supports as in `solve`; None leaves them to the grasp set.
+
+    Raises:
+        UsageError: the layout has no such support; the message lists those that it has.
+    """
+    if arguments.supports in ((), ("all",)):
+        return "all" if arguments.supports else None
+    declared = supports_of(find_layout(arguments.layout))
+    names = tuple(TABLE if name == "table" else name for name in arguments.supports)
+    if unknown := [name for name in names if name not in declared]:
+        raise UsageError(
+            f"--supports {' '.join(unknown)} is not valid in layout {arguments.layout!r}; "
+            f"valid ones: all (alone), table, {', '.join(declared)}"
+        )
+    return names
+
+
+class Trials:
+    """The scenes and the rows of a table, and the file of its trials: one JSON object a line, written as each ends.
+
+    Args:
+        arguments: numbers of objects, scenes, and the settings of all trials.
+        more: rows by name besides the strategies of the arguments; all are compared with the first strategy.
+        name: of the file in the output directory; one that exists is continued.
+
+    Raises:
+        UsageError: a number that is not valid, an unknown support, or a file that was begun with other settings.
+        ConfigError: an unknown layout or robot, or more objects than the layout holds; nothing has been written then.
+        UnknownStrategy: no such strategy.
+    """
+
+    def __init__(
+        self, arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "trials.jsonl"
+    ) -> None:
+        self.arguments = arguments
+        self.variants = {name: Variant(find_strategy(name)) for name in arguments.strategies} | dict(more or {})
+        for count in arguments.objects:
+            if not 1 <= count <= MAX_OBJECTS:
+                raise UsageError(f"--objects {count} is not valid; it must be from 1 to {MAX_OBJECTS}")
+            EnvConfig(num_objects=count, layout=arguments.layout, robot=arguments.robot)
+        for option, value in (("scenes", arguments.scenes), ("workers", arguments.workers)):
+            if value < 1:
+                raise UsageError(f"--{option} {value} is not valid; it must be at least 1")
+        support_names(arguments)
+        # Of two records of one trial, as after --retry-crashes, the later one is valid.
+        self._known: dict[tuple[int, int, str], Record] = {}
+        self._file = JsonLines(arguments.out / name)
+        self.settings = {name: getattr(arguments, name) for name in _SAME_SETTINGS}
+        self.settings["supports"] = " ".join(arguments.supports)
+        if not self._file.values:
+            self._file.append(self.settings)
+        header, *rows = self._file.values
+        if different := [
+            f"{name}: {header.get(name)!r} there, {value!r} now"
+            for name, value in self.settings.items()
+            if header.get(name) != value
+        ]:
+            raise UsageError(
+                f"{arguments.out / name} holds trials of other settings ({'; '.join(different)}); choose another --out"
+            )
+        for row in rows:
+            values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
+            self._keep(Record(**values))
+
+    def run(self) -> None:
+        """Make all trials that are not in the file yet, in parallel; with `retry_crashes` those that crashed too."""
+        arguments = self.arguments
+        print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
+        for objects in arguments.objects:
+            missing = (Trial(arguments, objects, seed) for seed in self._seeds_to_assess(objects))
+            with progress_bar(desc=f"scenes with {objects} objects", unit="reset") as bar:
+                for _ in self._make(missing):
+                    bar.update()
+                    bar.set_postfix(obstructed=len(self.seeds(objects)))
+        trials = [
+            Trial(arguments, objects, seed, name, variant)
+            for objects in arguments.objects
+            for seed in self.seeds(objects)
+            for name, variant in self.variants.items()
+        ]
+        todo = [trial for trial in trials if self._is_missing(trial.key)]
+        causes: Counter[str] = Counter()
+        done = len(trials) - len(todo)
+        with progress_bar(desc="strategies", total=len(trials), initial=done, unit="trial") as bar:
+            for record in self._make(todo):
+                causes[record.cause or "solved"] += 1
+                bar.update()
+                bar.set_postfix_str(", ".join(f"{cause} {count}" for cause, count in causes.most_common(3)))
+
+    def seeds(self, objects: int, before: int | None = None) -> list[int]:
+        """The seeds of the table's scenes: the first that count, all below `before` if it is given."""
+        found, arguments = self.assessments(objects), self.arguments
+        counts = [seed for seed, scene in found.items() if scene.is_obstructed or not arguments.obstructed]
+        return [seed for seed in counts if before is None or seed < before][: arguments.scenes]
+
+    def assessments(self, objects: int) -> dict[int, Record]:
+        """The assessed scenes with so many objects, by seed in ascending order, from the first seed on."""
+        return {
+            seed: record
+            for (count, seed, name), record in sorted(self._known.items())
+            if (count, name) == (objects, ASSESSMENT) and seed >= self.arguments.seed
+        }
+
+    def floors(self, objects: int) -> dict[int, int]:
+        """The lower bounds by seed, as far as they are proved."""
+        found = self.assessments(objects)
+        return {seed: scene.floor for seed, scene in found.items() if scene.proved and scene.floor is not None}
+
+    def attempts(self, objects: int, name: str) -> dict[int, Record]:
+        """The attempts of a row on the table's scenes, by seed, as far as they have been made."""
+        seeds = self.seeds(objects)
+        return {seed: self._known[objects, seed, name] for seed in seeds if (objects, seed, name) in self._known}
+
+    def add(self, record: Record) -> None:
+        """Add a record, and write it to the disk."""
+        self._file.append(record)
+        self._keep(record)
+
+    def _keep(self, record: Record) -> None:
+        self._known[record.objects, record.seed, record.strategy] = record
+
+    def _seeds_to_assess(self, objects: int) -> Iterator[int]:
+        """Seeds that have not been assessed, in ascending order, until there are enough scenes."""
+        first, scenes = self.arguments.seed, self.arguments.scenes
+        for seed in itertools.count(first):
+            if len(self.seeds(objects, before=seed)) >= scenes:
+                return
+            if seed - first >= scenes * _RESETS_PER_SCENE:
+                logger.warning("too few obstructed scenes with %d objects: stopped at seed %d", objects, seed)
+                return
+            if self._is_missing((objects, seed, ASSESSMENT)):
+                yield seed
+
+    def _make(self, trials: Iterable[Trial]) -> Iterator[Record]:
+        """Make trials in parallel; each record is stored before the next trial is taken."""
+        arguments = self.arguments
+        limit_s = arguments.time_limit * (_EPISODE_LIMITS if arguments.physics else _SOLVE_LIMITS)
+        for trial, result in run_jobs(run_trial, trials, arguments.workers, limit_s):
+            if isinstance(result, Crash):
+                result = Record(*trial.key, cause=CRASH, detail=result.detail)
+            elif isinstance(result, Killed):
+                result = Record(*trial.key, cause="killed", detail=f"did not end within {result.seconds:.0f} s")
+            self.add(result)
+            yield result
+
+    def _is_missing(self, key: tuple[int, int, str]) -> bool:
+        record = self._known.get(key)
+        return record is None or (self.arguments.retry_crashes and record.cause == CRASH)
