@@ -5,14 +5,16 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from assets.robots import FETCH
 from clutter_env.cli.main import main
 from clutter_env.cli.map import Arguments
 from clutter_env.cli.robot import robot_by_name
-from irm import MapParameters
+from irm import MapParameters, compare_with_model
 from irm.chain import ArmChain
+from irm.errors import ChainError
 from irm.reachability_map import ReachabilityMap
 
 PANDA = Path(__file__).resolve().parents[2] / "data" / "arms" / "panda.xml"
@@ -54,6 +56,12 @@ def test_any_arm_of_an_mjcf_file_in_one_command(tmp_path, capsys):
 def test_an_arm_that_does_not_exist_is_a_clear_message(words, message):
     with pytest.raises(SystemExit, match=message):
         main(["map", *words])
+
+
+def test_a_chain_of_an_mjcf_file_is_compared_with_it():
+    model, chain = mujoco.MjModel.from_xml_path(str(PANDA)), ArmChain.from_mjcf(PANDA, "base", "tcp", "z")
+    with pytest.raises(ChainError, match="does not agree"):
+        compare_with_model(chain, model, "base", "tcp", "x")
 
 
 def test_the_options_have_the_defaults_of_maps():
