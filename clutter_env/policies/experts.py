@@ -1,11 +1,14 @@
-"""Experts: privileged policies that demonstrate, the task and motion planner and the scripts."""
+"""Policies without training: the planner and the scripts, which demonstrate, and rules to compare learned ones with.
+
+They read the simulation.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -41,52 +44,15 @@ PLANNERS: Mapping[str, PlannerChoice] = MappingProxyType(
 """Experts that plan, by name: those "…-all" choose from all grasps, the others from side grasps. "canonical" looks
 ahead too, and makes plans that can be learned."""
 
+EXPERTS = (*PLANNERS, *SCRIPTS)
+"""Names of all experts."""
+
 MAX_SCRIPT_STEPS = 400
 """Steps after which a script gives up; it needs about a hundred."""
 
 
-class Expert(Protocol):
-    """A privileged policy that can say what it does.
-
-    Attributes:
-        grasps: the grasps that it chooses from, "side" or "all"; with "all" the planner also puts objects on every
-            support.
-        env_keywords: keyword arguments with which an environment must be made for it.
-    """
-
-    is_privileged: bool
-    grasps: str
-    env_keywords: Mapping[str, Any]
-
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
-        """Start an episode; `env` has been reset and returned `info`."""
-
-    def act(self, observation: Any) -> NDArray[Any]:
-        """The next action."""
-
-    @property
-    def done(self) -> bool:
-        """Whether it has finished or given up."""
-
-    @property
-    def failure(self) -> str:
-        """Why it gave up, "" if it did not say."""
-
-    @property
-    def skill(self) -> str:
-        """Name of the skill that the last action belongs to."""
-
-    @property
-    def step_label(self) -> StepLabel | None:
-        """Phase, contact and keyframe that the last action belongs to; None if it has no plan."""
-
-    @property
-    def plan_text(self) -> str:
-        """The plan, one action per line."""
-
-    @property
-    def report_values(self) -> Mapping[str, Any]:
-        """The report as JSON values."""
+_FRONT_FIRST = (0, 1, 5, 2, 4, 3)
+"""Indices of the approach directions, those from the robot's side first."""
 
 
 def expert_names(env_id: str) -> tuple[str, ...]:
@@ -112,7 +78,13 @@ def find_expert(env_id: str, name: str = "") -> str:
 
 
 def make_expert(name: str) -> Expert:
-    """An expert by a name of `find_expert`."""
+    """An expert by a name of `find_expert`.
+
+    Raises:
+        UnknownExpert: no such expert; the message lists the known ones.
+    """
+    if name not in EXPERTS:
+        raise UnknownExpert(f"no expert {name!r}; known ones: {', '.join(EXPERTS)}")
     return ScriptedExpert(name, SCRIPTS[name]) if name in SCRIPTS else PlannerExpert(PLANNERS[name])
 
 
@@ -212,3 +184,65 @@ class PlannerExpert:
         """The next action."""
         assert self._expert is not None
         return np.asarray(self._expert.act())
+
+
+Expert: TypeAlias = ScriptedExpert | PlannerExpert
+"""A policy that demonstrates. One of your own has, beside the attributes of a privileged policy: `grasps`, `done`,
+`failure`, and what its last action belongs to: `skill`, a name; `step_label`, a `planners.StepLabel` or None; and
+`plan_text` and `report_values` (JSON values), its plan and report."""
+
+
+class RandomPolicy:
+    """Draws actions uniformly; skills among those that have not just failed. Each episode has a generator of its own.
+
+    Attributes:
+        acts_by_skills: whether it plays the Skill environment of the scenes.
+        grasps: those of the skills are level ones.
+    """
+
+    is_privileged = True
+
+    def __init__(self, seed: int, acts_by_skills: bool = False) -> None:
+        self.acts_by_skills = acts_by_skills
+        self.grasps = "side" if acts_by_skills else "all"
+        self._seed = seed
+
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode."""
+        self._env, self._rng = env, np.random.default_rng(self._seed + env.unwrapped.np_random_seed)
+
+    def act(self, observation: Any) -> Any:  # noqa: ARG002  part of the protocol
+        """A random action."""
+        space = self._env.action_space
+        if isinstance(space, gym.spaces.Box):
+            return self._rng.uniform(space.low, space.high).astype(np.float32)
+        masks = self._env.get_wrapper_attr("action_masks")(geometric=False)
+        return int(self._rng.choice(np.flatnonzero(masks)))
+
+
+class GreedyPolicy:
+    """Takes the target by skills; while that fails, it clears the nearest object, from the robot's side first."""
+
+    is_privileged, acts_by_skills, grasps = True, True, "side"
+
+    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
+        """Start an episode.
+
+        Raises:
+            PolicyError: the environment has no skills.
+        """
+        if not isinstance(env.action_space, gym.spaces.Discrete):
+            raise PolicyError("the greedy baseline acts by skills; compare it on a Skill or Retrieve environment")
+        self._skills: Any = env.unwrapped
+
+    def act(self, observation: Any) -> int:  # noqa: ARG002  it reads the simulation
+        """The first skill in this order that has not just failed."""
+        skills = self._skills
+        masks = skills.action_masks(geometric=False)
+        if masks[-1]:
+            return len(masks) - 1
+        bodies, target = skills.scene.objects, skills.scene.body(skills.target)
+        near = np.argsort([np.linalg.norm(body.position[:2] - target.position[:2]) for body in bodies])
+        per_object = (len(masks) - 1) // len(bodies)
+        wanted = (int(i) * per_object + d for i in near for d in _FRONT_FIRST)
+        return next(action for action in wanted if masks[action])

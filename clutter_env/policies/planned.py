@@ -25,6 +25,8 @@ from planners import (
     Sensor,
     contacts,
     controlled_env,
+    find_grasp_set,
+    find_strategy,
     held_object,
     plan_contact,
 )
@@ -46,7 +48,8 @@ class PlannedHighLevelPolicy:
     is_privileged = True
 
     def __init__(self, grasps: str = "side", canonical: bool = True, strategy: str = "lookahead") -> None:
-        self.grasps, self._canonical, self._strategy = grasps, canonical, strategy
+        find_grasp_set(grasps)  # raises for one that there is not, before an episode is played
+        self.grasps, self._canonical, self._strategy = grasps, canonical, find_strategy(strategy)
         self._planner: Planner | None = None
         self.failure, self.plans = "", 0
 

@@ -13,18 +13,16 @@ from typing import Any
 
 import gymnasium as gym
 
-from clutter_env.policies.baselines import GreedyPolicy, RandomPolicy
-from clutter_env.policies.experts import PLANNERS, ScriptedExpert, make_expert
+from clutter_env.policies.experts import EXPERTS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
-from clutter_env.policies.scripted import SCRIPTS, direct_approach
+from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
 from clutter_env.task import family
 
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
 _GOAL_FAMILIES = ("reach", "pick")
-_EXPERTS = (*PLANNERS, *SCRIPTS)
 _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
     "greedy": lambda _: GreedyPolicy(),
     "direct-approach": lambda _: ScriptedExpert("direct-approach", direct_approach, "side"),
@@ -38,9 +36,9 @@ _SHIPPED = MappingProxyType(
         for ending, problem in (("", "side"), ("-all", "all"), ("-shelf", "shelf"))
     }
 )
-"""Two-level policies with the weights of the package (`weights.SHIPPED`): both levels learned, or one of them planned;
+"""Two-level policies with the weights of the package (`weights.PROBLEMS`): both levels learned, or one of them planned;
 with level grasps, all grasps, and under the shelf's board."""
-BUILT_IN = (*_EXPERTS, *_SHIPPED, *_BASELINES)
+BUILT_IN = (*EXPERTS, *_SHIPPED, *_BASELINES)
 """Names of the built-in policies."""
 
 
@@ -56,7 +54,7 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     Raises:
         PolicyError: there is no such policy, or it lacks the methods of the protocol.
     """
-    if name in _EXPERTS:
+    if name in EXPERTS:
         return make_expert(name)
     if name in _BASELINES:
         return _BASELINES[name](seed)
@@ -88,43 +86,46 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     if not hasattr(loaded, attribute):
         raise PolicyError(f"policy {name!r} cannot be imported: {module} has no {attribute!r}")
     make_own = getattr(loaded, attribute)
-    policy: AnyPolicy = make_own()
-    for method in ("reset", "act"):
-        if not callable(getattr(policy, method, None)):
-            raise PolicyError(
-                f"policy {name!r} has no method {method!r}; a policy has reset(info) and act(observation)"
-            )
-    if "env" in inspect.signature(policy.reset).parameters and not getattr(policy, "is_privileged", False):
+    try:
+        inspect.signature(make_own).bind()
+    except TypeError as problem:
         raise PolicyError(
-            f"policy {name!r} has reset(env, info), as in version 0.1; a policy has reset(info), a privileged one "
-            "is_privileged = True and reset(info, env)"
-        )
+            f"policy {name!r} cannot be made: {problem}; name a class, or a function that returns a policy, without "
+            "required arguments"
+        ) from None
+    policy: AnyPolicy = make_own()
+    check_policy(policy, name)
     return policy
 
 
-def env_keywords(policy: AnyPolicy) -> dict[str, Any]:
-    """The keyword arguments with which the policy wants the environment.
+def check_policy(policy: AnyPolicy, name: str = "") -> None:
+    """Refuse an object that is no policy, or whose attributes are not valid (`PolicyError`, which lists what is)."""
+    name = repr(name or type(policy).__name__)
+    for method in ("reset", "act"):
+        if not callable(getattr(policy, method, None)):
+            raise PolicyError(f"policy {name} has no method {method!r}; a policy has reset(info) and act(observation)")
+    env = inspect.signature(policy.reset).parameters.get("env")
+    if env is not None and env.default is env.empty and not getattr(policy, "is_privileged", False):
+        raise PolicyError(
+            f"policy {name} has reset(env, info), as in version 0.1; a policy has reset(info), a privileged one "
+            "is_privileged = True and reset(info, env)"
+        )
+    for keyword in getattr(policy, "env_keywords", {}):
+        if keyword not in _FREE_KEYWORDS:
+            raise PolicyError(f"a policy may not choose {keyword!r}; it may choose {', '.join(_FREE_KEYWORDS)}")
+    if policy_grasps(policy) not in GRASPS:
+        raise PolicyError(f"a policy's grasps={policy_grasps(policy)!r} are not valid; it may have {', '.join(GRASPS)}")
 
-    Raises:
-        PolicyError: one that would change the scenes or the success; the message lists the valid ones.
-    """
-    wanted = dict(getattr(policy, "env_keywords", {}))
-    for name in wanted:
-        if name not in _FREE_KEYWORDS:
-            raise PolicyError(f"a policy may not choose {name!r}; it may choose {', '.join(_FREE_KEYWORDS)}")
-    return wanted
+
+def env_keywords(policy: AnyPolicy) -> dict[str, Any]:
+    """The keyword arguments with which the policy wants the environment; raises `PolicyError`, see `check_policy`."""
+    check_policy(policy)
+    return dict(getattr(policy, "env_keywords", {}))
 
 
 def policy_grasps(policy: AnyPolicy) -> str:
-    """The grasp set by whose lower bounds the results of a policy are broken down.
-
-    Raises:
-        PolicyError: one for which the suites have none; the message lists the valid ones.
-    """
-    grasps = getattr(policy, "grasps", "all")
-    if grasps not in GRASPS:
-        raise PolicyError(f"a policy's grasps={grasps!r} are not valid; it may have {', '.join(GRASPS)}")
-    return str(grasps)
+    """The grasp set by whose lower bounds the results of a policy are broken down."""
+    return str(getattr(policy, "grasps", "all"))
 
 
 def acts_by_skills(policy: AnyPolicy) -> bool:

@@ -74,7 +74,7 @@ class TwoLevelPolicy:
 
     Attributes:
         is_privileged: one of the levels reads the simulation.
-        grasps: "side" or "all": the grasps that the high-level policy chooses from.
+        grasps: "side" or "all" (other sets): the grasps that the high-level policy chooses from.
         failure: why it gave up, "" if it did not.
         started, failed: how many picks and places were started and failed in this episode.
     """
@@ -82,7 +82,8 @@ class TwoLevelPolicy:
     failure = ""
 
     def __init__(self, high_level: HighLevelPolicy, motion: MotionPolicy, grasps: str = "side") -> None:
-        self.grasps = grasps
+        self.grasps = "side" if grasps == "side" else "all"
+        find_grasp_set(grasps)  # raises for one that there is not, before an episode is played
         self._high_level, self._motion = high_level, motion
         self.is_privileged = any(getattr(level, "is_privileged", False) for level in (high_level, motion))
         self._contact: Contact | None = None
@@ -182,15 +183,10 @@ def join_levels(decisions: LearnedHighLevelPolicy | None, motions: KeyframePolic
     """
     if decisions is None:
         grasps = "side" if motions is None else motions.info.grasps
-        high_level = PlannedHighLevelPolicy(grasps)
-        return TwoLevelPolicy(high_level, motions or PlannedMotionPolicy(), "side" if grasps == "side" else "all")
+        return TwoLevelPolicy(PlannedHighLevelPolicy(grasps), motions or PlannedMotionPolicy(), grasps)
     grasps = decisions.info.grasps
     if motions is not None:
-        one, other = decisions.info, motions.info
-        same = (one.robot, one.layout) == (other.robot, other.layout)
-        if not same or not set(find_grasp_set(one.grasps)) <= set(find_grasp_set(other.grasps)):
-            raise PolicyError(
-                f"decisions for {one.robot}, layout {one.layout!r}, grasps {one.grasps!r} do not fit motions for "
-                f"{other.robot}, layout {other.layout!r}, grasps {other.grasps!r}"
-            )
-    return TwoLevelPolicy(decisions, motions or PlannedMotionPolicy(), "side" if grasps == "side" else "all")
+        is_shown = set(find_grasp_set(grasps)) <= set(find_grasp_set(motions.info.grasps))
+        if not (is_shown and decisions.info.fits(motions.info)):
+            raise PolicyError(f"{decisions.info} do not fit {motions.info}")
+    return TwoLevelPolicy(decisions, motions or PlannedMotionPolicy(), grasps)

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 from zipfile import BadZipFile
 
@@ -22,18 +21,15 @@ import torch
 from torch import nn
 
 import assets
+from assets import RobotSpec
 from clutter_env.envs.base import layout_identity
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text, write_atomically
 
-SHIPPED: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "motions": {"side": "keyframes-side.npz", "all": "keyframes-all.npz", "shelf": "keyframes-shelf.npz"},
-        "decisions": {"side": "decisions-side.npz", "all": "decisions-all.npz", "shelf": "decisions-shelf.npz"},
-    }
-)
-"""Files in `assets/policies/`, by what was learned and by problem: level grasps, all grasps, under a shelf."""
+PROBLEMS = ("side", "all", "shelf")
+"""Problems for which weights of both levels are in the package: level grasps, all grasps, level ones under a shelf."""
+_FILES = {"motions": "keyframes", "decisions": "decisions"}
 _ABOUT = "about"
 _LOG = logging.getLogger(__name__)
 
@@ -44,13 +40,13 @@ class WeightsInfo:
 
     Attributes:
         kind: "motions" or "decisions".
-        robot, grasps: names of those that they were trained for.
-        layout: likewise; of a layout of the user's own all its fields.
+        robot, layout: names of those that they were trained for; of your own ones all fields.
+        grasps: name of the grasp set.
         provenance: version, commit and environment that they were made with, as far as known.
     """
 
     kind: str
-    robot: str
+    robot: str | Mapping[str, Any]
     layout: str | Mapping[str, Any]
     grasps: str
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -58,23 +54,43 @@ class WeightsInfo:
     @classmethod
     def of_env(cls, kind: str, env: gym.Env[Any, Any], grasps: str) -> WeightsInfo:
         """Weights that are trained in an environment."""
-        return cls(kind, *_robot_and_layout(env), grasps, provenance(env))
+        return cls(kind, *_identities(env), grasps, provenance(env))
 
     def check(self, env: gym.Env[Any, Any]) -> None:
         """Refuse an environment with another robot or layout (`PolicyError`); log what else has changed since."""
-        robot, layout = _robot_and_layout(env)
-        if (robot, layout) != (self.robot, self.layout):
-            raise PolicyError(
-                f"these weights ({self.kind}) are for robot {self.robot!r} and layout {self.layout!r}; the environment "
-                f"has robot {robot!r} and layout {layout!r}"
-            )
+        other = WeightsInfo(self.kind, *_identities(env), self.grasps)
+        if not self.fits(other):
+            raise PolicyError(f"these weights are {self}; the environment has {other.place}")
         if _LOG.isEnabledFor(logging.INFO):
             for difference in differences(self.provenance, provenance(env)):
                 _LOG.info("weights (%s): %s", self.kind, difference)
 
+    def fits(self, other: WeightsInfo) -> bool:
+        """Whether both are for the same robot and layout."""
+        return (self.robot, self.layout) == (other.robot, other.layout)
 
-def _robot_and_layout(env: gym.Env[Any, Any]) -> tuple[str, str | Mapping[str, Any]]:
-    return env.get_wrapper_attr("robot").name, layout_identity(env.get_wrapper_attr("layout"))
+    @property
+    def place(self) -> str:
+        """Robot and layout in words."""
+        names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
+        return "robot {!r} and layout {!r}".format(*names)
+
+    def __str__(self) -> str:
+        return f"{self.kind} for {self.place}, grasps {self.grasps!r}"
+
+
+def _identities(env: gym.Env[Any, Any]) -> tuple[Any, Any]:
+    return robot_identity(env.get_wrapper_attr("robot")), layout_identity(env.get_wrapper_attr("layout"))
+
+
+def robot_identity(robot: RobotSpec) -> Any:
+    """The name of a known robot, all fields of another one; JSON values."""
+    try:
+        if assets.robot(robot.name) == robot:
+            return robot.name
+    except assets.UnknownRobot:
+        pass
+    return json.loads(json.dumps(asdict(robot)))
 
 
 def shipped_path(kind: str, problem: str) -> Path:
@@ -83,9 +99,9 @@ def shipped_path(kind: str, problem: str) -> Path:
     Raises:
         PolicyError: there are none for this problem; the message lists the problems.
     """
-    if problem not in SHIPPED[kind]:
-        raise PolicyError(f"no {kind} are shipped for {problem!r}; there are {', '.join(SHIPPED[kind])}")
-    return assets.path(f"policies/{SHIPPED[kind][problem]}")
+    if problem not in PROBLEMS:
+        raise PolicyError(f"no {kind} are shipped for {problem!r}; there are {', '.join(PROBLEMS)}")
+    return assets.path(f"policies/{_FILES[kind]}-{problem}.npz")
 
 
 def save_weights(path: Path, network: nn.Module, info: WeightsInfo) -> None:

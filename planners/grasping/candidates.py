@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
-from planners.collision.scene_arrays import link_frames
+from irm.kinematics import link_frames
 from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import STRAIGHT, TURNED, MapPlacer, facing_bases, farthest_reach

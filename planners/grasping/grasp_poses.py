@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import pose_of
 from planners.collision.scene_arrays import robot_arrays
+from planners.collision.world import FINGER_GAP
 from planners.scene import Body
 
-FINGER_GAP = 0.012
-"""[m] between each finger and the object before the fingers close."""
 _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
 """[m] that are kept before the palm, below the palm, beyond the fingertips and at the upper edge of the pads."""
 _DECIMALS = 6

@@ -24,7 +24,7 @@ from clutter_env.policies.high_level.candidates import (
 )
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.parsed_observation import Observation
-from clutter_env.policies.weights import WeightsInfo, load_weights
+from clutter_env.policies.weights import WeightsInfo, load_weights, robot_identity
 from clutter_env.scene.layout import find_layout
 from planners import Contact
 
@@ -90,7 +90,9 @@ class LearnedHighLevelPolicy:
 
     def __init__(self, network: CandidateNetwork, rule: CandidateRule, info: WeightsInfo | None = None) -> None:
         self.rule = rule
-        self.info = info or WeightsInfo("decisions", rule.robot.name, layout_identity(rule.layout), rule.grasps)
+        self.info = info or WeightsInfo(
+            "decisions", robot_identity(rule.robot), layout_identity(rule.layout), rule.grasps
+        )
         self._network = network.eval()
         self._points = rule.points()
         self.reset()

@@ -13,19 +13,21 @@ import gymnasium as gym
 import pytest
 import torch
 
+from assets import FETCH
 from clutter_env.evaluation.score import play_scene
-from clutter_env.policies.baselines import GreedyPolicy
+from clutter_env.policies.experts import GreedyPolicy
+from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps
 from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
-from clutter_env.policies.weights import SHIPPED, WeightsInfo, load_weights, save_weights, shipped_path
+from clutter_env.policies.weights import PROBLEMS, WeightsInfo, load_weights, save_weights, shipped_path
 from clutter_env.scene.layout import Layout
 from clutter_env.task import Task
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions, Keyframes
+from clutter_env.training.settings import Decisions, Keyframes, Run
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
@@ -56,12 +58,28 @@ def test_the_errors_of_a_users_module_are_not_wrapped_and_the_old_protocol_is_re
     (tmp_path / "needs_more.py").write_text("import surely_not_there\n")
     old = "class Old:\n    def reset(self, env, info): ...\n    def act(self, observation): ...\n"
     (tmp_path / "of_old.py").write_text(old + "def broken(): raise ZeroDivisionError\n")
+    own = "class Own:\n    def __init__(self{}): ...\n" + old.partition("\n")[2].replace("env, ", "")
+    (tmp_path / "own.py").write_text(
+        own.format(", size") + "    grasps = 'level'\nclass Level(Own):\n    __init__ = object.__init__"
+    )
     with pytest.raises(ModuleNotFoundError, match="surely_not_there"):
         load_policy("needs_more:Policy", 0)
     with pytest.raises(ZeroDivisionError):
         load_policy("of_old:broken", 0)
     with pytest.raises(PolicyError, match=r"reset\(info, env\)"):
         load_policy("of_old:Old", 0)
+    with pytest.raises(PolicyError, match=r"'own:Own' cannot be made.*'size'"):
+        load_policy("own:Own", 0)
+    with pytest.raises(PolicyError, match=r"grasps='level' are not valid.*side, all"):
+        load_policy("own:Level", 0)
+
+
+def test_wrong_grasps_and_strategies_are_refused_when_a_policy_is_made() -> None:
+    for wrong in ({"grasps": "level"}, {"strategy": "hasty"}):
+        with pytest.raises(ValueError, match=r"(valid|known) .*: "):
+            PlannedHighLevelPolicy(**wrong)
+    with pytest.raises(ValueError, match="valid grasp sets: "):
+        TwoLevelPolicy(PlannedHighLevelPolicy(), PlannedMotionPolicy(), grasps="level")
 
 
 def test_baselines_refuse_environments_in_which_they_cannot_act(env: gym.Env[Any, Any]) -> None:
@@ -76,9 +94,9 @@ def test_policies_without_networks_do_without_torch() -> None:
     subprocess.run([sys.executable, "-c", code + "assert not {'torch', 'numba'} & set(sys.modules)"], check=True)
 
 
-@pytest.mark.parametrize("kind", SHIPPED)
+@pytest.mark.parametrize("kind", ["motions", "decisions"])
 def test_shipped_weights_say_what_they_are_for_and_were_trained_with(kind: str) -> None:
-    for problem in SHIPPED[kind]:
+    for problem in PROBLEMS:
         _, info = load_weights(shipped_path(kind, problem), kind)
         assert (info.robot, info.grasps) == ("fetch", "all" if problem == "all" else "side")
         assert info.layout == ("shelf" if problem == "shelf" else "paper")
@@ -94,24 +112,24 @@ def test_weights_refuse_another_layout_and_levels_that_do_not_fit() -> None:
     with pytest.raises(PolicyError, match=r"'paper'.*'island'"):
         begin_episode(load_policy("keyframes", 0), info, env)
     side, every = (KeyframePolicy.load(shipped_path("motions", problem)) for problem in ("side", "all"))
-    from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
-
-    decisions = {name: LearnedHighLevelPolicy.load(shipped_path("decisions", name)) for name in SHIPPED["decisions"]}
+    decisions = {name: LearnedHighLevelPolicy.load(shipped_path("decisions", name)) for name in PROBLEMS}
     join_levels(decisions["side"], every)
     for high_level, motion in ((decisions["all"], side), (decisions["shelf"], side)):
         with pytest.raises(PolicyError, match="do not fit"):
             join_levels(high_level, motion)
 
 
-def test_weights_for_a_users_own_layout_are_loaded_again(tmp_path: Path) -> None:
-    bench = Layout("bench", depth=0.6, width=1.1)
-    env, other = (gym.make("clutter_env/Retrieve-o1-v0", layout=one) for one in (bench, replace(bench, width=1.2)))
+def test_weights_for_a_users_own_robot_and_layout_are_loaded_again(tmp_path: Path) -> None:
+    bench, robot = Layout("bench", depth=0.6, width=1.1), replace(FETCH, name="mine", max_loaded_yaw_rate=0.1)
+    env = gym.make("clutter_env/Retrieve-o1-v0", layout=bench, robot=robot)
     network, _ = KeyframeNetwork.load(shipped_path("motions", "shelf"))
     save_weights(tmp_path / "w.npz", network, WeightsInfo.of_env("motions", env, "side"))
     policy = KeyframePolicy.load(tmp_path / "w.npz")
     begin_episode(policy, env.reset(seed=0)[1], env)
-    with pytest.raises(PolicyError, match="bench"):
-        policy.check(other)
+    for changed in ({"layout": replace(bench, width=1.2)}, {"robot": replace(robot, max_loaded_yaw_rate=0.2)}):
+        other = gym.make("clutter_env/Retrieve-o1-v0", **{"layout": bench, "robot": robot, **changed})
+        with pytest.raises(PolicyError, match=r"'mine \(of your own\)' and layout 'bench \(of your own\)'"):
+            policy.check(other)
 
 
 def test_a_pair_of_runs_is_one_policy_that_plays(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners.collision.hit_kernels import edge_samples, make_scratch, place_robot
+from planners.collision.hit_kernels import edge_samples, place_along
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -96,11 +96,10 @@ def test_the_held_object_is_no_obstacle_and_may_stand_on_the_table() -> None:
 
 def test_fingers_move_with_the_opening() -> None:
     world = CollisionWorld.from_scene(mixed_scene(1, 0))
-    attached = world.attached(None)
-    scratch = make_scratch(world.robot, attached)
+    x = np.append(BASE, FETCH.home)[None]
     for opening in (0.0, 0.03, 0.09):
-        place_robot(world.robot, attached, scratch, BASE, np.array(FETCH.home), opening)
-        apart = np.linalg.norm(scratch.solids.position[0] - scratch.solids.position[1])
+        position, _ = place_along(world.query(opening), x)
+        apart = np.linalg.norm(position[0, 0] - position[0, 1])
         inner = apart - FETCH.finger_thickness
         assert inner == pytest.approx(FETCH.finger_gap_closed + 2 * FETCH.finger_position(opening), abs=1e-6)
 
@@ -128,21 +127,17 @@ def test_fingers_that_press_on_an_object_stay_at_its_width() -> None:
 
 def corners(world: CollisionWorld, x: NDArray[np.float64], held: HeldObject | None) -> NDArray[np.float64]:
     """World points (n, 3): the corners of the box around every core."""
-    attached = world.attached(held)
-    scratch = make_scratch(world.robot, attached)
-    place_robot(world.robot, attached, scratch, x[:3], x[3:], OPENING)
-    count = len(world.robot.core) + (held is not None)
+    query, count = world.query(OPENING, held), len(world.robot.core) + (held is not None)
+    position, rotation = (placed[0, :count] for placed in place_along(query, x[None]))
     signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
-    local = scratch.solids.half[:count, None, :] * signs
-    turned = np.einsum("nij,nkj->nki", scratch.solids.rotation[:count], local)
-    points = scratch.solids.position[:count, None, :] + turned
-    return np.asarray(points.reshape(-1, 3))
+    turned = np.einsum("nij,nkj->nki", rotation, query.scratch.solids.half[:count, None, :] * signs)
+    return np.asarray((position[:, None, :] + turned).reshape(-1, 3))
 
 
 @pytest.mark.parametrize("held", [None, HELD])
 def test_no_point_moves_further_than_a_step_between_samples(held: HeldObject | None) -> None:
     world = CollisionWorld.from_scene(mixed_scene(5, 0))
-    reach = world.attached(held).reach
+    reach = world.query(OPENING, held).attached.reach
     rng = np.random.default_rng(0)
     step = 0.02
     for _ in range(50):

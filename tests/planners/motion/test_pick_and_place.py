@@ -7,7 +7,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.approaches import can_leave, can_put_down
+from planners.motion.approaches import can_put_down, planned_approach
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import BlockedBy
@@ -67,7 +67,7 @@ def test_what_was_picked_can_be_put_back(motions: list[tuple[CollisionWorld, Pic
     rng = np.random.default_rng(0)
     for world, motion in motions:
         base, q = motion.departure.base, motion.departure.start
-        assert can_leave(world, base, q, motion.body.name)
+        assert planned_approach(world, base, q, motion.body.name)
         place = plan_place(world, base, motion.retreat.end, q, motion.held, rng=rng)
         assert isinstance(place, PickPlaceMotion)
         assert can_put_down(world, base, q, motion.held)

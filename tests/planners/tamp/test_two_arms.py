@@ -86,7 +86,7 @@ def test_an_object_held_aside_is_part_of_the_robot(scene: Scene) -> None:
     aside, name = loaded.using("left"), scene.names[0]
     world, empty = CollisionWorld.from_scene(aside), CollisionWorld.from_scene(scene.using("left"))
     base, home = np.array([-3.0, 0.4, 0.8]), np.array(aside.robot.home)
-    position, rotation = place_along(world.robot, world.attached(None), np.append(base, home)[None], 0.05)
+    position, rotation = place_along(world.query(0.05), np.append(base, home)[None])
     at_home = RobotState(base, np.array(loaded.robot.home), 0.0)
     pose = tcp_pose(loaded.robot, at_home) @ loaded.held.T_tcp_object  # type: ignore[union-attr]  # held_by fills it
     row = len(empty.robot.link)
