@@ -31,9 +31,17 @@ from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
 from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
-from clutter_env.simulation.physics_state import capture_physics, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import Fields, SavedState, check_generator, check_quaternions, pack, unpack
+from clutter_env.simulation.saved_state import (
+    Fields,
+    capture_physics,
+    check_generator,
+    check_quaternions,
+    pack,
+    read_physics,
+    restore_physics,
+    unpack,
+)
 from clutter_env.simulation.world import Measurements, World
 
 _BASE, _TWIST = 3, 6
@@ -271,7 +279,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             **({_IK_FAILURES: arm.failures} if arm else {}),
             "rng": self.np_random.bit_generator.state,
         }
-        return pack(SavedState(self._kind, scene, capture_physics(self.world), memory))
+        return pack(self._kind, scene, capture_physics(self.world), memory)
 
     def restore_state(self, state: bytes) -> None:
         """Continue from a saved state, bit for bit, also in another process.
@@ -279,20 +287,20 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
-        saved = unpack(state, self._kind)
-        world, arm = self._world_for(saved.scene), self._end_effector
-        size, last_slot = len(world.controller.state.target), saved.scene.num_objects - 1
+        scene, saved_physics, remembered = unpack(state, self._kind)
+        world, arm = self._world_for(scene), self._end_effector
+        size, last_slot = len(world.controller.state.target), scene.num_objects - 1
         others = world.controller.num_grippers - 1
-        counts_failures = arm is not None and isinstance(saved.memory, dict) and _IK_FAILURES in saved.memory
+        counts_failures = arm is not None and isinstance(remembered, dict) and _IK_FAILURES in remembered
         further = (*_SEVERAL_ARMS * (others > 0), *(_IK_FAILURES,) * counts_failures)
-        memory = Fields(saved.memory, "memory", (*_MEMORY, *further))
+        memory = Fields(remembered, "memory", (*_MEMORY, *further))
         wanted_tcp = None
         if arm:
             wanted_tcp = memory.numbers("wanted_tcp", (7,))
             check_quaternions("memory wanted_tcp", wanted_tcp[:4])
         elif memory["wanted_tcp"] is not None:
             raise StateError("memory: wanted_tcp of the state must be null in control mode 'joint'")
-        physics = read_physics(world, saved.physics)
+        physics = read_physics(world, saved_physics)
         control = ControlState(
             memory.numbers("target", (size,)),
             memory.numbers("velocity", (size,)),
@@ -303,9 +311,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         held, is_touching = memory.integer("held", -1, last_slot), memory.flag("is_touching")
         other_held = tuple(memory.integers("other_held", others, -1, last_slot).tolist()) if others else ()
         check_generator(self.np_random, memory["rng"])
-        watched = checked_memory(memory["judge"], saved.scene.num_objects, others + 1)
+        watched = checked_memory(memory["judge"], scene.num_objects, others + 1)
         bookkeeping = self._read_memory(memory["task"])
-        restore_physics(world, saved.scene, physics)  # the last that may refuse the state
+        restore_physics(world, scene, physics)  # the last that may refuse the state
         self.world, world.controller.state = world, control
         if arm and wanted_tcp is not None:
             arm.wanted, arm.failures = wanted_tcp.tolist(), ik_failures

@@ -146,14 +146,7 @@ def _move_frames(R: Array, p: Array, count: int, base: Array) -> None:
 def place_robot(
     robot: RobotArrays, attached: Attached, scratch: Scratch, base: Array, q: Array, opening: float
 ) -> None:
-    """Write the world poses of all primitives, and of the held object, into `scratch`.
-
-    Args:
-        robot, attached, scratch: see their types.
-        base: (3,) x [m], y [m], yaw [rad].
-        q: (n,) torso [m] and arm [rad].
-        opening: of the gripper [m].
-    """
+    """Write the world poses of all primitives, and of the held object, into `scratch`; `opening` of the gripper [m]."""
     R, p, solids, position = scratch.R, scratch.p, scratch.solids, scratch.solids.position
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     tcp, count = robot.offsets.shape[0], robot.core.shape[0]
@@ -290,11 +283,7 @@ def _hits_itself(
 def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 
-    Args:
-        query: a pointer to it.
-        active: mask of the bits to look for; the query's, or some of them.
-        base: (3,) x [m], y [m], yaw [rad].
-        q: (n,) torso [m] and arm [rad].
+    `query` is a pointer to it, `active` the mask of the bits to look for: the query's, or some of them.
     """
     robot, obstacles, padding = query.robot, query.obstacles, query.padding
     scratch = query.scratch

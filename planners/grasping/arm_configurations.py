@@ -192,18 +192,7 @@ def _scan(
 def gripper_hits(
     world: CollisionWorld, gripper_poses: Array, opening: float, *, held: HeldObject | None = None, ignore: int = 0
 ) -> NDArray[np.uint64]:
-    """What the gripper alone, and the held object, hit.
-
-    Args:
-        world: the scene, compiled.
-        gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
-        opening: of the gripper [m].
-        held: the held object.
-        ignore: mask of bits that do not count.
-
-    Returns:
-        masks (k,).
-    """
+    """What the gripper alone, and the held object, hit at gripper poses (k, 5), as in `GripperPoses`: masks (k,)."""
     query, robot = world.query(opening, held, ignore | 1 << SELF_BIT), _gripper_arrays(world.scene.robot)
     query = query._replace(robot=robot, scratch=make_scratch(robot, query.attached))
     hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))

@@ -86,11 +86,7 @@ class ContactQuery:
 
     @classmethod
     def grasp(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, name: str, ignore: int = 0) -> ContactQuery:
-        """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles.
-
-        Raises:
-            UnknownObject: no such object.
-        """
+        """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles."""
         body = world.scene.body(name)
         held = HeldObject.grasped(body, _tcp_pose(world.scene, base, q))
         return cls._of(world, with_clearance_below(world, name), base, q, held, ignore)
@@ -155,21 +151,13 @@ class Approach(NamedTuple):
 
 
 def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything."""
     query = ContactQuery.grasp(world, base, q_grasp, name)
     return any(free_approach(query, pattern) is not None for pattern in query.patterns)
 
 
 def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
-    """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """Whether the gripper can lower the held object to a configuration (8,), open and leave, and hit nothing."""
     query = ContactQuery.release(world, base, q_release, held)
     return any(free_approach(query, pattern) is not None for pattern in query.likely_patterns)
 
@@ -177,11 +165,7 @@ def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, h
 def planned_approach(
     world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str
 ) -> tuple[ContactQuery, Approach] | None:
-    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other object were there.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other one were there."""
     others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
     query = ContactQuery.grasp(world, base, q_grasp, name, others)
     return next(((query, approach) for approach in _traced(query)), None)
@@ -192,9 +176,6 @@ def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, 
 
     Returns:
         None if the robot cannot follow any of the lines, or they lead through static obstacles.
-
-    Raises:
-        UnknownObject: no such object.
     """
     query = ContactQuery.grasp(world, base, q_grasp, name)
     return min((found.hits for found in _traced(query)), key=int.bit_count, default=None)

@@ -20,7 +20,7 @@ from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
 from planners.motion.path import CLEARANCE, SAME_BASE
 from planners.motion.timing import finger_ramp, round_corners, time_parametrise
-from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
+from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject, RobotState
 
 Array = NDArray[np.float64]
@@ -35,16 +35,6 @@ _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
 _OFF_LINE = 0.001
 """[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
-
-
-def phases_of(trajectory: Trajectory) -> list[Trajectory]:
-    """The phases of a trajectory; each begins with the sample that the one before ends with."""
-    starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
-    ends = [*starts[1:], len(trajectory.times) - 1]
-    return [
-        Trajectory.of_states(trajectory.states[start : end + 1], phase)
-        for start, end, phase in zip(starts, ends, trajectory.phases, strict=True)
-    ]
 
 
 def merge_phases(

@@ -14,7 +14,7 @@ from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_arrays
 from planners.motion.path import WholeBodyPath
-from planners.motion.trajectory import Trajectory
+from planners.motion.trajectory import Trajectory, phases_of
 from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
 
 _ROBOT, _OTHER = 1, 2
@@ -145,11 +145,7 @@ class MujocoCollisionChecker:
         self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
 
     def move_to(self, scene: Scene) -> None:
-        """Put the objects where another scene has them.
-
-        Raises:
-            SceneError: it differs in more than the poses of its objects and the robot's state.
-        """
+        """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
         if _signature(scene) != _signature(self.scene):
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         self.scene = scene
@@ -196,14 +192,11 @@ class MujocoCollisionChecker:
             finger = self.scene.robot.finger_position(motion.opening)
             yield _Segment(np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore)
             return
-        states = np.column_stack([motion.base, motion.q, motion.finger_position])
-        ends = [*(phase.start for phase in motion.phases[1:]), np.inf]
-        for phase, end in zip(motion.phases, ends, strict=True):
-            rows = np.flatnonzero((motion.times >= phase.start) & (motion.times <= end))
-            if len(rows):
-                held = phase.touched if phase.held else None
-                between = () if phase.touched is None or phase.held else (phase.touched.name,)
-                yield _Segment(states[rows], held, self.scene.mask(between))
+        for piece in phases_of(motion):
+            phase = piece.phases[0]
+            held = phase.touched if phase.held else None
+            between = () if phase.touched is None or phase.held else (phase.touched.name,)
+            yield _Segment(piece.states, held, self.scene.mask(between))
 
     def _refine(self, segment: _Segment, step: float) -> NDArray[np.float64]:
         """States (m, 12) at most `step` [m] apart for any point of the robot; fingers stay at a held object's width."""
@@ -221,7 +214,7 @@ class MujocoCollisionChecker:
         return np.column_stack([np.interp(at, np.arange(len(states)), column) for column in states.T])
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
-        """Place the robot and the held object, and find contacts."""
+        """Place the robot and what its grippers hold, and find contacts."""
         model, data = self._model, self._data
         self._positions.move(state)
         mujoco.mj_kinematics(model, data)

@@ -105,8 +105,7 @@ def plan_place(
 
     Args:
         world: the scene, compiled; the held object's own pose in it does not matter.
-        base: (3,) where the base stands when the fingers open.
-        start: (8,) configuration at the start, or (11,) with the base pose first if the base stands elsewhere then.
+        base, start: as for `plan_pick`; the fingers open at `base`.
         q_release: (8,) configuration in which the fingers open: the object then stands where this one holds it.
         held: the held object.
         rng: for the free paths.
@@ -114,10 +113,7 @@ def plan_place(
             `NoPath` where it would be `BlockedBy`.
 
     Returns:
-        the motion; the smallest set of objects found to be in its way; or why clearing would not help.
-
-    Raises:
-        UnknownObject: no such object.
+        as `plan_pick`.
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)

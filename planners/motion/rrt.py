@@ -221,15 +221,8 @@ def _without_repeats(path: Array, weights: Array) -> Array:
 def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng: np.random.Generator) -> Array:
     """Cut detours of a free path: first between waypoints, then between random points on it.
 
-    Args:
-        query: what counts as a hit; `first_only` must be set.
-        path: (k, d) whole-body configurations.
-        step: [m] No point of the robot moves more between two checks.
-        attempts: random shortcuts tried.
-        rng: for these.
-
-    Returns:
-        a free path (j, d) with the same ends.
+    Path (k, d) and result (j, d) have the same ends. As many `attempts` are made at random shortcuts; `query` and
+    `step` are as for `rrt_connect`.
     """
     checks, first = pointer_to(query), 0
     while first < path.shape[0] - 2:
@@ -272,7 +265,7 @@ def _arc(before: Array, corner: Array, after: Array, share: float) -> Array:
 def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
     """Replace the corners of a free path by parabolas where these are free, so that the robot need not stop there.
 
-    Args and result as for `shortcut`.
+    Arguments and result as for `shortcut`.
     """
     checks = pointer_to(query)
     corners = path.shape[0] - 2

@@ -20,13 +20,13 @@ from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
-from planners.motion.contact_free import merge_phases, phases_of
+from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
-from planners.motion.trajectory import Trajectory, is_contact, join
+from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene

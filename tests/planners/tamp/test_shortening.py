@@ -10,11 +10,10 @@ import pytest
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.contact_free import phases_of
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE
 from planners.motion.timing import round_corners
-from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join
+from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join, phases_of
 from planners.scene import SELF_BIT, Scene
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import BoundAction
