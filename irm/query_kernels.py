@@ -313,7 +313,7 @@ def lay_out_turns(window: YawWindow) -> Turns:
 
 @njit(cache=True, inline="always")
 def _best_bases(
-    tiles: Tiles, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
+    tiles: Tiles, ranking: Ranking, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
 ) -> None:
     """The k best bases for one TCP pose, each apart from the better ones, into `rows`.
 
@@ -322,7 +322,6 @@ def _best_bases(
     """
     lower, upper = tiles.torso_lower, tiles.torso_upper
     torso_follows = upper > lower
-    ranking = tiles.rings if turns.all_around else tiles.ranked
     turn = 0
     while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
         k = progress[0]
@@ -348,7 +347,8 @@ def _best_bases(
 def _best_bases_at_turns(
     tiles: Tiles, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
 ) -> None:
-    _best_bases(tiles, place, turns, floor, rows, progress)
+    ranking = tiles.rings if turns.all_around else tiles.ranked
+    _best_bases(tiles, ranking, place, turns, floor, rows, progress)
 
 
 @njit(cache=True)
@@ -371,6 +371,7 @@ def _best_bases_of_some(
     progress: Integers,
 ) -> None:
     """The best bases of those queries whose numbers are in `order`, with the same turns."""
+    ranking = tiles.rings if turns.all_around else tiles.ranked
     for i in order:
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if queries.keys[i] >= 0:
@@ -378,7 +379,7 @@ def _best_bases_of_some(
             place = TcpPlace(queries.keys[i], x, y, offset, queries.exact)
             for ring in range(RINGS):  # masks are those of one TCP
                 floor.masks.sectors[ring], floor.masks.is_known[ring] = _ALL, False
-            _best_bases(tiles, place, turns, floor, rows[i], progress)
+            _best_bases(tiles, ranking, place, turns, floor, rows[i], progress)
         counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan

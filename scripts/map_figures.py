@@ -29,9 +29,9 @@ from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
 from clutter_env.simulation.model import add_meshes, has_visuals
 from irm.chain import ArmChain
-from irm.equations import inverse_reachability, inverse_reachability_on_floor
 from irm.free_space import FreeSpace
-from irm.inverse_map import InverseReachabilityMap
+from irm.inverse_map import InverseReachabilityMap, inverse_reachability
+from irm.inverse_table import inverse_reachability_on_floor
 from irm.query_kernels import base_turns
 from irm.query_keys import YAW_STEP, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map

@@ -20,8 +20,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from clutter_env.errors import LearningError
-from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy
-from clutter_env.policies.features import feature_vector
+from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy, feature_vector
 from clutter_env.policies.protocol import Policy
 from clutter_env.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
 from clutter_env.policies.skill_network import SkillNetwork

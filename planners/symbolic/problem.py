@@ -23,6 +23,19 @@ GRIPPER = "robot_gripper"
 ROBOT_INIT_LOC = "robot_init_loc"
 """The base pose the robot starts from."""
 
+_DECIDES = {
+    "objectAt": 1,
+    "occupied": 1,
+    "obstacle": 1,
+    "isGrasp": 2,
+    "isBaseMotion": 2,
+    "outOfReach": 2,
+    "isPlacementLocation": 2,
+    "isClearanceLocation": 2,
+    "isMotion": 3,
+    "obstructs": 3,
+}
+"""The argument that decides whether a fact matters for the target; facts with other predicates always do."""
 _LEGAL_SYMBOL = re.compile(r"[a-z][a-z0-9_-]*")
 
 
@@ -62,11 +75,6 @@ class SymbolicState:
     def changed(self, add: Iterable[Atom] = (), remove: Iterable[Atom] = ()) -> SymbolicState:
         """The state without the facts of `remove` and with those of `add`."""
         return replace(self, facts=(self.facts - frozenset(remove)) | frozenset(add))
-
-    @property
-    def held(self) -> str | None:
-        """The object in a gripper, the first by name of several."""
-        return next(iter(self.all_held), None)
 
     @property
     def all_held(self) -> tuple[str, ...]:
@@ -143,34 +151,11 @@ class TaskProblem:
 
     def pruned(self) -> TaskProblem:
         """The same problem without the objects that do not matter; it has the same shortest plans."""
-        relevant = self.relevant_objects()
-        grasps = {fact for fact in self.state.facts if fact[0] == "isGrasp" and fact[2] in relevant}
-        arm_poses = {fact[1] for fact in grasps}
-        locations = {fact[3] for fact in grasps}
-        motions = {fact for fact in self.state.facts if fact[0] == "isMotion" and fact[3] in arm_poses}
-        base_poses = {fact[2] for fact in motions}
-
-        def matters(fact: Atom) -> bool:
-            """Whether the fact is about an object that matters."""
-            match fact[0]:
-                case "isGrasp" | "isMotion":
-                    return fact in grasps or fact in motions
-                case "isBaseMotion":
-                    return fact[2] in base_poses
-                case "outOfReach":
-                    return fact[2] in arm_poses
-                case "occupied":
-                    return fact[1] in locations
-                case "objectAt" | "obstacle":
-                    return fact[1] in relevant
-                case "isPlacementLocation" | "isClearanceLocation":
-                    return fact[2] in relevant
-                case "obstructs":
-                    return fact[3] in relevant
-                case _:
-                    return True
-
-        facts = frozenset(fact for fact in self.state.facts if matters(fact))
+        kept = set(self.relevant_objects())
+        grasps = [fact for fact in self.state.facts if fact[0] == "isGrasp" and fact[2] in kept]
+        kept |= {symbol for _, arm_pose, _, location in grasps for symbol in (arm_pose, location)}
+        kept |= {fact[2] for fact in self.state.facts if fact[0] == "isMotion" and fact[3] in kept}
+        facts = frozenset(fact for fact in self.state.facts if fact[_DECIDES.get(fact[0], 0)] in kept | {fact[0]})
         return replace(self, state=replace(self.state, facts=facts))
 
     def text(self) -> str:
@@ -224,11 +209,6 @@ class GroundAction(NamedTuple):
     def gripper(self) -> str | None:
         """The gripper that takes or puts down; None for a base motion."""
         return None if self.name == "MoveBase" else self.args[2 if self.name == "PutDownForClearance" else 1]
-
-    @property
-    def location(self) -> str | None:
-        """The location that the object is taken from or put at; None for a base motion."""
-        return None if self.name == "MoveBase" else self.args[-1]
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.args)})"

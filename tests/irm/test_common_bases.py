@@ -11,8 +11,7 @@ from irm.answers import Status
 from irm.errors import QueryError
 from irm.grid import nearest_orientation
 from irm.rotations import rotation
-
-PATH = [(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)]
+from tests.irm.arms import PATH, in_world
 
 
 def mu_at(rm, base, position, yaw):
@@ -28,11 +27,6 @@ def mu_at(rm, base, position, yaw):
     cell = np.ravel_multi_index((grid.layer(position[2]), o, i, j), grid.shape)
     place = np.searchsorted(rm.cells, cell)
     return float(rm.manipulability[place]) if place < len(rm) and rm.cells[place] == cell else 0.0
-
-
-def in_world(target, yaw, offsets=PATH):
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([(target[0] + c * x - s * y, target[1] + s * x + c * y, target[2] + z) for x, y, z in offsets])
 
 
 def test_the_score_of_a_path_is_its_worst_waypoint(level_map, level_inverse, table_floor, cups):

@@ -12,9 +12,7 @@ from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.network import ELSEWHERE, SHELF_PHASES, KeyframeNetwork, contact_in_base
 from clutter_env.policies.motion.shelf import (
-    ArmBalls,
-    ArmPredictor,
-    ShelfArmChooser,
+    ShelfArm,
     ShelfKeyframePlanner,
     base_waypoint,
     drive_points,
@@ -72,13 +70,13 @@ def test_base_waypoints_are_those_of_demonstrations_and_drives_join_them(motions
 def test_correction_leads_the_predicted_gripper_to_where_it_is_wanted(
     motions: list[Motion], network: KeyframeNetwork
 ) -> None:
-    predictor, errors = ArmPredictor(network, FETCH), []
+    arms, errors = ShelfArm(network, FETCH, LAYOUT), []
     for motion in motions:
         base_tcp, sizes = contact_in_base(motion.contact.tcp, motion.contact.base), motion.seen.sizes(motion.index)[0]
         free = free_joints_of(FETCH, cut_at_corners(motion))
         assert free is not None
         arguments = (motion.contact.skill, base_tcp, sizes, np.array([0.0, 0.03]), np.tile(free, (2, 1)))
-        errors.append([predictor.on_line(*arguments, rounds=rounds)[1].max() for rounds in (0, 6)])
+        errors.append([arms.on_line(*arguments, rounds=rounds)[1].max() for rounds in (0, 6)])
     before, after = np.array(errors).T
     assert after.max() < 0.001 < before.max()
 
@@ -87,14 +85,13 @@ def test_the_chosen_arm_keeps_clear_of_what_stands_in_its_path(
     motions: list[Motion], network: KeyframeNetwork, seen: ParsedObservation
 ) -> None:
     contact = max(motions, key=lambda motion: float(motion.contact.tcp[0, 3])).contact
-    chooser = ShelfArmChooser(network, FETCH, LAYOUT)
-    free = chooser.choose(contact, 0, dataclasses.replace(seen, objects=seen.objects[:1]))
+    arms = ShelfArm(network, FETCH, LAYOUT)
+    free = arms.choose(contact, 0, dataclasses.replace(seen, objects=seen.objects[:1]))
     base_tcp = contact_in_base(contact.tcp, contact.base)
-    predictor = ArmPredictor(network, FETCH)
-    q, _ = predictor.on_line(contact.skill, base_tcp, seen.sizes(0), np.zeros(1), free.low[None], rounds=6)
+    q, _ = arms.on_line(contact.skill, base_tcp, seen.sizes(0), np.zeros(1), free.low[None], rounds=6)
     T = planar_pose(np.array(contact.base))
-    elbow = T[:3, :3] @ ArmBalls(FETCH).centres(q)[0, 4] + T[:3, 3]
-    other = chooser.choose(contact, 0, with_object(seen, elbow, 0.01))
+    elbow = T[:3, :3] @ arms.ball_centres(q)[0, 4] + T[:3, 3]
+    other = arms.choose(contact, 0, with_object(seen, elbow, 0.01))
     assert not other.is_blocked
     assert np.abs(other.low - free.low).max() > 0.04 or other.is_flipped != free.is_flipped
 

@@ -17,8 +17,7 @@ from clutter_env.policies.runs import MOTIONS_FILE
 from clutter_env.task import Task
 from clutter_env.training.motion_examples import Motion, cut_at_corners, is_driven, keyframe_examples, planned_motions
 from clutter_env.training.motions import fit_motions, high_level_of
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Keyframes
+from clutter_env.training.settings import Keyframes, Run
 from clutter_env.training.train import train
 from planners import tcp_pose
 from planners.scene import RobotState
@@ -82,7 +81,8 @@ def test_under_a_shelf_the_arm_is_rigid_on_the_drives_between_corners(under_a_sh
 def test_a_fitted_network_brings_the_gripper_where_demonstrations_do(in_the_open: list[Motion]) -> None:
     examples = keyframe_examples(FETCH, in_the_open)
     network = fit_motions(FETCH, in_the_open, steps=600)
-    predicted = network.predict(examples.features)
+    with torch.no_grad():
+        predicted = network(torch.tensor(examples.features, dtype=torch.float32))
     position, _ = ArmKinematics(FETCH).tcp(predicted.q)
     wanted, _ = ArmKinematics(FETCH).tcp(torch.tensor(examples.q, dtype=torch.float32))
     error = torch.linalg.norm(position - wanted, dim=1).numpy()[examples.at_contact]

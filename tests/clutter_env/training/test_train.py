@@ -19,17 +19,26 @@ from clutter_env.data.episode_file import write_episode
 from clutter_env.envs.observation import OBJECT_FIELDS
 from clutter_env.errors import DatasetError, LearningError, UnknownTask
 from clutter_env.evaluation.score import held_out_seeds, play_scene
-from clutter_env.policies.cloning import ClonedPolicy
+from clutter_env.policies.cloning import ClonedPolicy, feature_vector
 from clutter_env.policies.experts import make_expert
-from clutter_env.policies.features import feature_vector
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.reinforcement import GRIPPER_SCALE, ScaledActions
-from clutter_env.policies.runs import differences, load_run
+from clutter_env.policies.runs import load_run
 from clutter_env.task import Task
 from clutter_env.training.cloning import Examples, clone
 from clutter_env.training.reinforcement import make_model, save_model
-from clutter_env.training.run import Run, runs_of_seeds
-from clutter_env.training.settings import BC, PPO, SAC, TQC, DAgger, MaskablePPO, Settings
+from clutter_env.training.settings import (
+    BC,
+    PPO,
+    SAC,
+    TQC,
+    DAgger,
+    MaskablePPO,
+    Run,
+    Settings,
+    differences,
+    runs_of_seeds,
+)
 from clutter_env.training.train import train, train_all
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")
