@@ -24,8 +24,7 @@ from clutter_env.training.high_level_examples import (
     roll_out,
     visited_examples,
 )
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions, DecisionsDAgger
+from clutter_env.training.settings import Decisions, DecisionsDAgger, Run
 
 EXAMPLES_FILE = "examples.npz"
 _FIRST_SEED, _SEEDS_OF_A_RUN = 10_000, 20_000
@@ -85,8 +84,7 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
                 policy = LearnedHighLevelPolicy(network, rule, info)
                 rollouts = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
                 visited = visited_examples(rollouts, rule, np.random.default_rng(seeds[0]))
-                if visited is not None:
-                    examples = CandidateExamples.joined((examples, visited))
+                examples = CandidateExamples.joined((examples, *visited))
                 network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
                 finish_round(number, network)
     env.close()

@@ -44,8 +44,7 @@ from clutter_env.training.motion_examples import (
     motions_of,
     planned_motions,
 )
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Keyframes
+from clutter_env.training.settings import Keyframes, Run
 
 _FIRST_SEED, _SEEDS_OF_A_RUN = 100_000, 20_000
 """Scenes of plans: those of a training seed, all below the held-out ones."""

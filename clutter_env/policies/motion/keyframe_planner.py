@@ -21,8 +21,6 @@ from clutter_env.policies.motion.network import (
     KeyframeNetwork,
     contact_in_base,
     line_distance,
-    network_input,
-    phase_index,
 )
 from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, base_from, planar_pose
 from planners import Contact
@@ -107,9 +105,9 @@ class OpenKeyframePlanner:
 
     def _predict(self, phase: str, contact: Contact, tcp: Array, base: Array, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact that is said to be at `tcp` (4, 4)."""
-        number, pose = phase_index(contact.skill, phase), contact_in_base(tcp, base)
-        row = network_input(number, pose[None], self._sizes, distance, self._free)
-        return np.concatenate([part.numpy().reshape(-1) for part in self._network.predict(row)]).astype(float)
+        pose = contact_in_base(tcp, base)[None]
+        predicted = self._network.predict(contact.skill, phase, pose, self._sizes, distance, self._free)
+        return np.concatenate([part.numpy().reshape(-1) for part in predicted]).astype(float)
 
 
 def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:
@@ -137,17 +135,12 @@ def choose_free_joints(
 
     Of a grid those nearest to home are chosen for which network and kinematics predict a forearm clear of the objects.
     """
-    phase = phase_index(contact.skill, "approach" if contact.skill == "pick" else "lower")
+    phase = "approach" if contact.skill == "pick" else "lower"
     pose = contact_in_base(contact.tcp, contact.base)
-    count = len(_GRID) * len(_DISTANCES)
-    rows = network_input(
-        phase,
-        np.broadcast_to(pose, (count, 4, 4)),
-        seen.sizes(index),
-        np.tile(_DISTANCES, len(_GRID)),
-        np.repeat(_GRID, len(_DISTANCES), axis=0),
-    )
-    origins = kinematics.links(network.predict(rows).q)[0].numpy().astype(float)
+    poses = np.broadcast_to(pose, (len(_GRID) * len(_DISTANCES), 4, 4))
+    distances, free = np.tile(_DISTANCES, len(_GRID)), np.repeat(_GRID, len(_DISTANCES), axis=0)
+    predicted = network.predict(contact.skill, phase, poses, seen.sizes(index), distances, free)
+    origins = kinematics.links(predicted.q)[0].numpy().astype(float)
     joints = origins.reshape(len(_GRID), len(_DISTANCES), -1, 3)
     starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
     points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)

@@ -18,7 +18,7 @@ from clutter_env.policies.motion.arm import ArmKinematics, nearest_home, shorter
 from clutter_env.policies.motion.keep_out import KeepOutRegion, keep_out_of_drives
 from clutter_env.policies.motion.keyframe_planner import choose_free_joints
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
-from clutter_env.policies.motion.network import KeyframeNetwork, network_input, phase_index
+from clutter_env.policies.motion.network import KeyframeNetwork
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import load_policy
@@ -166,8 +166,8 @@ def test_of_two_arm_configurations_the_one_that_is_clear_of_an_object_is_chosen(
 
     np.testing.assert_allclose(chosen(seen), 0.0)
     # A small object in the elbow of that configuration before the descent, higher than the wrist ever is.
-    row = network_input(phase_index("pick", "approach"), ahead[None], seen.sizes(0), 0.18, np.zeros(2))
-    elbow = kinematics.links(network.predict(row).q)[0][0, 4].numpy().astype(float)
+    predicted = network.predict("pick", "approach", ahead[None], seen.sizes(0), 0.18, np.zeros(2))
+    elbow = kinematics.links(predicted.q)[0][0, 4].numpy().astype(float)
     T = np.linalg.inv(planar_pose(seen.base)) @ planar_pose(base)
     small = seen.objects[0].copy()
     small[_ROW["position"]] = T[:3, :3] @ elbow + T[:3, 3]
