@@ -14,8 +14,8 @@ from typing import Any
 import gymnasium as gym
 
 from clutter_env.policies.experts import EXPERTS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
-from clutter_env.policies.protocol import AnyPolicy, PolicyError
-from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
+from clutter_env.policies.protocol import AnyPolicy, PolicyError, begin_episode
+from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
 from clutter_env.task import family
@@ -156,7 +156,8 @@ class RunPolicy:
     is_privileged = True  # wrappers are made for the environment, and skills are masked by it
 
     def __init__(self, directory: Path) -> None:
-        task = load_run(directory)["task"]
+        record = load_run(directory)
+        task, self._algorithm = record["task"], str(record["algorithm"])
         self.acts_by_skills = family(task["env_id"]) == "skill"
         self.grasps = "side" if self.acts_by_skills else "all"
         free = {} if self.acts_by_skills else task["keywords"]
@@ -165,12 +166,22 @@ class RunPolicy:
         self._env: gym.Env[Any, Any] | None = None
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
-        """Start an episode."""
-        from clutter_env.policies.reinforcement import load_trained  # needs torch
+        """Start an episode.
+
+        Raises:
+            LearningError: the directory holds no trained policy, a damaged one, or one of version 0.1.
+        """
+        from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy  # these need torch
+        from clutter_env.policies.reinforcement import ModelPolicy, load_model, training_env
 
         if self._env is not env:
-            self._env, self._policy = env, load_trained(self._directory, env)
-        self._policy.reset(info)
+            self._env, name = env, self._algorithm
+            self._policy: AnyPolicy = (
+                ClonedPolicy.load(self._directory / POLICY_FILE)
+                if name in CLONERS
+                else ModelPolicy(name, load_model(name, self._directory, training_env(name, env)), env)
+            )
+        begin_episode(self._policy, info, env)
 
     def act(self, observation: Any) -> Any:
         """The next action."""

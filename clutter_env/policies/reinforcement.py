@@ -20,9 +20,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from clutter_env.errors import LearningError
-from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy, feature_vector
-from clutter_env.policies.protocol import Policy
-from clutter_env.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
+from clutter_env.policies.cloning import feature_vector
+from clutter_env.policies.runs import GOAL_ALGORITHMS
 from clutter_env.policies.skill_network import SkillNetwork
 from planners import DIRECTIONS
 
@@ -116,18 +115,6 @@ def load_model(name: str, directory: Path, env: gym.Env, with_buffer: bool = Fal
     return model
 
 
-def load_trained(directory: Path, env: gym.Env) -> Policy:
-    """The policy of a training run, for an environment of the task that it was trained on.
-
-    Raises:
-        LearningError: the directory holds no trained policy, a damaged one, or one of version 0.1.
-    """
-    algorithm = load_run(directory)["algorithm"]
-    if algorithm in CLONERS:
-        return ClonedPolicy.load(directory / POLICY_FILE)
-    return ModelPolicy(algorithm, load_model(algorithm, directory, training_env(algorithm, env)), env)
-
-
 class ModelPolicy:
     """A Stable-Baselines3 model as a policy in `env`: the most probable action, in the scale of the environment.
 
@@ -135,7 +122,7 @@ class ModelPolicy:
 
     Args:
         algorithm: that trained the model.
-        model: from observations of `training_env` to its actions.
+        model: from observations of `training_env` to its actions; see `load_model`.
         env: where to act.
     """
 

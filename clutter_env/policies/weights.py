@@ -60,7 +60,7 @@ class WeightsInfo:
         """Refuse an environment with another robot or layout (`PolicyError`); log what else has changed since."""
         other = WeightsInfo(self.kind, *_identities(env), self.grasps)
         if not self.fits(other):
-            raise PolicyError(f"these weights are {self}; the environment has {other.place}")
+            raise PolicyError(f"these are {self}; the environment needs {other}")
         if _LOG.isEnabledFor(logging.INFO):
             for difference in differences(self.provenance, provenance(env)):
                 _LOG.info("weights (%s): %s", self.kind, difference)
@@ -69,14 +69,9 @@ class WeightsInfo:
         """Whether both are for the same robot and layout."""
         return (self.robot, self.layout) == (other.robot, other.layout)
 
-    @property
-    def place(self) -> str:
-        """Robot and layout in words."""
-        names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
-        return "robot {!r} and layout {!r}".format(*names)
-
     def __str__(self) -> str:
-        return f"{self.kind} for {self.place}, grasps {self.grasps!r}"
+        names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
+        return "{} for robot {!r} and layout {!r}, grasps {!r}".format(self.kind, *names, self.grasps)
 
 
 def _identities(env: gym.Env[Any, Any]) -> tuple[Any, Any]:

@@ -77,11 +77,6 @@ class SymbolicState:
         return replace(self, facts=(self.facts - frozenset(remove)) | frozenset(add))
 
     @property
-    def held(self) -> str | None:
-        """The object in a gripper, the first by name of several."""
-        return next(iter(self.all_held), None)
-
-    @property
     def all_held(self) -> tuple[str, ...]:
         """The objects in the grippers, by name."""
         return tuple(fact[1] for fact in self.find("graspedBy", None, None))
@@ -214,11 +209,6 @@ class GroundAction(NamedTuple):
     def gripper(self) -> str | None:
         """The gripper that takes or puts down; None for a base motion."""
         return None if self.name == "MoveBase" else self.args[2 if self.name == "PutDownForClearance" else 1]
-
-    @property
-    def location(self) -> str | None:
-        """The location that the object is taken from or put at; None for a base motion."""
-        return None if self.name == "MoveBase" else self.args[-1]
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.args)})"

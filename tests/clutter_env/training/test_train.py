@@ -148,6 +148,8 @@ def test_an_algorithm_that_does_not_fit_is_refused(tmp_path: Path) -> None:
         train(Run(Task("clutter_env/Nothing-v0"), SHORT_SAC, tmp_path / "run"))
     with pytest.raises(LearningError, match="steps=0 is not valid"):
         SAC(steps=0)
+    with pytest.raises(LearningError, match="seeds=0"):
+        runs_of_seeds(Run(REACH, SHORT_SAC, tmp_path / "run"), 0)
     assert not (tmp_path / "run").exists()
 
 
@@ -229,11 +231,6 @@ def test_a_run_that_crashes_is_named_after_the_others_have_ended(tmp_path: Path)
     with pytest.raises(LearningError, match="b: Traceback"):
         train_all([bad, good], workers=1)
     assert (tmp_path / "a" / "history.json").exists()
-
-
-def test_too_few_seeds_are_refused() -> None:
-    with pytest.raises(LearningError, match="seeds=0"):
-        runs_of_seeds(Run(REACH, SHORT_SAC, Path("none")), 0)
 
 
 def test_cloning_fits_what_a_network_can_say(tmp_path: Path) -> None:
