@@ -265,16 +265,17 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.check_started("save_state()")
         scene, control, arm = self.world.scene, self.world.controller.state, self._end_effector
         assert scene is not None
-        several = {"other_held": self.measurements.other_held, "other_fingers": control.other_fingers}
+        (held, *other_held), (finger, *other_fingers) = self.measurements.all_held, control.fingers
+        several = {"other_held": other_held, "other_fingers": other_fingers}
         memory = {
             "task": self._memory(),
             "judge": self._monitor.memory(),
-            **(several if control.other_fingers else {}),
-            "held": self.measurements.held,
+            **(several if other_fingers else {}),
+            "held": held,
             "is_touching": self.measurements.is_touching,
             "target": control.target.tolist(),
             "velocity": control.velocity.tolist(),
-            "finger": control.finger,
+            "finger": finger,
             "wanted_tcp": arm.wanted if arm else None,
             **({_IK_FAILURES: arm.failures} if arm else {}),
             "rng": self.np_random.bit_generator.state,
@@ -304,12 +305,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         control = ControlState(
             memory.numbers("target", (size,)),
             memory.numbers("velocity", (size,)),
-            memory.number("finger"),
-            tuple(memory.numbers("other_fingers", (others,)).tolist()) if others else (),
+            (memory.number("finger"), *(memory.numbers("other_fingers", (others,)).tolist() if others else ())),
         )
         ik_failures = memory.integer(_IK_FAILURES, 0, 2**31) if counts_failures else 0
         held, is_touching = memory.integer("held", -1, last_slot), memory.flag("is_touching")
-        other_held = tuple(memory.integers("other_held", others, -1, last_slot).tolist()) if others else ()
+        all_held = (held, *(memory.integers("other_held", others, -1, last_slot).tolist() if others else ()))
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["judge"], scene.num_objects, others + 1)
         bookkeeping = self._read_memory(memory["task"])
@@ -317,7 +317,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.world, world.controller.state = world, control
         if arm and wanted_tcp is not None:
             arm.wanted, arm.failures = wanted_tcp.tolist(), ik_failures
-        self.measurements = world.measure_objects(held, is_touching, other_held)
+        self.measurements = world.measure_objects(all_held, is_touching)
         self._has_started = True
         self._monitor = SuccessMonitor.recall(watched, world, self.measurements, self.target_slot)
         self._recall(bookkeeping)
@@ -351,13 +351,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _is_success(self) -> bool:
         """Whether the task is done in the present state."""
 
-    @abstractmethod
     def _memory(self) -> dict[str, Any]:
-        """The task's bookkeeping as JSON values."""
+        """The task's bookkeeping as JSON values; nothing if it follows from the present state."""
+        return {}
 
-    @abstractmethod
     def _read_memory(self, memory: Any) -> Any:
         """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
+        return Fields(memory, "memory task", ())
 
     @abstractmethod
     def _recall(self, bookkeeping: Any) -> None:

@@ -41,26 +41,25 @@ class Measurements:
     """Measured quantities after a control step, from which observation, reward and success follow.
 
     `poses` (n, 7) world poses of the objects, `is_fallen` (n,) toppled or off the table, `is_off` (n,) below the table
-    top, `held` slot between both fingers or -1, `is_touching` whether a finger touches anything. Of a robot that acts
-    with several arms, `other_held` are the slots in the other grippers; `held` is that of the active one.
+    top, `all_held` for each gripper, that of the active arm first, the slot between both fingers or -1, `is_touching`
+    whether a finger touches anything.
     """
 
     poses: NDArray[np.float64]
     is_fallen: NDArray[np.bool_]
     is_off: NDArray[np.bool_]
-    held: int
+    all_held: tuple[int, ...]
     is_touching: bool
-    other_held: tuple[int, ...] = ()
 
     @property
-    def all_held(self) -> tuple[int, ...]:
-        """The slot in each gripper, -1 for none, that of the active arm first."""
-        return self.held, *self.other_held
+    def held(self) -> int:
+        """The slot in the gripper of the active arm, -1 for none."""
+        return self.all_held[0]
 
     @property
     def is_holding(self) -> bool:
         """Whether some gripper holds something."""
-        return self.held >= 0 or any(slot >= 0 for slot in self.other_held)
+        return any(slot >= 0 for slot in self.all_held)
 
 
 class World:
@@ -138,7 +137,7 @@ class World:
         """The present state of the objects."""
         return self.measure_objects(*self._grip())
 
-    def measure_objects(self, held: int, is_touching: bool, other_held: tuple[int, ...] = ()) -> Measurements:
+    def measure_objects(self, all_held: tuple[int, ...], is_touching: bool) -> Measurements:
         """The present state of the objects, where it is known what the fingers hold and touch.
 
         It is the same object as the last time if nothing has changed, as in most steps while all objects sleep.
@@ -146,17 +145,16 @@ class World:
         content = self.data.qpos[self.index.object_qpos].tobytes()
         if self._last is not None:
             before, last = self._last
-            is_same_grip = held == last.held and is_touching == last.is_touching and other_held == last.other_held
-            if content == before and is_same_grip:
+            if content == before and all_held == last.all_held and is_touching == last.is_touching:
                 return last
         poses = np.frombuffer(content).reshape(-1, 7)
         is_off = poses[:, 2] < FALLEN_BELOW
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
-        for slot in (held, *other_held):
+        for slot in all_held:
             if slot >= 0:
                 is_fallen[slot] = False
-        measurements = Measurements(poses, is_fallen, is_off, held, is_touching, other_held)
+        measurements = Measurements(poses, is_fallen, is_off, all_held, is_touching)
         self._last = content, measurements
         return measurements
 
@@ -172,18 +170,18 @@ class World:
             side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
         return height - side - half_z * abs(down_z)
 
-    def _grip(self) -> tuple[int, bool, tuple[int, ...]]:
-        """The object that both fingers touch, -1 for none; whether a finger touches anything; the others' objects."""
+    def _grip(self) -> tuple[tuple[int, ...], bool]:
+        """The object that both fingers of each gripper touch, -1 for none; whether a finger touches anything."""
         grippers = self.index.finger_geoms
         if not self.data.ncon:
-            return -1, False, (-1,) * (len(grippers) - 1)
+            return (-1,) * len(grippers), False
         contacts, slot_of = self.data.contact.geom.tolist(), self._slot_of_geom
         touched = [
             [{max(slot_of[one], slot_of[other]) for one, other in contacts if pad in (one, other)} for pad in pads]
             for pads in grippers
         ]
-        held, *others = (min((slot for slot in right & left if slot >= 0), default=-1) for right, left in touched)
-        return held, any(right or left for right, left in touched), tuple(others)
+        all_held = tuple(min((slot for slot in right & left if slot >= 0), default=-1) for right, left in touched)
+        return all_held, any(right or left for right, left in touched)
 
 
 def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:

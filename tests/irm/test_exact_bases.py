@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from irm.answers import Status
-from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.solvers import ExactSolver
 from irm.verification import NotVerified, tcp_poses, verify
@@ -112,8 +111,3 @@ def test_targets_of_several_are_decided_on_request(coarse_inverse, table_floor):
     for base, yaws, torso in zip(placement.poses, placement.approach_yaw, placement.torso, strict=True):
         assert np.all(reaches(base, targets, yaws, 0.2) == Status.YES.value)
         assert torso.shape == (2,)
-
-
-def test_exact_is_refused_if_it_is_no_answer(coarse_inverse):
-    with pytest.raises(QueryError, match="exact is True, False or None"):
-        coarse_inverse.query((0.0, 0.0, 0.9), exact="yes")

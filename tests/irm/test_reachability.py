@@ -63,17 +63,6 @@ def test_the_eight_images_of_a_voxel_are_those_of_a_scan_of_their_own(coarse_map
         assert stored == pytest.approx(best, abs=1e-6)
 
 
-def test_a_map_is_its_own_mirror_image(coarse_map):
-    z, o, i, j = coarse_map.indices()
-    orientations = coarse_map.grid.orientations
-    group = np.searchsorted(orientations.start, o, side="right") - 1
-    start, count = orientations.start[group], orientations.count[group]
-    mirrored = start + (-(o - start)) % count
-    cells = np.ravel_multi_index((z, mirrored, i, coarse_map.grid.shape[3] - 1 - j), coarse_map.grid.shape)
-    np.testing.assert_array_equal(np.sort(cells), coarse_map.cells)
-    np.testing.assert_allclose(coarse_map.manipulability[np.argsort(cells)], coarse_map.manipulability, atol=1e-6)
-
-
 def test_reachability_index_counts_orientations(coarse_map):
     index = coarse_map.reachability_index
     assert index.max() <= 100.0

@@ -23,7 +23,7 @@ class Table:
         self.monitor = SuccessMonitor(None, self.measurements(), -1)  # type: ignore[arg-type]  # read for a target only
 
     def measurements(self) -> Measurements:
-        return Measurements(self.poses.copy(), self.fallen.copy(), self.fallen & False, self.held, self.held >= 0)
+        return Measurements(self.poses.copy(), self.fallen.copy(), self.fallen & False, (self.held,), self.held >= 0)
 
     def step(self, slot: int = 0, by: tuple[float, float, float] = (0.0, 0.0, 0.0), count: int = 1) -> None:
         for _ in range(count):
