@@ -225,9 +225,9 @@ def test_several_seeds_are_trained_in_parallel_and_resumed(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_a_run_that_crashes_is_named_after_the_others_have_ended(tmp_path: Path) -> None:
+def test_a_run_that_crashes_is_named_after_the_others_have_ended(demos: Path, tmp_path: Path) -> None:
     good = Run(REACH, SHORT_SAC, tmp_path / "a")
-    bad = Run(PICK, BC(demos=tmp_path / "nothing", **BRIEF), tmp_path / "b")
+    bad = Run(REACH, BC(demos=demos, **BRIEF), tmp_path / "b")  # of another task: seen once it is read
     with pytest.raises(LearningError, match="b: Traceback"):
         train_all([bad, good], workers=1)
     assert (tmp_path / "a" / "history.json").exists()
