@@ -15,7 +15,6 @@ from clutter_env.data.dataset import Dataset
 from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, load_run
 from clutter_env.provenance import differences as made_differently
-from clutter_env.provenance import provenance
 from clutter_env.reporting.files import json_values, write_json
 from clutter_env.task import Task
 
@@ -202,9 +201,7 @@ class Run:
             LearningError: the algorithm does not learn on this task; the directory holds a run, and it is not to be
                 resumed, is another one, or was made with another environment (the message names what differs).
         """
-        env = self.task.make()
-        present = provenance(env)
-        env.close()
+        present = self.task.provenance()
         if self.task.family not in self.settings.families:
             fitting = ", ".join(name for name, kind in SETTINGS.items() if self.task.family in kind.families)
             raise LearningError(
@@ -240,11 +237,7 @@ class Run:
 
     def write_record(self) -> None:
         """Write the record, and what the run is made with, into its directory, which is made if it does not exist."""
-        env = self.task.make()
-        try:
-            write_json(self.directory / RUN_FILE, {**self.describe(), "provenance": provenance(env)})
-        finally:
-            env.close()
+        write_json(self.directory / RUN_FILE, {**self.describe(), "provenance": self.task.provenance()})
 
 
 def runs_of_seeds(run: Run, count: int) -> list[Run]:

@@ -14,6 +14,7 @@ import clutter_env
 from assets.robots import FETCH
 from planners import EpisodeReport, Scene, Solution, TampExpert, solve
 from planners.expert.interfaces import num_disturbances
+from tests.planners.plans import play
 
 assert clutter_env
 
@@ -56,8 +57,7 @@ def test_what_is_put_on_a_counter_has_not_fallen() -> None:
     _, info = env.reset(seed=100_010)
     expert = TampExpert(env, grasps="side", supports=("counter_left",))
     expert.reset(info["target"])
-    while not expert.done:
-        *_, info = env.step(expert.act())
+    info = play(env, expert)
     assert info["is_success"]
     assert info["num_cleared"] == len(expert.report.clearances) == 1
     scene = Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)
