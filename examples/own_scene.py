@@ -31,7 +31,7 @@ data.qpos[[model.joint(name).qposadr[0] for name in FETCH.drive_joints[3:]]] = F
 mujoco.mj_forward(model, data)
 scene = Scene.from_mujoco(model, data, FETCH, movable=["can", *BOXES], support="table")
 strategy = Strategy("nearest", grasps="greedy", region="ngr1", locations="priority")
-solution = Planner(FETCH, engine=LoggingPlanner()).solve(scene, "can", strategy)
+solution = Planner(FETCH, grasps="side", engine=LoggingPlanner()).solve(scene, "can", strategy)
 print(solution.summary())
 solution.save("plan.npz")
 solution.plot().figure.savefig("plan.png")
