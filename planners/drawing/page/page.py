@@ -109,9 +109,8 @@ def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
             if sample.phase.held and sample.phase.touched is not None:
                 in_hand.append((sample.phase.touched, scene.robot, state))
             for held, robot, holding in in_hand:
-                T, quaternion = tcp_pose(robot, holding) @ held.T_tcp_object, np.empty(4)
-                mujoco.mju_mat2Quat(quaternion, T[:3, :3].ravel())
-                positions.put(held.name, T[:3, 3], quaternion)
+                body = scene.body(held.name).at_pose(tcp_pose(robot, holding) @ held.T_tcp_object)
+                positions.put(body.name, body.position, body.quaternion)
             phase = f"{f'{action.name} {action.target}'.rstrip()}: {sample.phase.name}"
             yield Frame(start + float(time), positions.qpos.astype(np.float32), 0, index, phase)
         start += trajectory.duration
