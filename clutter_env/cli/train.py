@@ -33,7 +33,7 @@ from clutter_env.training.settings import (
 )
 
 if TYPE_CHECKING:
-    from clutter_env.training.settings import Run
+    from clutter_env.training.run import Run
     from clutter_env.training.train import Trained
 
 _ENVIRONMENTS = {
@@ -98,7 +98,7 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Train and print the histories."""
     from clutter_env.reporting.files import write_json
-    from clutter_env.training.settings import runs_of_seeds
+    from clutter_env.training.run import runs_of_seeds
     from clutter_env.training.train import train_all
 
     runs = runs_of_seeds(make_run(arguments), arguments.seeds)
@@ -120,7 +120,7 @@ def make_run(arguments: Arguments) -> Run:
     """The run that the arguments describe; the environment refuses what it does not know."""
     from clutter_env.data.dataset import Dataset
     from clutter_env.task import Task
-    from clutter_env.training.settings import Run
+    from clutter_env.training.run import Run
 
     settings: Settings = arguments.settings
     names = ("control_mode", "reward_mode", "layout", "obstructed", "simulation", "geometric_mask", "feasibility")

@@ -28,7 +28,8 @@ from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
 from clutter_env.task import Task
 from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
-from clutter_env.training.settings import BC, DAgger, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import BC, DAgger
 
 DAGGER_SEEDS = 500_000
 """First seed of the learner's own episodes in DAgger."""

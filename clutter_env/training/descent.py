@@ -14,7 +14,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from clutter_env.policies.runs import HISTORY_FILE
 from clutter_env.reporting.files import write_json, written_atomically
-from clutter_env.training.settings import Run
+from clutter_env.training.run import Run
 
 Report: TypeAlias = Callable[[int, float], None]
 """Called with the number of a gradient step and the loss."""

@@ -24,7 +24,8 @@ from clutter_env.training.high_level_examples import (
     roll_out,
     visited_examples,
 )
-from clutter_env.training.settings import Decisions, DecisionsDAgger, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import Decisions, DecisionsDAgger
 
 EXAMPLES_FILE = "examples.npz"
 _FIRST_SEED, _SEEDS_OF_A_RUN = 10_000, 20_000

@@ -44,7 +44,8 @@ from clutter_env.training.motion_examples import (
     motions_of,
     planned_motions,
 )
-from clutter_env.training.settings import Keyframes, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import Keyframes
 
 _FIRST_SEED, _SEEDS_OF_A_RUN = 100_000, 20_000
 """Scenes of plans: those of a training seed, all below the held-out ones."""

@@ -29,7 +29,8 @@ from clutter_env.policies.reinforcement import (
 from clutter_env.policies.runs import GOAL_ALGORITHMS
 from clutter_env.reporting.files import write_atomically, written_atomically
 from clutter_env.training.descent import RunLog
-from clutter_env.training.settings import PPO, SAC, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import PPO, SAC
 from clutter_env.training.skills import clone_skills
 
 

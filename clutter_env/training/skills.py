@@ -24,7 +24,8 @@ from clutter_env.envs.skill import BODY_FIELDS, SKILL_COST
 from clutter_env.errors import DatasetError
 from clutter_env.policies.skill_network import YAWS, YAWS_OF_DIRECTION, GraspScores, SkillNetwork
 from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
-from clutter_env.training.settings import PPO, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import PPO
 from planners import DIRECTIONS, Scene, SkillPlanner, generate_grasps
 
 MAX_CLEARANCES = 4

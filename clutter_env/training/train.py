@@ -9,7 +9,8 @@ from functools import partial
 
 from clutter_env.errors import LearningError
 from clutter_env.parallel import Crash, Killed, run_jobs
-from clutter_env.training.settings import BC, PPO, SAC, Keyframes, Run, Settings
+from clutter_env.training.run import Run
+from clutter_env.training.settings import BC, PPO, SAC, Keyframes, Settings
 
 History = list[dict[str, float]]
 

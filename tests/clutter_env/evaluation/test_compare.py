@@ -22,7 +22,8 @@ from clutter_env.reporting.files import json_text
 from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor
 from clutter_env.task import Task
-from clutter_env.training.settings import SAC, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import SAC
 
 O15 = SceneSet("side-15-v1", count=2)
 O5 = SceneSet(env_id="clutter_env/Retrieve-o5-v0", count=1)

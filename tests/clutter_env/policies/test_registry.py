@@ -27,7 +27,8 @@ from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
 from clutter_env.policies.weights import PROBLEMS, WeightsInfo, load_weights, save_weights, shipped_path
 from clutter_env.scene.layout import Layout
 from clutter_env.task import Task
-from clutter_env.training.settings import Decisions, Keyframes, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import Decisions, Keyframes
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:

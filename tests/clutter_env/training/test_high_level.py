@@ -27,7 +27,8 @@ from clutter_env.training.high_level_examples import (
     scene_of,
     visited_examples,
 )
-from clutter_env.training.settings import DecisionsDAgger, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import DecisionsDAgger
 from clutter_env.training.train import train
 
 RULE = CandidateRule(FETCH, find_layout("paper"))

@@ -41,7 +41,8 @@ from clutter_env.training.motion_examples import (
     planned_motions,
 )
 from clutter_env.training.motions import fit_motions, high_level_of
-from clutter_env.training.settings import Keyframes, Run
+from clutter_env.training.run import Run
+from clutter_env.training.settings import Keyframes
 from clutter_env.training.train import train
 from planners import tcp_pose
 from planners.scene import RobotState

@@ -27,18 +27,8 @@ from clutter_env.policies.runs import load_run
 from clutter_env.task import Task
 from clutter_env.training.cloning import Examples, clone
 from clutter_env.training.reinforcement import make_model, save_model
-from clutter_env.training.settings import (
-    BC,
-    PPO,
-    SAC,
-    TQC,
-    DAgger,
-    MaskablePPO,
-    Run,
-    Settings,
-    differences,
-    runs_of_seeds,
-)
+from clutter_env.training.run import Run, differences, runs_of_seeds
+from clutter_env.training.settings import BC, PPO, SAC, TQC, DAgger, MaskablePPO, Settings
 from clutter_env.training.train import train, train_all
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")

@@ -1,0 +1,110 @@
+"""A training run: what to train, checked and recorded in the run's directory; without torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from clutter_env.data.dataset import Dataset
+from clutter_env.errors import LearningError
+from clutter_env.policies.runs import RUN_FILE, load_run
+from clutter_env.provenance import differences as made_differently
+from clutter_env.reporting.files import json_values, write_json
+from clutter_env.task import Task
+from clutter_env.training.settings import SETTINGS, Settings
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of an algorithm.
+
+    Attributes:
+        task: environment and keyword arguments.
+        settings: of the algorithm; one of `SETTINGS`.
+        directory: of the run.
+        seed: random seed.
+    """
+
+    task: Task
+    settings: Settings
+    directory: Path
+    seed: int = 0
+
+    def check(self, resume: bool = False) -> None:
+        """Make sure that the run can be started, or resumed; nothing is written.
+
+        Raises:
+            UnknownTask: no such environment, or not with these keyword arguments.
+            DatasetError: the demonstrations are not there, or not complete.
+            LearningError: the algorithm does not learn on this task; the directory holds a run, and it is not to be
+                resumed, is another one, or was made with another environment (the message names what differs).
+        """
+        present = self.task.provenance()
+        if self.task.family not in self.settings.families:
+            fitting = ", ".join(name for name, kind in SETTINGS.items() if self.task.family in kind.families)
+            raise LearningError(
+                f"{self.settings.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}"
+            )
+        if demos := getattr(self.settings, "demos", None):
+            len(Dataset(demos))  # raises before the run's directory is made, where a corrected command would meet it
+        if not (self.directory / RUN_FILE).exists():
+            return
+        if not resume:
+            raise LearningError(
+                f"{self.directory} holds a training run; resume it (--resume), or choose another directory"
+            )
+        there, now = load_run(self.directory), self.describe()
+        made_with = there.pop("provenance", None)
+        different = differences({**there, "steps": 0}, {**now, "steps": 0})
+        if now["steps"] < there["steps"]:
+            different.append(f"steps: {there['steps']} there, {now['steps']} now, which is less")
+        if different:
+            raise LearningError(
+                f"{self.directory} holds another run, which cannot be resumed as this one ({'; '.join(different)})"
+            )
+        if changed := made_differently(made_with, present):
+            raise LearningError(f"{self.directory} cannot be resumed. {' '.join(changed)}")
+
+    def describe(self) -> dict[str, Any]:
+        """The record of the run as JSON values: all but its directory and the interval of its checkpoints."""
+        settings = json_values(self.settings)
+        settings.pop("checkpoint_every", None)
+        steps = settings.pop("steps")
+        record = {"algorithm": self.settings.algorithm, "task": self.task, "steps": steps, "seed": self.seed}
+        return {**json_values(record), "settings": settings}
+
+    def write_record(self) -> None:
+        """Write the record, and what the run is made with, into its directory, which is made if it does not exist."""
+        write_json(self.directory / RUN_FILE, {**self.describe(), "provenance": self.task.provenance()})
+
+
+def runs_of_seeds(run: Run, count: int) -> list[Run]:
+    """The run with `count` seeds from its own on, each in seed-N/ in its directory; only the run itself for one seed.
+
+    Raises:
+        LearningError: fewer than one seed.
+    """
+    if count < 1:
+        raise LearningError(f"seeds={count} is not valid; it must be at least 1")
+    if count == 1:
+        return [run]
+    return [
+        replace(run, seed=seed, directory=run.directory / f"seed-{seed}") for seed in range(run.seed, run.seed + count)
+    ]
+
+
+def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two records of a run, in words, such as "seed: 0 there, 1 now".
+
+    Groups of values (mappings) that the first record lacks are not compared: runs of earlier versions lack some.
+    """
+    found = []
+    for name in dict.fromkeys((*there, *now)):
+        old, new = there.get(name), now.get(name)
+        if isinstance(new, Mapping):
+            found += differences(old, new) if isinstance(old, Mapping) else []
+        elif old != new:
+            found.append(f"{name}: {old!r} there, {new!r} now")
+    return found
