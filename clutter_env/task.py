@@ -11,6 +11,7 @@ import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.errors import ConfigError, UnknownTask
+from clutter_env.provenance import provenance
 
 HELD_OUT = 1_000_000
 """Seeds from this one on are for evaluation: nothing is collected or trained on them."""
@@ -36,6 +37,14 @@ class Task:
             raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}") from None
         except ConfigError as problem:
             raise UnknownTask(f"{self.env_id}: {problem}") from problem
+
+    def provenance(self) -> dict[str, Any]:
+        """What would be recorded in this environment now is made with; see `clutter_env.provenance`."""
+        env = self.make()
+        try:
+            return provenance(env)
+        finally:
+            env.close()
 
     @property
     def family(self) -> str:

@@ -2,9 +2,8 @@
 
 import mujoco
 
-from assets.robots import FETCH
-from planners import Planner, Scene, Solution, Strategy, execute
-from planners import AStar
+from assets import FETCH
+from planners import AStar, Planner, Scene, Solution, Strategy, execute
 
 BOXES = {"tea": (0.95, -0.06), "rice": (0.95, 0.06), "salt": (1.05, 0.1), "flour": (1.05, -0.1), "sugar": (1.15, 0)}
 BODY = '<body name="{}" pos="{} {} 0.82"><freejoint/><geom type="box" size="0.025 0.025 0.08" mass="0.2"/></body>'
@@ -32,7 +31,7 @@ data.qpos[[model.joint(name).qposadr[0] for name in FETCH.drive_joints[3:]]] = F
 mujoco.mj_forward(model, data)
 scene = Scene.from_mujoco(model, data, FETCH, movable=["can", *BOXES], support="table")
 strategy = Strategy("nearest", grasps="greedy", region="ngr1", locations="priority")
-solution = Planner(FETCH, engine=LoggingPlanner()).solve(scene, "can", strategy)
+solution = Planner(FETCH, grasps="side", engine=LoggingPlanner()).solve(scene, "can", strategy)
 print(solution.summary())
 solution.save("plan.npz")
 solution.plot().figure.savefig("plan.png")

@@ -12,7 +12,6 @@ Example:
 
 from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.chain import PRISMATIC, ArmChain, frames_of, pose_of
-from irm.classification import classify, decide
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
@@ -21,7 +20,16 @@ from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachability
 from irm.kinematics import fk_frames, forward, link_origins
 from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
 from irm.robot_shape import SolidBoxes, robot_radius
-from irm.verification import NotVerified, SelfCollision, Verified, compare_with_model, tcp_poses, verify
+from irm.verification import (
+    NotVerified,
+    SelfCollision,
+    Verified,
+    classify,
+    compare_with_model,
+    decide,
+    tcp_poses,
+    verify,
+)
 
 __all__ = [
     "CLOSED_FORM",

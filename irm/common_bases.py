@@ -272,25 +272,29 @@ def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shif
 
 
 @njit(cache=True)
-def _best_sample(
-    field: GroupField, query: MultiTargetQuery, m: int, point: Floats, x: float, y: float, yaw: float, own: int
+def _best_yaw(
+    field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
 ) -> tuple[float, int]:
-    """Best μ of the m-th position in the frame of a base, 0 out of reach, and its yaw sample: the best one within the
-    window, or the reference's `own` one."""
-    yaws = field.mu.shape[1]
+    """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
+    mu_of, yaws = field.mu, field.mu.shape[1]
     layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
-    if query.same_yaw or m == 0:
-        return (float(field.mu[layer, own, i, j]) if inside else 0.0), own
-    best, sample, low, span = 0.0, -1, query.windows[m, 0], query.windows[m, 1]
+    best, sample = 0.0, -1
     if not inside:
         return best, sample
     for g in range(yaws):
-        mu = field.mu[layer, g, i, j]
+        mu = mu_of[layer, g, i, j]
         if mu > best:
             beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
             if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
                 best, sample = mu, g
     return best, sample
+
+
+@njit(cache=True)
+def _mu_at(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
+    """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
+    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    return float(field.mu[layer, sample, i, j]) if inside else 0.0
 
 
 @njit(cache=True)
@@ -322,7 +326,7 @@ def _best_common_base(
     best, best_base, best_turn = 0.0, -1, -1
     bounded = raster.cells.size > 0
     x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
-    points, yaws = query.points, query.yaws
+    points, yaws, windows = query.points, query.yaws, query.windows
     for tile in range(tiles.key_first[query.key], tiles.key_first[query.key + 1]):
         if tiles.tile_mu[tile] <= best:
             break
@@ -341,7 +345,10 @@ def _best_common_base(
                 score = float(mu_of[base])
                 own = _own_sample(field, yaw_of[base])
                 for m in range(1, points.shape[1]):
-                    mu, _ = _best_sample(field, query, m, points[turn, m], x, y, yaw, own)
+                    if query.same_yaw:
+                        mu = _mu_at(field, x, y, yaw, points[turn, m], own)
+                    else:
+                        mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
                     score = min(score, mu)
                     if score <= best:
                         break
@@ -381,7 +388,9 @@ def best_common_bases(
         certain = query.exact
         for m in range(query.points.shape[1]):
             point = query.points[turn, m]
-            _, sample = _best_sample(field, query, m, point, x, y, yaw, own)
+            sample = own
+            if not query.same_yaw and m > 0:
+                _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
             layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
             certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
             height_offset = point[2] - field.z0 - (layer + 0.5) * field.thickness

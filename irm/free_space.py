@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
-from irm.compilation import njit
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.errors import QueryError
 
 Floats = NDArray[np.float64]
@@ -117,12 +117,10 @@ def point_is_free(raster: Raster, x: float, y: float) -> bool:
     return free
 
 
-@njit(cache=True)
-def _points_are_free(raster: Raster, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    free = np.empty(x.size, np.bool_)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _points_are_free(raster: Raster, x: Floats, y: Floats, free: NDArray[np.bool_]) -> None:
     for k in range(x.size):
         free[k] = point_is_free(raster, x[k], y[k])
-    return free
 
 
 @njit(cache=True, inline="always")
@@ -271,7 +269,9 @@ class FreeSpace:
 
     def are_free(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """`is_free` of many points; `x` and `y` have the same shape, and so has the answer."""
-        return np.asarray(_points_are_free(self.raster, np.ravel(x), np.ravel(y)).reshape(np.shape(x)))
+        free = np.empty(np.size(x), np.bool_)
+        _points_are_free(self.raster, np.ravel(x), np.ravel(y), free)
+        return free.reshape(np.shape(x))
 
     @cached_property
     def is_empty(self) -> bool:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.common_bases import place_for_path, place_for_targets
-from irm.equations import inverse_reachability
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.inverse_table import SPARE_BASES, InverseTable
@@ -350,8 +349,18 @@ class ClassicalInverseReachabilityMap:
         return (np.clip(torso + key.height_offset, lower, upper) if upper > lower else torso), certain
 
 
+def inverse_reachability(R: Floats, p: Floats) -> tuple[Floats, Floats]:
+    """Equation 4: T_eff = I, T_base = T_eff⁻¹, for TCP orientations `R` (n, 3, 3) and positions `p` (n, 3) [m].
+
+    Returns:
+        Orientations (n, 3, 3) and positions (n, 3) of the base in the TCP frame.
+    """
+    R_base = R.transpose(0, 2, 1)
+    return R_base, -np.einsum("nij,nj->ni", R_base, p)
+
+
 def _inverse_transforms(rm: ReachabilityMap) -> Floats:
-    """T_base of equation 4 (4, n, 4): row r of transform k is [r, k], so that one product transforms all of them."""
+    """T_base of every pose (4, n, 4): row r of transform k is [r, k], so that one product transforms all of them."""
     R = np.array([rotation(*angles) for angles in rm.grid.orientations.angles])
     _, orientation, _, _ = rm.indices()
     R_base, p_base = inverse_reachability(R[orientation], rm.positions)

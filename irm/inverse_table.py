@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.answers import NO, YES
-from irm.equations import inverse_reachability_on_floor
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.solvers import ExactSolver
@@ -196,6 +195,23 @@ def _about_z(angle: Floats) -> Floats:
     c, s = np.cos(angle), np.sin(angle)
     R[..., 0, 0], R[..., 0, 1], R[..., 1, 0], R[..., 1, 1], R[..., 2, 2] = c, -s, s, c, 1.0
     return R
+
+
+def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats, Floats]:
+    """Equation 5: T_eff = [R(0, β, α), (0, 0, z)], T_base = [Rz(-γ), Rz(π - γ) (x, y, 0)].
+
+    The base stays on the floor, under a TCP at the origin with approach yaw 0. Height z, pitch β and roll α of the TCP
+    do not change: they are the key by which the bases are found.
+
+    Args:
+        x, y: (n,) TCP positions in the base frame [m].
+        yaw: (n,) TCP yaws γ in the base frame [rad].
+
+    Returns:
+        x, y [m] and yaw [rad] of the bases, each (n,).
+    """
+    c, s = np.cos(np.pi - yaw), np.sin(np.pi - yaw)
+    return c * x - s * y, s * x + c * y, -yaw
 
 
 def invert_map(rm: ReachabilityMap) -> Tiles:

@@ -95,7 +95,8 @@ def arm_jacobian(axes: Integers, R: Floats, p: Floats, J: Floats) -> None:
             J[3, k - 1], J[4, k - 1], J[5, k - 1] = ax, ay, az
 
 
-def _frames(chain: ArmChain, q: ArrayLike) -> tuple[Floats, Floats]:
+def link_frames(chain: ArmChain, q: ArrayLike) -> tuple[Floats, Floats]:
+    """Orientations (2 + n, 3, 3) and origins (2 + n, 3) [m] of the links' frames and the TCP's in the base frame."""
     configuration = np.array(q, dtype=float)
     if configuration.shape != (chain.size,):
         raise ChainError(
@@ -109,7 +110,7 @@ def _frames(chain: ArmChain, q: ArrayLike) -> tuple[Floats, Floats]:
 
 def forward(chain: ArmChain, q: ArrayLike) -> Floats:
     """T_base_tcp (4, 4) of a configuration (1 + n,)."""
-    R, p = _frames(chain, q)
+    R, p = link_frames(chain, q)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R[-1], p[-1]
     return T
@@ -117,7 +118,7 @@ def forward(chain: ArmChain, q: ArrayLike) -> Floats:
 
 def link_origins(chain: ArmChain, q: ArrayLike) -> Floats:
     """(2 + n, 3) origins of the torso's and all arm joints' frames, and of the TCP, in the base frame [m]."""
-    return _frames(chain, q)[1]
+    return link_frames(chain, q)[1]
 
 
 def jacobian(chain: ArmChain, q: ArrayLike) -> Floats:
@@ -125,7 +126,7 @@ def jacobian(chain: ArmChain, q: ArrayLike) -> Floats:
 
     Rows: linear velocity [m] per unit of joint motion, then angular [rad]. The torso has no column.
     """
-    R, p = _frames(chain, q)
+    R, p = link_frames(chain, q)
     J = np.empty((6, chain.size - 1))
     arm_jacobian(chain.axes, R, p, J)
     return J

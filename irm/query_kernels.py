@@ -227,7 +227,7 @@ def _next_candidate(
 
 @njit(cache=True, inline="always")
 def _next_in_order(
-    ranking: Ranking, start: int, place: TcpPlace, turns: Turns, floor: FloorAround, taken: Floats, count: int
+    ranking: Ranking, start: int, place: TcpPlace, turns: Turns, around: FloorAround, taken: Floats, count: int
 ) -> tuple[int, int]:
     """The first base of a ranking, from `start` on, that is free and apart from the first `count` rows of `taken`.
 
@@ -236,7 +236,7 @@ def _next_in_order(
     On the rings a turn by one yaw sample of the map is the same as the next yaw sample of the same voxel. So only the
     best sample of each voxel is needed, and all its positions around the TCP are equally good.
     """
-    raster, masks, where = floor.raster, floor.masks, ranking.where
+    raster, masks, where = around.raster, around.masks, ranking.where
     bounded = raster.cells.size > 0
     gap = floor_gap(raster, place.x, place.y) - ROUNDING if bounded else 0.0
     end, steps = ranking.first[place.key + 1], ranking.skip.shape[1] - 1
@@ -259,7 +259,7 @@ def _next_in_order(
                 if turns.sectors[part, turn] & free_sectors != 0:
                     c, s = turns.directions[turn, 0], turns.directions[turn, 1]
                     at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
-                    if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, floor.apart):
+                    if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, around.apart):
                         found = turn
                 turn += 1
             if found >= 0:
@@ -313,7 +313,7 @@ def lay_out_turns(window: YawWindow) -> Turns:
 
 @njit(cache=True, inline="always")
 def _best_bases(
-    tiles: Tiles, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
+    tiles: Tiles, ranking: Ranking, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
 ) -> None:
     """The k best bases for one TCP pose, each apart from the better ones, into `rows`.
 
@@ -322,11 +322,10 @@ def _best_bases(
     """
     lower, upper = tiles.torso_lower, tiles.torso_upper
     torso_follows = upper > lower
-    ranking = tiles.rings if turns.all_around else tiles.ranked
     turn = 0
     while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
         k = progress[0]
-        rank, turn = _next_in_order(ranking, progress[1], place, turns, floor, rows, k)
+        rank, turn = _next_in_order(ranking, progress[1], place, turns, around, rows, k)
         progress[1] = rank
         if turn >= 0:
             base = ranking.base[rank]
@@ -346,9 +345,11 @@ def _best_bases(
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _best_bases_at_turns(
-    tiles: Tiles, place: TcpPlace, turns: Turns, floor: FloorAround, rows: Floats, progress: Integers
+    tiles: Tiles, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
 ) -> None:
-    _best_bases(tiles, place, turns, floor, rows, progress)
+    """`_best_bases` by itself: what lays out the turns allocates, and counting references would slow this down."""
+    ranking = tiles.rings if turns.all_around else tiles.ranked
+    _best_bases(tiles, ranking, place, turns, around, rows, progress)
 
 
 @njit(cache=True)
@@ -365,20 +366,21 @@ def _best_bases_of_some(
     queries: PlaceQueries,
     order: Integers,
     turns: Turns,
-    floor: FloorAround,
+    around: FloorAround,
     rows: Floats,
     counts: Integers,
     progress: Integers,
 ) -> None:
     """The best bases of those queries whose numbers are in `order`, with the same turns."""
+    ranking = tiles.rings if turns.all_around else tiles.ranked
     for i in order:
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if queries.keys[i] >= 0:
             x, y, offset = queries.positions[i, 0], queries.positions[i, 1], queries.height_offsets[i]
             place = TcpPlace(queries.keys[i], x, y, offset, queries.exact)
             for ring in range(RINGS):  # masks are those of one TCP
-                floor.masks.sectors[ring], floor.masks.is_known[ring] = _ALL, False
-            _best_bases(tiles, place, turns, floor, rows[i], progress)
+                around.masks.sectors[ring], around.masks.is_known[ring] = _ALL, False
+            _best_bases(tiles, ranking, place, turns, around, rows[i], progress)
         counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan
@@ -401,7 +403,7 @@ def best_bases_batch(
     Neighbours with the same range share their turns; the rest of the `window` is that of all queries. `rows` (n, k, 7)
     as in `_best_bases`, with NaN where no base was found; `counts` (n,) of the bases found.
     """
-    progress, floor, ranges = np.zeros(3, np.int64), floor_around(raster, apart), queries.ranges
+    progress, around, ranges = np.zeros(3, np.int64), floor_around(raster, apart), queries.ranges
     first, end = 0, order.shape[0]
     while first < end:
         low, high = ranges[order[first], 0], ranges[order[first], 1]
@@ -409,7 +411,7 @@ def best_bases_batch(
         while last < end and ranges[order[last], 0] == low and ranges[order[last], 1] == high:
             last += 1
         turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, window.shift))
-        _best_bases_of_some(tiles, queries, order[first:last], turns, floor, rows, counts, progress)
+        _best_bases_of_some(tiles, queries, order[first:last], turns, around, rows, counts, progress)
         first = last
 
 

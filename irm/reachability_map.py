@@ -24,7 +24,6 @@ import platformdirs
 from numpy.typing import ArrayLike, NDArray
 
 from irm.chain import ArmChain, Robot
-from irm.equations import reachability_index, reachability_map
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
 from irm.map_kernels import closed_form_layers, sampled_layers
@@ -260,7 +259,7 @@ class ReachabilityMap:
         layers, orientations, width, depth = self.grid.shape
         z, _, x, y = self.indices()
         reached = np.bincount(np.ravel_multi_index((z, x, y), (layers, width, depth)), minlength=layers * width * depth)
-        return reachability_index(reached.reshape(layers, width, depth), orientations)
+        return reached.reshape(layers, width, depth) / orientations * 100.0
 
     @cached_property
     def reachable(self) -> Bools:
@@ -387,10 +386,10 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _columns(best: Singles, torso: NDArray[np.uint8], orientations: Orientations) -> dict[str, Any]:
-    """The columns of a map, given μ and torso height of every cell."""
-    cells, mu = reachability_map(best)
+    """The columns of a map, given μ and torso height of every cell: the cells in reach, as equation 3 says."""
+    cells = np.flatnonzero(best)
     flags = _certainty(best > 0, orientations)
-    columns: dict[str, NDArray[Any]] = {"cells": cells.astype(np.uint32), "manipulability": mu}
+    columns: dict[str, NDArray[Any]] = {"cells": cells.astype(np.uint32), "manipulability": best.reshape(-1)[cells]}
     columns |= {"torso_index": torso.reshape(-1)[cells], "flags": flags.reshape(-1)[cells]}
     return {name: _read_only(column) for name, column in columns.items()}
 

@@ -82,33 +82,47 @@ def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
 def _trunk(robot: Robot) -> tuple[tuple[Floats, float, float], ...]:
     """The geoms that do not move with the arm: corners (n, 3) in the base frame with the torso at 0, and the range of
     heights by which the torso lifts them [m]."""
-    import mujoco  # a function needs the simulator, the package does not
-
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    data = mujoco.MjData(model)
-    lift, base = model.joint(robot.chain[0].joint), model.body(robot.base_body).id
-    torso, arm = int(lift.bodyid[0]), int(model.joint(robot.chain[1].joint).bodyid[0])
-    data.qpos[lift.qposadr[0]] = 0.0
-    mujoco.mj_kinematics(model, data)
+    model, data = _posed(robot, {robot.chain[0].joint: 0.0})
+    base, torso, arm = model.body(robot.base_body).id, *(int(model.joint(j.joint).bodyid[0]) for j in robot.chain[:2])
     R, origin = data.xmat[base].reshape(3, 3), data.xpos[base]
     parts = []
-    for geom in range(model.ngeom):
+    for geom in np.flatnonzero(_is_solid(model)).tolist():
         body = int(model.geom_bodyid[geom])
         carriers = {body}
         while body:
             body = int(model.body_parentid[body])
             carriers.add(body)
-        collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
-        if collides and base in carriers and arm not in carriers:
-            corners = _geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+        if base in carriers and arm not in carriers:
             lifted = (robot.chain[0].lower, robot.chain[0].upper) if torso in carriers else (0.0, 0.0)
-            parts.append(((corners - origin) @ R, *lifted))
+            parts.append(((_world_corners(model, data, geom) - origin) @ R, *lifted))
     return tuple(parts)
+
+
+def _posed(robot: Robot, q: dict[str, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The robot's model with some joints at these positions, all others at their initial ones."""
+    import mujoco  # a function needs the simulator, the package does not
+
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    data = mujoco.MjData(model)
+    for name, position in q.items():
+        data.joint(name).qpos[0] = position
+    mujoco.mj_kinematics(model, data)
+    return model, data
+
+
+def _is_solid(model: mujoco.MjModel) -> Bools:
+    """Which geoms may collide."""
+    return np.asarray((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+
+
+def _world_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Floats:
+    """(n, 3) points of the world whose convex hull contains a geom."""
+    return np.asarray(_geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
 
 
 def _geom_corners(model: mujoco.MjModel, geom: int) -> Floats:
     """(n, 3) points in the geom's frame whose convex hull contains the geom."""
-    import mujoco  # see `_trunk`
+    import mujoco  # see `_posed`
 
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
@@ -140,7 +154,7 @@ def _ball(radius: float) -> Floats:
 
 
 class Balls(NamedTuple):
-    """`centres` (2, n, 3) in the TCP frame with closed and with open fingers, and `radii` (n,) of n balls [m]."""
+    """`centres` (f, n, 3) in the TCP frame at f positions of the fingers, and `radii` (n,) of n balls [m]."""
 
     centres: Floats
     radii: Floats
@@ -233,10 +247,10 @@ class SolidBoxes:
         """
         (wrist, forearm), origins, axes = self.forearm
         wrist_angle, last_angle = configurations[:, -2], configurations[:, -1]
-        near = _turned(np.broadcast_to(wrist, (len(last_angle), *wrist.shape)), origins[0], axes[0], -last_angle)
-        far = _turned(np.broadcast_to(forearm, (len(last_angle), *forearm.shape)), origins[1], axes[1], -wrist_angle)
+        near = _turned(wrist, origins[0], axes[0], -last_angle)
+        far = _turned(_turned(forearm, origins[1], axes[1], -wrist_angle), origins[0], axes[0], -last_angle)
         clear = np.ones(len(last_angle), dtype=bool)
-        for points in (near, _turned(far, origins[0], axes[0], -last_angle)):
+        for points in (near, far):
             world = points @ T_world_tcp[:3, :3].T + T_world_tcp[:3, 3]
             for box in self.boxes:
                 local, half = _in_box(box, world), box[3:6] / 2 - _TOUCH
@@ -244,7 +258,7 @@ class SolidBoxes:
         return clear
 
     def _are_inside(self, balls: Balls, T_world_tcp: Floats, pivots: Floats, half_turn: float) -> Bools:
-        """(n,) whether a ball is in a box, with closed and with open fingers."""
+        """(n,) whether a ball is in a box, at all positions of the fingers."""
         R, origin = T_world_tcp[:, None, :3, :3], T_world_tcp[:, None, :3, 3]
         inside = np.zeros(len(T_world_tcp), dtype=bool)
         for box in self.boxes:
@@ -276,7 +290,7 @@ def _in_box(box: Floats, points: Floats) -> Floats:
 
 
 def _turned(points: Floats, origin: Floats, axis: Floats, angles: Floats) -> Floats:
-    """Points (k, n, 3) turned about one line by k angles [rad]."""
+    """Points (n, 3) or (k, n, 3) turned about one line by k angles [rad]: (k, n, 3)."""
     c, s = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
     arm = points - origin
     along = (arm @ axis)[..., None] * axis
@@ -286,21 +300,26 @@ def _turned(points: Floats, origin: Floats, axis: Floats, angles: Floats) -> Flo
 @lru_cache(maxsize=8)
 def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
     """What the arm certainly fills at a TCP pose, what it may fill, and the links that may."""
-    import mujoco  # a function needs the simulator, the package does not
-
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    closed, opened = (_posed(model, robot, finger) for finger in (0.0, robot.max_finger_position))
+    poses = [_posed(robot, dict.fromkeys(robot.finger_joints, at)) for at in (0.0, robot.max_finger_position)]
+    model, closed = poses[0]
+    site = closed.site(robot.tcp_site)
+    tcp, R = site.xpos, site.xmat.reshape(3, 3)
     before, last = (model.joint(link.joint) for link in robot.chain[-2:])
-    hand = np.concatenate([_corners(_shapes(model, data, int(last.bodyid[0]), robot)) for data in (closed, opened)])
-    hand = hand.reshape(2, -1, 3)
+    end = int(last.bodyid[0])
     fingers = [int(model.joint(name).bodyid[0]) for name in robot.finger_joints]
-    tips = [
-        np.concatenate([_corners(_shapes(model, data, body, robot)) for body in fingers]) for data in (closed, opened)
-    ]
-    hand = np.concatenate([hand, np.array(tips)], axis=1)
-    wrist = _shapes(model, closed, int(before.bodyid[0]), robot)
-    forearm = _shapes(model, closed, int(model.body_parentid[before.bodyid[0]]), robot)
-    (second, along_second), (origin, along) = (_axis(closed, joint.id, robot) for joint in (before, last))
+
+    def shapes(data: mujoco.MjData, *bodies: int) -> list[Floats]:
+        """Corners (n, 3) in the TCP frame of every solid that is rigidly connected with one of some bodies."""
+        welded = [model.body_weldid[model.geom_bodyid] == model.body_weldid[body] for body in bodies]
+        geoms = [geom for of_body in welded for geom in np.flatnonzero(of_body & _is_solid(model)).tolist()]
+        return [(_world_corners(model, data, geom) - tcp) @ R for geom in geoms]
+
+    hand = np.array([_corners(shapes(data, end, *fingers)) for _, data in poses])
+    tips = _corners(shapes(poses[1][1], *fingers))
+    wrist, forearm = (shapes(closed, int(body)) for body in (before.bodyid[0], model.body_parentid[before.bodyid[0]]))
+    (second, along_second), (origin, along) = (
+        ((closed.xanchor[joint.id] - tcp) @ R, closed.xaxis[joint.id] @ R) for joint in (before, last)
+    )
     corners = _corners(wrist)
     places = (corners - origin) @ along
     steps = np.arange(places.min(initial=0.0), places.max(initial=0.0), _BALL_STEP)
@@ -309,38 +328,10 @@ def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
     centres = np.concatenate([hand, np.array([balls[room > 0.0]] * 2)], axis=1)
     filled = Balls(centres, np.concatenate([np.zeros(hand.shape[1]), room[room > 0.0]]))
     rings = origin + places[:, None] * along
-    swept = Balls(np.array([rings] * 2), np.linalg.norm(corners - rings, axis=1))
-    opened = Balls(np.array([tips[1]] * 2), np.zeros(len(tips[1])))
+    swept = Balls(rings[None], np.linalg.norm(corners - rings, axis=1))
+    opened = Balls(tips[None], np.zeros(len(tips)))
     links = corners, _corners(forearm)
     return filled, swept, opened, Forearm(links, np.array([origin, second]), np.array([along, along_second]))
-
-
-def _posed(model: mujoco.MjModel, robot: Robot, finger: float) -> mujoco.MjData:
-    """The model with a finger position [m], all other joints at 0."""
-    import mujoco  # see `_parts`
-
-    data = mujoco.MjData(model)
-    for name in robot.finger_joints:
-        data.joint(name).qpos[0] = finger
-    mujoco.mj_kinematics(model, data)
-    return data
-
-
-def _axis(data: mujoco.MjData, joint: int, robot: Robot) -> tuple[Floats, Floats]:
-    """A point and the direction of a joint's axis in the TCP frame."""
-    tcp, R = data.site(robot.tcp_site).xpos, data.site(robot.tcp_site).xmat.reshape(3, 3)
-    return (data.xanchor[joint] - tcp) @ R, data.xaxis[joint] @ R
-
-
-def _shapes(model: mujoco.MjModel, data: mujoco.MjData, body: int, robot: Robot) -> list[Floats]:
-    """Corners (n, 3) in the TCP frame of every solid that is rigidly connected with a body."""
-    tcp, R = data.site(robot.tcp_site).xpos, data.site(robot.tcp_site).xmat.reshape(3, 3)
-    welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
-    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    return [
-        (_geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom] - tcp) @ R
-        for geom in np.flatnonzero(welded & solid).tolist()
-    ]
 
 
 def _corners(shapes: list[Floats]) -> Floats:

@@ -22,7 +22,6 @@ from planners.expert.interfaces import ControlledEnv, controlled_env
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport
 from planners.grasping.arm_configurations import (
-    ArmConfigurations,
     ConfigurationGrid,
     GripperPoses,
     scan_configurations,
@@ -64,7 +63,6 @@ __all__ = [
     "SIDE",
     "STRATEGIES",
     "AStar",
-    "ArmConfigurations",
     "ArmsError",
     "Body",
     "BoundAction",

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Trajectory
-from planners.scene import RobotState
 from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 Array = NDArray[np.float64]
 
-_SKILLS = {"close": "pick", "open": "place"}
-"""Skill whose contact a phase begins with."""
 _STRAIGHT = 1e-6
 """[m, rad] off the line ahead of the base within which the gripper counts as straight ahead: rounding."""
 
@@ -82,12 +79,11 @@ def contacts(solution: Solution | Infeasible | None) -> tuple[Contact, ...]:
 
 def contact_of(action: BoundAction) -> Contact | None:
     """The contact of an action, None of a base motion."""
-    for phase in action.trajectory.phases:
-        if phase.name in _SKILLS:
-            sample = action.trajectory.sample(phase.start)
-            state = RobotState(sample.base, sample.q, sample.finger_position)
-            return Contact(_SKILLS[phase.name], action.target, sample.base, tcp_pose(action.scene.robot, state))
-    return None
+    if action.grip is None:
+        return None
+    state, _ = action.grip
+    skill = "place" if action.is_clearance else "pick"
+    return Contact(skill, action.target, state.base, tcp_pose(action.scene.robot, state))
 
 
 def label_of(trajectory: Trajectory, time: float, contact: Contact | None) -> StepLabel:

@@ -19,9 +19,9 @@ import mujoco
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.reporting.progress import progress_bar
 from planners import BoundAction, Infeasible, Scene, solve
 from planners.motion.trajectory import Phase
 
@@ -65,7 +65,7 @@ def main(arguments: Arguments) -> None:
     env = RetrieveEnv(num_objects=arguments.objects, layout=arguments.layout, obstructed=arguments.obstructed)
     found: dict[int, DeepestContact] = {}
     actions = clearances = without = 0
-    with tqdm(desc="plans", total=arguments.plans) as bar:
+    with progress_bar(desc="plans", total=arguments.plans) as bar:
         for seed in itertools.count(arguments.seed):
             if len(found) == arguments.plans:
                 break

@@ -109,7 +109,8 @@ def _image(env: gym.Env, observation: Any) -> Frame:
 def save_gif(images: Sequence[Frame], path: Path) -> None:
     """Write a film with one palette for all frames; the last one stays."""
     chosen = [Image.fromarray(image) for image in [*images, *[images[-1]] * round(_LAST_S * FRAMES_PER_SECOND)]]
-    palette = chosen[len(chosen) // 2].quantize(_COLOURS)
+    # Of three frames side by side: a target that is hidden in one of them keeps its colour.
+    palette = Image.fromarray(np.hstack([images[0], images[len(images) // 2], images[-1]])).quantize(_COLOURS)
     first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chosen]
     first.save(path, save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0, optimize=True)
 

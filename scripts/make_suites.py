@@ -1,16 +1,15 @@
-"""Make the suites of scenes: seeds, targets, exact floors and digests, one JSON file for each suite.
+"""Make the suites of scenes: seeds, targets, lower bounds and digests, one JSON file for each suite.
 
     python scripts/make_suites.py --names side-15-v1 side-25-v1
 
 The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares them with those of
-the package. `--floors-only` keeps the scenes of these and computes their floors again, after a change of the planner.
+the package.
 """
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
@@ -100,7 +99,6 @@ def main(
     scenes: int = 100,
     workers: int = 2,
     check: bool = False,
-    floors_only: bool = False,
     out: Path = Path("outputs/suites"),
 ) -> None:
     """Make and write, or compare, suite by suite.
@@ -110,7 +108,6 @@ def main(
         scenes: Scenes in each split.
         workers: Number of processes.
         check: Write nothing; fail if a file of the package differs from what is made now.
-        floors_only: Keep the scenes of the package's files and compute their floors again.
         out: Directory of the files.
     """
     plans = {plan.name: plan for plan in PLANS}
@@ -119,11 +116,7 @@ def main(
     for name in names:
         packaged = assets.path(f"suites/{name}.json")
         with progress_bar(total=2 * scenes, desc=name, unit="scene") as bar:
-            if floors_only:
-                content = with_new_floors(json.loads(packaged.read_text()), workers, bar.update)
-            else:
-                content = make_suite(plans[name], scenes, workers, bar.update)
-        text = file_text(content)
+            text = file_text(make_suite(plans[name], scenes, workers, bar.update))
         if not check:
             out.mkdir(parents=True, exist_ok=True)
             write_atomically(out / f"{name}.json", text.encode())
@@ -170,29 +163,6 @@ def make_suite(plan: SuitePlan, scenes: int, workers: int, tick: Callable[[], ob
     return {**content, "sha256": content_digest(content)}
 
 
-def with_new_floors(
-    content: Mapping[str, Any], workers: int, tick: Callable[[], object] = lambda: None
-) -> dict[str, Any]:
-    """The content of a suite's file with the same scenes, and the floors that the planner finds now.
-
-    Raises:
-        RuntimeError: a worker failed, or a seed does not give the scene any more.
-    """
-    keywords = tuple(content["keywords"].items())
-    entries = [entry for split in SPLITS for entry in content["scenes"][split]]
-    jobs = (_Job(content["env_id"], keywords, entry["seed"]) for entry in entries)
-    found: dict[int, dict[str, Any]] = {}
-    for job, entry in run_jobs(_entry, jobs, workers):
-        found[job.seed] = _checked(entry, job, content["name"])
-        tick()
-    for entry in entries:
-        if any(found[entry["seed"]][name] != entry[name] for name in ("target", "digests")):
-            raise RuntimeError(f"seed {entry['seed']} does not give the scene of suite {content['name']} any more")
-    scenes = {split: [found[entry["seed"]] for entry in content["scenes"][split]] for split in SPLITS}
-    changed = {name: value for name, value in content.items() if name != "sha256"} | {"scenes": scenes}
-    return {**changed, "sha256": content_digest(changed)}
-
-
 def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callable[[], object]) -> list[dict[str, Any]]:
     """The first scenes that qualify, in the order of their seeds."""
     found: dict[int, dict[str, Any]] = {}
@@ -200,7 +170,9 @@ def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callab
     expected = first
     jobs = (_Job(plan.env_id, tuple(plan.env_keywords.items()), seed) for seed in count(first))
     for job, entry in run_jobs(_entry, jobs, workers):
-        found[job.seed] = _checked(entry, job, plan.name)
+        if isinstance(entry, Crash | Killed):
+            raise RuntimeError(f"seed {job.seed} of suite {plan.name}: {entry}")
+        found[job.seed] = entry
         while expected in found:
             entry = found.pop(expected)
             expected += 1
@@ -210,13 +182,6 @@ def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callab
             if len(chosen) == wanted:
                 return chosen
     raise RuntimeError(f"suite {plan.name}: the workers ended early")
-
-
-def _checked(entry: dict[str, Any] | Crash | Killed, job: _Job, name: str) -> dict[str, Any]:
-    """What a worker returned, unless it failed."""
-    if isinstance(entry, Crash | Killed):
-        raise RuntimeError(f"seed {job.seed} of suite {name}: {entry}")
-    return entry
 
 
 def _entry(job: _Job) -> dict[str, Any]:

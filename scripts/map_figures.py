@@ -29,9 +29,9 @@ from clutter_env.rendering.renderer import make_context
 from clutter_env.scene.layout import TABLE_HEIGHT, Box, Layout, furniture
 from clutter_env.simulation.model import add_meshes, has_visuals
 from irm.chain import ArmChain
-from irm.equations import inverse_reachability, inverse_reachability_on_floor
 from irm.free_space import FreeSpace
-from irm.inverse_map import InverseReachabilityMap
+from irm.inverse_map import InverseReachabilityMap, inverse_reachability
+from irm.inverse_table import inverse_reachability_on_floor
 from irm.query_kernels import base_turns
 from irm.query_keys import YAW_STEP, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
@@ -54,6 +54,8 @@ FLOOR = ((0.93, 0.93, 0.94), (0.88, 0.89, 0.91))
 TILE = 0.5
 """[m] edge of the floor's tiles."""
 WOOD = (0.80, 0.68, 0.52, 1.0)
+CUP_RADIUS, CUP_HALF_HEIGHT = 0.035, 0.05
+"""[m]"""
 
 
 class View(NamedTuple):
@@ -80,20 +82,17 @@ class Arrows(NamedTuple):
     width: float
 
 
-class Cup(NamedTuple):
-    """An upright cylinder: centre (3,), radius and half height [m]."""
-
-    position: tuple[float, float, float]
-    radius: float = 0.035
-    half_height: float = 0.05
-
-
 class MapRenderer:
     """Renders one robot among furniture; call `close` at the end."""
 
     def __init__(
-        self, robot: RobotSpec, size: tuple[int, int], boxes: Sequence[Box] = (), cup: Cup | None = None
+        self,
+        robot: RobotSpec,
+        size: tuple[int, int],
+        boxes: Sequence[Box] = (),
+        cup: tuple[float, float, float] | None = None,
     ) -> None:
+        """`size` in pixels; `cup` is the centre of an upright cylinder [m]."""
         spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
         if has_visuals(robot):
             add_meshes(spec, robot)
@@ -170,7 +169,7 @@ class MapRenderer:
         self._context.free()
 
 
-def _furnish(spec: mujoco.MjSpec, boxes: Sequence[Box], cup: Cup | None) -> None:
+def _furnish(spec: mujoco.MjSpec, boxes: Sequence[Box], cup: tuple[float, float, float] | None) -> None:
     """Floor, light, furniture, cup."""
     world = spec.worldbody
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.45] * 3
@@ -195,8 +194,8 @@ def _furnish(spec: mujoco.MjSpec, boxes: Sequence[Box], cup: Cup | None) -> None
     if cup is not None:
         world.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            pos=cup.position,
-            size=[cup.radius, cup.half_height, 0],
+            pos=cup,
+            size=[CUP_RADIUS, CUP_HALF_HEIGHT, 0],
             rgba=[0.85, 0.1, 0.1, 1],
             group=0,
             mass=0,
@@ -214,6 +213,7 @@ def _add_arrows(scene: mujoco.MjvScene, arrows: Arrows) -> None:
         scene.ngeom += 1
 
 
+COLOURS = "turbo_r"
 TABLE = Layout("figure", depth=0.8, width=1.6, is_front_only=False)
 GROWN = 0.3
 """[m] by which the table's outline is grown, as in the paper."""
@@ -223,19 +223,16 @@ SPACING = 0.06
 """[m] Edge of the squares of floor; of each, the best candidate is drawn."""
 YAWS = (-np.pi / 2, np.pi / 2)
 """Approach yaws allowed: from the robot's side of the table."""
-CUP_HALF_HEIGHT = 0.05
-"""[m]"""
 PURPLE = "#7b2cbf"
 PIXELS = 900
 
 
-def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> Figure:
+def draw_placement(robot: RobotSpec, cup: tuple[float, float]) -> Figure:
     """From above: the candidate bases of one TCP pose and the best valid one; beside it, the robot at this base.
 
     Args:
         robot: any robot with a map.
         cup: x, y of the cup, from the middle of the table [m].
-        colours: name of the colour map for μ.
 
     Raises:
         ValueError: no base is valid for this cup.
@@ -257,15 +254,14 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
     )
     if not isinstance(chosen, Verified):
         raise ValueError(f"no base is valid for a cup at {tcp[:2]}; choose a position nearer to the table's edge")
-    place = Cup((*cup, TABLE_HEIGHT + CUP_HALF_HEIGHT), half_height=CUP_HALF_HEIGHT)
-    renderer = MapRenderer(robot, (PIXELS, PIXELS), furniture(TABLE), place)
+    renderer = MapRenderer(robot, (PIXELS, PIXELS), furniture(TABLE), (*cup, TABLE_HEIGHT + CUP_HALF_HEIGHT))
     above = View((0.0, 0.0, 1.0), 6.0, 90.0, -90.0, 2 * REACH)
     robot_above = renderer.picture(chosen.base, chosen.configurations[0], above, show_floor=False)
     beside = renderer.picture(chosen.base, chosen.configurations[0], View((-0.2, 0.1, 0.65), 3.2, 68.0, -28.0))
     renderer.close()
     figure = Figure(figsize=(13.0, 6.0), layout="constrained")
     plan, photograph = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    _draw_plan(plan, everywhere, floor, chosen, cup, robot_above, colours)
+    _draw_plan(plan, everywhere, floor, chosen, cup, robot_above)
     photograph.imshow(beside)
     photograph.set_axis_off()
     mu = float(free.manipulability[chosen.rank])
@@ -274,17 +270,8 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float], colours: str) -> 
     return figure
 
 
-class _Candidates(NamedTuple):
-    """Bases (n,) of one TCP pose: x, y [m], yaw [rad], μ."""
-
-    x: Floats
-    y: Floats
-    yaw: Floats
-    manipulability: Floats
-
-
-def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> _Candidates:
-    """The best base of every square of the floor, whether it is free or not."""
+def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """The best base of every square of the floor, whether it is free or not: x, y [m], yaw [rad], μ, each (n,)."""
     grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
     key = find_key(grid, float(tcp[2]), 0.0, 0.0)
     if key is None:
@@ -299,17 +286,16 @@ def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> _Candidates
     squares = np.floor(np.column_stack([x, y])[best_first] / SPACING)
     _, first = np.unique(squares, axis=0, return_index=True)
     best = best_first[first]
-    return _Candidates(x[best], y[best], yaw[best], mu[best].astype(float))
+    return x[best], y[best], yaw[best], mu[best].astype(float)
 
 
 def _draw_plan(
     axes: Axes,
-    bases: _Candidates,
+    bases: tuple[Floats, Floats, Floats, Floats],
     floor: FreeSpace,
     chosen: Verified,
     cup: tuple[float, float],
     robot_above: NDArray[np.uint8],
-    colours: str,
 ) -> None:
     half_depth, half_width = TABLE.depth / 2, TABLE.width / 2
     corner = (-half_depth, -half_width)
@@ -330,7 +316,7 @@ def _draw_plan(
             np.cos(yaw[mask]),
             np.sin(yaw[mask]),
             mu[mask],
-            cmap=colours,
+            cmap=COLOURS,
             norm=scale,
             alpha=alpha,
             pivot="mid",
@@ -344,7 +330,7 @@ def _draw_plan(
             zorder=1,
         )
     axes.imshow(robot_above, extent=(-REACH, REACH, -REACH, REACH), alpha=0.85, zorder=3)
-    axes.add_patch(Circle(cup, 0.035, facecolor="#d91a1a", edgecolor="white", zorder=4))
+    axes.add_patch(Circle(cup, CUP_RADIUS, facecolor="#d91a1a", edgecolor="white", zorder=4))
     base_x, base_y, base_yaw = chosen.base  # the verified base as an arrow along its heading
     axes.quiver(
         base_x,
@@ -366,7 +352,6 @@ def _draw_plan(
     axes.set_title("bases from which the arm reaches the cup (faint: too near to the table)")
 
 
-COLOURS = "turbo_r"
 BLACK = np.array([0.05, 0.05, 0.05, 1.0])
 COARSE: dict[str, Any] = {"voxel": 0.15, "orientations": 26}
 """The map of Fig. 1: coarse, so that the arrows do not hide each other."""
@@ -457,7 +442,7 @@ def main(
     """
     spec = robot_by_name(robot)
     out.mkdir(parents=True, exist_ok=True)
-    figures = {"maps": draw_maps(spec), "placement": draw_placement(spec, cup, COLOURS)}
+    figures = {"maps": draw_maps(spec), "placement": draw_placement(spec, cup)}
     for name, figure in figures.items():
         figure.savefig(out / f"irm_{name}.png", dpi=dpi, pil_kwargs={"optimize": True})
         print(f"picture: {out / f'irm_{name}.png'}")

@@ -13,9 +13,10 @@ from typing import Any, Literal
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.reporting.progress import progress_bar
+from clutter_env.reporting.tables import markdown_table
 from planners import CollisionWorld, PlanningContext, Scene
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
@@ -43,19 +44,19 @@ def main(
         grasps: grasp set of the picks.
         seed: first seed of the scenes.
     """
-    print(" | ".join(["| objects", *UNITS, "outcomes |"]))
-    print("|---" * (len(UNITS) + 2) + "|")
+    rows = []
     for count in objects:
         times: dict[str, list[float]] = defaultdict(list)
         outcomes: Counter[str] = Counter()
         env = RetrieveEnv(num_objects=count, layout=layout)
-        for number in tqdm(range(seed, seed + scenes), desc=f"{count} objects"):
+        for number in progress_bar(range(seed, seed + scenes), desc=f"{count} objects"):
             env.reset(seed=number)
             scene = Scene.from_mujoco(env.model, env.data, env.robot)
             measure(scene, grasps, picks, np.random.default_rng(number), times, outcomes)
         env.close()
         cells = [f"{u * np.median(times[n]):.1f} / {u * np.percentile(times[n], 95):.1f}" for n, u in UNITS.items()]
-        print(" | ".join([f"| {count}", *cells, ", ".join(f"{n} {k}" for n, k in outcomes.most_common()), "|"]))
+        rows.append([str(count), *cells, ", ".join(f"{n} {k}" for n, k in outcomes.most_common())])
+    print(markdown_table(["objects", *UNITS, "outcomes"], rows))
 
 
 def measure(

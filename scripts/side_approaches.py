@@ -27,10 +27,10 @@ from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Layout, find_layout
 from irm.chain import pose_of
 from planners.collision.scene_arrays import robot_arrays
-from planners.collision.world import PADDING, CollisionWorld
+from planners.collision.world import FINGER_GAP, PADDING, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import MapPlacer
-from planners.grasping.grasp_poses import FINGER_GAP, SIDE, even_yaws, gripper_clearances, gripper_opening
+from planners.grasping.grasp_poses import SIDE, even_yaws, gripper_clearances, gripper_opening
 from planners.scene import Scene
 from planners.scene.cover import BACK, HELD_GAP
 

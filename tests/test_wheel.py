@@ -52,7 +52,8 @@ def test_own_scene_strategy_and_task_planner(python: Path, tmp_path: Path) -> No
     assert not where.startswith(str(ROOT))
     printed = run([python, script], tmp_path)
     assert "made by strategy 'nearest'" in printed
-    assert "engine='astar'" in printed
+    assert "TaskPlan(actions=" in printed
+    assert "Clearances: 1" in printed
     assert "finished=True" in printed
     assert (tmp_path / "plan.npz").stat().st_size > 0
     assert (tmp_path / "plan.png").stat().st_size > 0

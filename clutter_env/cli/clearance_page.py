@@ -174,7 +174,7 @@ def markdown(summary: Summary, is_physics: bool) -> str:
         (
             _section(
                 "Table 1: objects cleared, and objects cleared twice or more",
-                [*rows, *_paper_rows({row["objects"] for row in rows})],
+                sorted([*rows, *_paper_rows({row["objects"] for row in rows})], key=lambda row: row["objects"]),
                 {**of_row, "cleared": "{clearances}", "twice or more": "{duplicated.mean:.2f}"}
                 | {"cleared / lower bound": "{ratio}", "exactly the lower bound": "{at_floor.mean:.0%}"}
                 | {f"more than {first}": "{difference}", "both solved": "{both}"},

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +17,6 @@ import numpy as np
 from assets import RobotSpec
 from assets import robot as find_robot
 from clutter_env import time_limit
-from clutter_env.cli.table import Arguments
 from clutter_env.config import EnvConfig
 from clutter_env.errors import UsageError
 from clutter_env.parallel import Crash, Killed, run_jobs
@@ -36,6 +35,9 @@ from planners import (
     contacts,
     find_strategy,
 )
+
+if TYPE_CHECKING:
+    from clutter_env.cli.table import Arguments
 
 logger = logging.getLogger(__name__)
 

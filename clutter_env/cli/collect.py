@@ -9,11 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from clutter_env.data.collect import JobRunner, SeedResult
-    from clutter_env.data.dataset import Dataset, Job
+from typing import Literal
 
 WHEN_INTERRUPTED = "run the same command again to go on"
 
@@ -26,8 +22,9 @@ class Arguments:
     """Environment id."""
     episodes: int = 200
     """Successful episodes wanted."""
-    out: Path = Path("outputs/demos")
-    """Directory of the episodes' files; one that the same command made is continued."""
+    out: Path | None = None
+    """Directory of the episodes' files; one that the same command made is continued. Without it, one in outputs/demos/
+    named by environment and strategy."""
     strategy: str = ""
     """The expert: a strategy of the planner, "canonical" (plans that can be learned), one of these with "-all" for all
     grasps, or "scripted"; empty for the first one of the environment."""
@@ -63,21 +60,32 @@ def run(arguments: Arguments) -> None:
     from collections import Counter
     from functools import partial
 
-    from clutter_env.data.collect import make_job
+    from clutter_env.data.collect import SeedResult, collect, make_job
     from clutter_env.data.dataset import Dataset
     from clutter_env.data.minari import export_minari
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
+    from clutter_env.reporting.progress import progress_bar
     from clutter_env.task import Task
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
     image_size = arguments.image_size if arguments.obs_mode == "rgbd" else 0
     job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed, image_size)
-    dataset = Dataset.open_for(job, arguments.out)
-    started = time.perf_counter()
-    with dataset.locked():
-        seeds, made = collect_with_bar(job, dataset, partial(run_jobs, workers=arguments.workers, ray=arguments.ray))
+    name = f"{arguments.env.rpartition('/')[2].removesuffix('-v0').lower()}-{job.expert}"
+    dataset = Dataset.open_for(job, arguments.out or Path("outputs/demos") / name)
+    there = len(list(dataset.episodes_directory.glob("*.hdf5")))
+    started, made = time.perf_counter(), 0
+    with dataset.locked(), progress_bar(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
+
+        def report(result: SeedResult) -> None:
+            nonlocal made
+            if result.content:
+                made += 1
+                bar.update()
+            bar.set_postfix(seed=result.seed, last=result.reason.partition(":")[0] or "kept")
+
+        seeds = collect(job, dataset, partial(run_jobs, workers=arguments.workers, ray=arguments.ray), report)
     wall_s = time.perf_counter() - started
     rejected = Counter(reason.splitlines()[0] for reason in dataset.reasons().values())
     print(f"{len(seeds)} episodes in {dataset.directory}, seeds {seeds[0]} to {seeds[-1]}")
@@ -86,29 +94,9 @@ def run(arguments: Arguments) -> None:
     for reason, count in rejected.most_common():
         print(f"  {count} rejected: {reason}")
     if arguments.format == "minari":
-        root = arguments.minari_root or arguments.out / "minari"
+        root = arguments.minari_root or dataset.directory / "minari"
         folder = export_minari(dataset, root, arguments.dataset_id, replace=arguments.minari_root is None)
         print(f"Minari dataset: {folder}")
     if arguments.json is not None:
         content = {"seeds": seeds, "made": made, "wall_s": wall_s, "rejected": rejected, "job": job.identity()}
         write_json(arguments.json, content)
-
-
-def collect_with_bar(job: Job, dataset: Dataset, run: JobRunner) -> tuple[list[int], int]:
-    """Collect with a progress bar: the seeds of the dataset, and how many episodes were collected now."""
-    from clutter_env.data.collect import collect
-    from clutter_env.reporting.progress import progress_bar
-
-    made = 0
-    there = len(list(dataset.episodes_directory.glob("*.hdf5")))
-    with progress_bar(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
-
-        def report(result: SeedResult) -> None:
-            """Show the result of a seed in the bar."""
-            nonlocal made
-            if result.content:
-                made += 1
-                bar.update()
-            bar.set_postfix(seed=result.seed, last=result.reason.partition(":")[0] or "kept")
-
-        return collect(job, dataset, run, report), made

@@ -32,7 +32,8 @@ class Arguments:
     robot: str = "fetch"
     """Name of the robot."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
-    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them."""
+    """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
+    unless told otherwise."""
     control_mode: Literal["joint", "ee"] = "joint"
     """Joint targets, or TCP poses."""
     obstructed: bool = True

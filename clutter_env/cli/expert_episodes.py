@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,7 +85,13 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     where = f"{arguments.environment}, robot {arguments.robot}, layout {arguments.layout}, grasp set {arguments.grasps}"
     _log(f"{where}, seed {seed}: take {target} out of {len(scene.objects)} objects")
     expert = TampExpert(env, arguments.strategy, grasps=arguments.grasps)
-    with _filmed(arguments, env) as film:
+    film = None
+    with ExitStack() as stack:
+        if arguments.display == "film":
+            try:
+                film = stack.enter_context(closing(Film(inner)))
+            except RenderingUnavailable as problem:
+                _log(f"no film: {problem}")
         expert.reset(target)
         plan = expert.solution
         if plan is None:
@@ -101,12 +106,9 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     print(f"\n{episode_text(arguments, played)}")
     print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
     return {
-        "environment": arguments.environment,
-        "robot": arguments.robot,
+        **{name: getattr(arguments, name) for name in ("environment", "robot", "strategy", "grasps")},
         "seed": seed,
         "target": plan.target,
-        "strategy": arguments.strategy,
-        "grasps": arguments.grasps,
         "is_success": is_success,
         "lifted": lifted,
         "report": asdict(played.report),
@@ -130,22 +132,6 @@ def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
         if not arguments.obstructed or planner.clearance_floor(scene, info["target"]).count:
             return seed, scene, info["target"]
     raise UsageError(f"none of the seeds from {arguments.seed} to {seed} has an obstructed target; try --no-obstructed")
-
-
-@contextmanager
-def _filmed(arguments: Arguments, env: gym.Env) -> Iterator[Film | None]:
-    """A film, if wanted and possible, whose graphics are freed afterwards."""
-    film: Film | None = None
-    if arguments.display == "film":
-        try:
-            film = Film(env.unwrapped)
-        except RenderingUnavailable as problem:
-            _log(f"no film: {problem}")
-    try:
-        yield film
-    finally:
-        if film is not None:
-            film.close()
 
 
 def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:

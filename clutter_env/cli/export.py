@@ -18,7 +18,7 @@ class Arguments:
 
     to: Literal["lerobot", "minari", "hdf5", "robomimic"]
     """"lerobot" (format v3.0) and "minari" are directories; "hdf5" (one group an episode) and "robomimic" are files."""
-    demos: Path = Path("outputs/demos")
+    demos: Path
     """Directory that `clutter-env collect` made."""
     out: Path | None = None
     """Where to write; without it outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""

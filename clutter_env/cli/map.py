@@ -69,29 +69,21 @@ class Arguments:
 def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""
     import time
-    from dataclasses import asdict
 
     import numpy as np
 
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
-    from irm import ArmChain, MapParameters, ReachabilityMap
+    from irm import ArmChain, ReachabilityMap
 
     robot = _robot(arguments)
-    parameters = MapParameters(
-        voxel=arguments.voxel,
-        orientations=arguments.orientations,
-        rolls=arguments.rolls,
-        pitches=tuple(math.radians(pitch) for pitch in arguments.pitches),
-        heights=arguments.heights,
-        lift=arguments.lift,
-        samples=arguments.samples,
-        seed=arguments.seed,
-    )
+    names = ("voxel", "orientations", "rolls", "heights", "lift", "samples", "seed")
+    parameters = {name: getattr(arguments, name) for name in names}
+    parameters["pitches"] = tuple(math.radians(pitch) for pitch in arguments.pitches)
     name = robot.robot if isinstance(robot, ArmChain) else robot.name
     file = arguments.out or Path("outputs") / f"{name}.npz"
     start = time.process_time()
-    rm = ReachabilityMap.build(robot, progress=progress_bar, **asdict(parameters))
+    rm = ReachabilityMap.build(robot, progress=progress_bar, **parameters)
     build_s = time.process_time() - start
     rm.save(file)
     picture = file.with_suffix(".png")

@@ -224,14 +224,17 @@ class _Arm:
         """(k,) whether the robot does not touch itself or the floor in configurations (k, 1 + n)."""
         return np.asarray(self.world.hits_many(np.zeros(3), Q, self.opening) == 0)
 
-    def elbow_heights(self, Q: Array) -> Array:
-        """(k,) [m] of the elbow above the TCP."""
+    def with_high_elbow(self, x: float, z: float, pitch: float = 0.0, yaw: float = 0.0) -> Array:
+        """Those straight ahead whose elbow is above the TCP, with joints that go round in [-π, π]."""
+        found = self.configurations(x, 0.0, z, pitch, yaw)
         n = self.chain.size
-        R, p, heights = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(len(Q))
-        for k, q in enumerate(Q):
+        R, p, is_high = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.zeros(len(found), np.bool_)
+        for k, q in enumerate(found):
             fk_frames(self.chain.offsets, self.chain.axes, self.chain.tip, q, R, p)
-            heights[k] = p[self.solver.elbow, 2] - p[n, 2]
-        return heights
+            is_high[k] = p[self.solver.elbow, 2] - p[n, 2] > _ELBOW_ABOVE
+        turned = (found + np.pi) % (2 * np.pi) - np.pi
+        goes_round = self.chain.upper - self.chain.lower > 2 * np.pi
+        return np.asarray(np.where(goes_round, turned, found)[is_high])
 
 
 def level_reach(robot: RobotSpec) -> LevelReach:
@@ -252,34 +255,25 @@ def home_candidates(robot: RobotSpec, count: int = 3) -> list[HomeCandidate]:
 
     The present home of the robot does not matter.
     """
-    arm = _Arm(robot)
-    goals, table = [], TABLE_HEIGHT + robot.grasp_height
-    for pitch, height in ((0.0, table), (np.pi / 3, table + 0.06), (np.pi / 2, table + 0.08)):
-        for x in (0.6, 0.75, 0.9):
-            for yaw in (-0.5, 0.0, 0.5):
-                found = arm.configurations(x, 0.0, height, pitch, yaw)
-                found = found[arm.elbow_heights(found) > _ELBOW_ABOVE]
-                if len(found):
-                    goals.append(_wrapped(found, arm.chain))
+    arm, table = _Arm(robot), TABLE_HEIGHT + robot.grasp_height
+    goals = [
+        found
+        for pitch, height in ((0.0, table), (np.pi / 3, table + 0.06), (np.pi / 2, table + 0.08))
+        for x in (0.6, 0.75, 0.9)
+        for yaw in (-0.5, 0.0, 0.5)
+        if len(found := arm.with_high_elbow(x, height, pitch, yaw))
+    ]
     candidates = []
     for x in np.arange(0.45, 0.76, _STEP):
         for z in _HOME_HEIGHTS:
-            found = arm.configurations(float(x), 0.0, z)
-            found = found[arm.elbow_heights(found) > _ELBOW_ABOVE]
-            candidates += list(_wrapped(found[arm.free(found)], arm.chain)) if len(found) else []
+            found = arm.with_high_elbow(float(x), z)
+            candidates += list(found[arm.free(found)]) if len(found) else []
     weight = np.array([_TORSO_WEIGHT, *[1.0] * (arm.chain.size - 1)])
     rated = [
         HomeCandidate(q, float(np.mean([np.linalg.norm((goal - q) * weight, axis=1).min() for goal in goals])))
         for q in (candidates if goals else [])
     ]
     return sorted(rated, key=lambda candidate: candidate.distance)[:count]
-
-
-def _wrapped(Q: Array, chain: ArmChain) -> Array:
-    """Configurations with joints that go round in [-π, π]."""
-    turned = (Q + np.pi) % (2 * np.pi) - np.pi
-    goes_round = chain.upper - chain.lower > 2 * np.pi
-    return np.asarray(np.where(goes_round, turned, Q))
 
 
 def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:

@@ -32,19 +32,11 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 @dataclass(frozen=True)
 class SeedResult:
-    """The result of one seed.
-
-    Attributes:
-        seed: of the scene.
-        content: the episode's file; empty if there is none.
-        reason: why there is none; "" if there is one.
-        steps: of the episode.
-    """
+    """The result of one seed: the content of the episode's file, or the reason why there is none."""
 
     seed: int
     content: bytes = b""
     reason: str = ""
-    steps: int = 0
 
 
 JobRunner: TypeAlias = Callable[
@@ -95,18 +87,18 @@ def demonstrate(job: Job, seed: int) -> SeedResult:
         return SeedResult(seed, reason=f"crashed: {type(problem).__name__}: {problem}\n{traceback.format_exc()}")
     if not episode.succeeded:
         why = episode.report.get("failure") or "the episode ended without success"
-        return SeedResult(seed, reason=f"no success: {why}", steps=len(episode))
+        return SeedResult(seed, reason=f"no success: {why}")
     if not episode.is_clean:
-        return SeedResult(seed, reason="not clean: an object has fallen or been disturbed", steps=len(episode))
+        return SeedResult(seed, reason="not clean: an object has fallen or been disturbed")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "episode.hdf5"
         write_episode(path, episode)
         replayed = replay_in_fresh_process(path)
         if not (replayed.is_identical and replayed.is_success):
-            return SeedResult(seed, reason=f"does not replay: {replayed}", steps=len(episode))
+            return SeedResult(seed, reason=f"does not replay: {replayed}")
         if job.image_size:
             write_episode(path, with_images(episode, job.image_size))
-        return SeedResult(seed, path.read_bytes(), steps=len(episode))
+        return SeedResult(seed, path.read_bytes())
 
 
 def collect(

@@ -23,7 +23,7 @@ from typing import Any
 from clutter_env.data.episode import Episode
 from clutter_env.data.episode_file import read_episode
 from clutter_env.errors import DatasetError
-from clutter_env.provenance import differences, provenance
+from clutter_env.provenance import differences
 from clutter_env.reporting.files import json_text, write_atomically, write_json
 from clutter_env.task import Task
 
@@ -68,7 +68,7 @@ class Dataset:
                 this environment; the message says what differs.
         """
         dataset = cls(directory)
-        wanted, present = job.identity(), _present(job.task)
+        wanted, present = job.identity(), job.task.provenance()
         if not (directory / _JOB).exists():
             if directory.exists() and any(directory.iterdir()):
                 raise DatasetError(f"{directory} exists and holds other files; choose another directory")
@@ -196,7 +196,7 @@ class Dataset:
 
     def warn_if_outdated(self) -> list[str]:
         """Log, in one sentence each, in what the environment differs from that of the episodes; the sentences."""
-        changed = differences(self.identity.get("provenance"), _present(self.task))
+        changed = differences(self.identity.get("provenance"), self.task.provenance())
         if changed:
             _log.warning("%s: %s", self.directory, " ".join(changed))
         return changed
@@ -211,15 +211,6 @@ class Dataset:
 
     def _rejected_path(self, seed: int) -> Path:
         return self.directory / _REJECTED / f"seed_{seed:07d}.json"
-
-
-def _present(task: Task) -> dict[str, Any]:
-    """The provenance of episodes that would be recorded now."""
-    env = task.make()
-    try:
-        return provenance(env)
-    finally:
-        env.close()
 
 
 def _read_json(path: Path, *names: str) -> dict[str, Any]:

@@ -16,7 +16,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -62,117 +61,98 @@ def export_lerobot(dataset: Dataset, directory: Path, image_size: int = 0) -> Pa
     part = directory.with_name(f".{directory.name}.{os.getpid()}.part")
     part.mkdir(parents=True)
     try:
-        env = dataset.task.make()
-        fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
-        env.close()
-        with ExitStack() as stack:
-            writer = _Writer(part, fps, TASKS[dataset.task.family.capitalize()], stack)
-            for episode in dataset:
-                has_images = image_entries(list(episode.observations))
-                writer.add(with_images(episode, image_size) if image_size and not has_images else episode)
-        writer.finish(robot, dataset.identity)
+        _write(dataset, part, image_size)
         os.replace(part, directory)
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return directory
 
 
-class _Writer:
-    """Tables, videos and statistics, which grow episode by episode."""
+def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
+    arrow = _imported("pyarrow", "LeRobot datasets need pyarrow")
+    env = dataset.task.make()
+    fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
+    env.close()
+    task, first = TASKS[dataset.task.family.capitalize()], 0
+    features: dict[str, dict[str, Any]] = {}
+    rows: dict[str, list[NDArray[Any]]] = {}
+    statistics: dict[str, list[dict[str, Any]]] = {}
+    episodes: list[dict[str, Any]] = []
+    videos: dict[str, _Video] = {}
+    with ExitStack() as stack:
+        for index, recorded in enumerate(dataset):
+            has_images = image_entries(list(recorded.observations))
+            episode = with_images(recorded, image_size) if image_size and not has_images else recorded
+            features = features or _features(episode, fps)
+            columns = _columns(episode, index, first, fps)
+            line: dict[str, Any] = {
+                "episode_index": index,
+                "tasks": [task],
+                "length": len(episode),
+                "dataset_from_index": first,
+                "dataset_to_index": first + len(episode),
+                **{f"data/{name}": value for name, value in _FIRST.items()},
+                **{f"meta/episodes/{name}": value for name, value in _FIRST.items()},
+            }
+            first += len(episode)
+            own = {name: _vector_statistics(values) for name, values in columns.items()}
+            for camera, name in image_entries(list(episode.observations)).items():
+                key, images = f"observation.images.{camera}", episode.observations[name][:-1]
+                if key not in videos:
+                    path = directory / f"videos/{key}/{_FILE}.mp4"
+                    videos[key] = stack.enter_context(_Video(path, images.shape[1:3], fps))
+                line |= {f"videos/{key}/{name}": value for name, value in _FIRST.items()}
+                line[f"videos/{key}/from_timestamp"] = videos[key].frames / fps
+                videos[key].write(images)
+                line[f"videos/{key}/to_timestamp"] = videos[key].frames / fps
+                own[key] = _image_statistics(images)
+            for name, values in columns.items():
+                rows.setdefault(name, []).append(values)
+            for name, entry in own.items():
+                statistics.setdefault(name, []).append(entry)
+                line |= {f"stats/{name}/{kind}": value for kind, value in entry.items()}
+            episodes.append(line)
 
-    def __init__(self, directory: Path, fps: int, task: str, stack: ExitStack) -> None:
-        try:
-            self._arrow: Any = importlib.import_module("pyarrow")
-            self._parquet: Any = importlib.import_module("pyarrow.parquet")
-        except ImportError as problem:
-            raise LearningError("LeRobot datasets need pyarrow; pip install 'clutter-env[data]'") from problem
-        self._directory, self._fps, self._task, self._stack = directory, fps, task, stack
-        self._steps: Any = None
-        self._episodes: list[dict[str, Any]] = []
-        self._features: dict[str, dict[str, Any]] = {}
-        self._rows: dict[str, list[NDArray[Any]]] = {}
-        self._images: dict[str, list[dict[str, Any]]] = {}
-        self._videos: dict[str, _Video] = {}
-
-    def add(self, episode: Episode) -> None:
-        """One episode: its rows, its frames of the videos, its line in the table of episodes."""
-        self._features = self._features or _features(episode, self._fps)
-        index, first = len(self._episodes), sum(map(len, self._rows.get("index", [])))
-        columns = _columns(episode, index, first, self._fps)
-        statistics = {name: _vector_statistics(values) for name, values in columns.items()}
-        line: dict[str, Any] = {
-            "episode_index": index,
-            "tasks": [self._task],
-            "length": len(episode),
-            "dataset_from_index": first,
-            "dataset_to_index": first + len(episode),
-            **{f"data/{name}": value for name, value in _FIRST.items()},
-            **{f"meta/episodes/{name}": value for name, value in _FIRST.items()},
-        }
-        for camera, name in image_entries(list(episode.observations)).items():
-            key, images = f"observation.images.{camera}", episode.observations[name][:-1]
-            if key not in self._videos:
-                path = self._directory / f"videos/{key}/{_FILE}.mp4"
-                self._videos[key] = self._stack.enter_context(_Video(path, images.shape[1:3], self._fps))
-            video = self._videos[key]
-            line |= {f"videos/{key}/{name}": value for name, value in _FIRST.items()}
-            line[f"videos/{key}/from_timestamp"] = video.frames / self._fps
-            video.write(images)
-            line[f"videos/{key}/to_timestamp"] = video.frames / self._fps
-            statistics[key] = _image_statistics(images)
-            self._images.setdefault(key, []).append(statistics[key])
-        for name, values in columns.items():
-            self._rows.setdefault(name, []).append(values)
-        for name, entry in statistics.items():
-            line |= {f"stats/{name}/{kind}": value for kind, value in entry.items()}
-        self._episodes.append(line)
-        table = self._arrow.table({name: self._column(values) for name, values in columns.items()})
-        if self._steps is None:
-            path = self._directory / f"data/{_FILE}.parquet"
-            path.parent.mkdir(parents=True)
-            self._steps = self._parquet.ParquetWriter(path, table.schema)
-        self._steps.write_table(table)
-
-    def finish(self, robot: str, identity: Mapping[str, Any]) -> None:
-        """Write what is left, when all episodes are in."""
-        self._steps.close()
-        self._write(f"meta/episodes/{_FILE}.parquet", self._arrow.Table.from_pylist(self._episodes))
-        tasks = self._arrow.table({"task_index": np.arange(1), _INDEX: [self._task]})
-        self._write("meta/tasks.parquet", tasks.replace_schema_metadata({"pandas": json.dumps(_pandas_note())}))
-        info = {
-            "codebase_version": FORMAT,
-            "robot_type": robot,
-            "total_episodes": len(self._episodes),
-            "total_frames": sum(map(len, self._rows["index"])),
-            "total_tasks": 1,
-            "chunks_size": _CHUNK,
-            "data_files_size_in_mb": _DATA_MB,
-            "video_files_size_in_mb": _VIDEO_MB,
-            "fps": self._fps,
-            "splits": {"train": f"0:{len(self._episodes)}"},
-            "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-            "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-            if self._images
-            else None,
-            "features": self._features,
-        }
-        write_json(self._directory / "meta/info.json", info)
-        write_json(self._directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
-        statistics = {name: _vector_statistics(np.concatenate(rows)) for name, rows in self._rows.items()}
-        pictures = {name: _mean_statistics(entries) for name, entries in self._images.items()}
-        write_json(self._directory / "meta/stats.json", statistics | pictures)
-
-    def _column(self, values: NDArray[Any]) -> Any:
+    def column(values: NDArray[Any]) -> Any:
         """Numbers (n,), or lists of one length (n, k)."""
-        if values.ndim == 1:
-            return self._arrow.array(values)
-        flat = self._arrow.array(np.ascontiguousarray(values).reshape(-1))
-        return self._arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+        flat = arrow.array(np.ascontiguousarray(values).reshape(-1))
+        return flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
-    def _write(self, name: str, table: Any) -> None:
-        path = self._directory / name
+    tasks = arrow.table({"task_index": np.arange(1), _INDEX: [task]})
+    tables = {
+        f"data/{_FILE}": arrow.table({name: column(np.concatenate(parts)) for name, parts in rows.items()}),
+        f"meta/episodes/{_FILE}": arrow.Table.from_pylist(episodes),
+        "meta/tasks": tasks.replace_schema_metadata({"pandas": json.dumps(_pandas_note())}),
+    }
+    for name, table in tables.items():
+        path = directory / f"{name}.parquet"
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._parquet.write_table(table, path)
+        importlib.import_module("pyarrow.parquet").write_table(table, path)
+    info = {
+        "codebase_version": FORMAT,
+        "robot_type": robot,
+        "total_episodes": len(episodes),
+        "total_frames": first,
+        "total_tasks": 1,
+        "chunks_size": _CHUNK,
+        "data_files_size_in_mb": _DATA_MB,
+        "video_files_size_in_mb": _VIDEO_MB,
+        "fps": fps,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4" if videos else None,
+        "features": features,
+    }
+    write_json(directory / "meta/info.json", info)
+    write_json(directory / "meta/clutter_env.json", dataset.identity)  # LeRobot has no place for it
+    write_json(directory / "meta/stats.json", {name: _all_statistics(parts) for name, parts in statistics.items()})
+
+
+def _imported(module: str, need: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as problem:
+        raise LearningError(f"{need}; pip install 'clutter-env[data]'") from problem
 
 
 class _Video:
@@ -185,10 +165,7 @@ class _Video:
     def __init__(self, path: Path, size: Sequence[int], fps: int) -> None:
         if any(side % 2 for side in size):
             raise LearningError(f"images of {size[0]} x {size[1]} pixels do not fit a video; take even numbers")
-        try:
-            self._av: Any = importlib.import_module("av")
-        except ImportError as problem:
-            raise LearningError("videos need PyAV; pip install 'clutter-env[data]'") from problem
+        self._av = _imported("av", "videos need PyAV")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self._av.open(str(path), "w")
         self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_VIDEO_OPTIONS))
@@ -199,10 +176,8 @@ class _Video:
     def __enter__(self) -> _Video:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
             self._file.mux(self._stream.encode())
         self._file.close()
 
@@ -296,16 +271,15 @@ def _image_statistics(images: NDArray[np.uint8]) -> dict[str, Any]:
     return {**shaped, "count": [len(chosen)]}
 
 
-def _mean_statistics(entries: list[dict[str, Any]]) -> dict[str, Any]:
-    """Statistics of images of all episodes, from those of each: exact but for the quantiles, which are averaged."""
+def _all_statistics(entries: list[dict[str, Any]]) -> dict[str, Any]:
+    """Statistics of all episodes, from those of each: exact but for the quantiles, which are averaged."""
     counts = np.array([entry["count"][0] for entry in entries], dtype=float)
-    shares = (counts / counts.sum()).reshape(-1, 1, 1, 1)
     stacked = {name: np.array([entry[name] for entry in entries]) for name in entries[0] if name != "count"}
-    found = {name: (values * shares).sum(axis=0) for name, values in stacked.items()}
+    found = {name: np.average(values, axis=0, weights=counts) for name, values in stacked.items()}
     spread = stacked["std"] ** 2 + (stacked["mean"] - found["mean"]) ** 2
     found["min"], found["max"] = stacked["min"].min(axis=0), stacked["max"].max(axis=0)
-    found["std"] = np.sqrt((spread * shares).sum(axis=0))
-    return {**{name: values.tolist() for name, values in found.items()}, "count": [int(counts.sum())]}
+    found["std"] = np.sqrt(np.average(spread, axis=0, weights=counts))
+    return {**found, "count": [int(counts.sum())]}
 
 
 def _pandas_note() -> dict[str, Any]:

@@ -31,9 +31,17 @@ from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
 from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
-from clutter_env.simulation.physics_state import capture_physics, read_physics, restore_physics
 from clutter_env.simulation.robot_check import check_robot
-from clutter_env.simulation.saved_state import Fields, SavedState, check_generator, check_quaternions, pack, unpack
+from clutter_env.simulation.saved_state import (
+    Fields,
+    capture_physics,
+    check_generator,
+    check_quaternions,
+    pack,
+    read_physics,
+    restore_physics,
+    unpack,
+)
 from clutter_env.simulation.world import Grip, Measurements, World
 
 _BASE, _TWIST = 3, 6
@@ -272,7 +280,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "end_effector": {"wanted_tcp": arm.wanted, "ik_failures": arm.failures} if arm else None,
             "rng": self.np_random.bit_generator.state,
         }
-        return pack(SavedState(self._kind, scene, capture_physics(self.world), memory))
+        return pack(self._kind, scene, capture_physics(self.world), memory)
 
     def restore_state(self, state: bytes) -> None:
         """Continue from a saved state, bit for bit, also in another process.
@@ -280,10 +288,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
-        saved = unpack(state, self._kind)
-        world, arm = self._world_for(saved.scene), self._end_effector
+        scene, saved_physics, remembered = unpack(state, self._kind)
+        world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
-        memory = Fields(saved.memory, "memory", _MEMORY)
+        memory = Fields(remembered, "memory", _MEMORY)
         wanted_tcp, ik_failures = np.empty(0), 0
         if arm:
             followed = Fields(memory["end_effector"], "memory end_effector", ("wanted_tcp", "ik_failures"))
@@ -291,22 +299,25 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             check_quaternions("memory wanted_tcp", wanted_tcp[:4])
         elif memory["end_effector"] is not None:
             raise StateError("memory: end_effector of the state must be null in control mode 'joint'")
-        physics = read_physics(world, saved.physics)
-        finger, *other_fingers = memory.numbers("fingers", (grippers,)).tolist()
-        target, velocity = memory.numbers("target", (size,)), memory.numbers("velocity", (size,))
+        physics = read_physics(world, saved_physics)
+        control = ControlState(
+            memory.numbers("target", (size,)),
+            memory.numbers("velocity", (size,)),
+            tuple(memory.numbers("fingers", (grippers,)).tolist()),
+        )
         gripped = Fields(memory["grip"], "memory grip", [entry.name for entry in fields(Grip)])
         grip = Grip(
-            held=tuple(gripped.integers("held", grippers, -1, saved.scene.num_objects - 1).tolist()),
+            held=tuple(gripped.integers("held", grippers, -1, scene.num_objects - 1).tolist()),
             is_carried=tuple(gripped.flags("is_carried", grippers).tolist()),
             is_touching=gripped.flag("is_touching"),
         )
         furniture_force = memory.number("furniture_force", 0.0)
         check_generator(self.np_random, memory["rng"])
-        watched = checked_memory(memory["monitor"], saved.scene.num_objects, grippers)
+        watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
         bookkeeping = self._read_memory(memory["task"])
-        restore_physics(world, saved.scene, physics)  # the last that may refuse the state
+        restore_physics(world, scene, physics)  # the last that may refuse the state
         self.world, world.furniture_force = world, furniture_force
-        world.controller.state = ControlState(target, velocity, finger, tuple(other_fingers))
+        world.controller.state = control
         if arm:
             arm.wanted, arm.failures = wanted_tcp.tolist(), ik_failures
         self.measurements = world.measure_objects(grip)
@@ -344,13 +355,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _is_success(self) -> bool:
         """Whether the task is done in the present state."""
 
-    @abstractmethod
     def _memory(self) -> dict[str, Any]:
-        """The task's bookkeeping as JSON values."""
+        """The task's bookkeeping as JSON values; nothing if it follows from the present state."""
+        return {}
 
-    @abstractmethod
     def _read_memory(self, memory: Any) -> Any:
         """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
+        return Fields(memory, "memory task", ())
 
     @abstractmethod
     def _recall(self, bookkeeping: Any) -> None:

@@ -10,7 +10,6 @@ from clutter_env.envs.reward import Way, dense_reward, event_terms, potential, p
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.errors import check_integer
 from clutter_env.scene.layout import TABLE
-from clutter_env.simulation.saved_state import Fields
 
 
 class RetrieveEnv(BaseEnv):
@@ -69,12 +68,6 @@ class RetrieveEnv(BaseEnv):
 
     def _is_success(self) -> bool:
         return self._monitor.lifted and (self.config.success == "lifted" or self._monitor.is_clean)
-
-    def _memory(self) -> dict[str, Any]:
-        return {}
-
-    def _read_memory(self, memory: Any) -> None:
-        Fields(memory, "memory task", ())
 
     def _recall(self, bookkeeping: None) -> None:  # noqa: ARG002  the task remembers nothing
         self._potential = self._measure_potential()

@@ -27,6 +27,7 @@ from clutter_env.policies.runs import load_run, run_directories
 from clutter_env.provenance import differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
+from clutter_env.task import Task
 
 ResultT = TypeVar("ResultT", "Played", Floor)
 _HINT = "--count-crashes counts such episodes as failures"
@@ -181,9 +182,7 @@ def lower_bounds(
 
     if scenes.suite:
         return tuple(find_floor(scene, grasps) for scene in scenes.scenes)
-    env = scenes.scenes[0].make()
-    made_with = provenance(env)
-    env.close()
+    made_with = Task(scenes.env_id, scenes.scenes[0].keywords).provenance()
     return tuple(_complete(_Job(f"minimum for {grasps}", scenes), made_with, records, find))
 
 

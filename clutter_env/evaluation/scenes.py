@@ -143,10 +143,10 @@ def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:
 
 
 def find_floor(scene: Scene, grasps: str) -> Floor:
-    """The minimum number of clearances: that of the suite, or for a scene of an environment by the planner.
+    """The lower bound: that of the suite, or for a scene of an environment found by the planner.
 
     Raises:
-        SuiteError: the suite has no minimum numbers for these grasps.
+        SuiteError: the suite has no lower bounds for these grasps.
     """
     if isinstance(scene, SuiteScene):
         return scene.floor(grasps)

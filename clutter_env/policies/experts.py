@@ -23,7 +23,7 @@ from clutter_env.task import family
 if TYPE_CHECKING:
     from planners import StepLabel, TampExpert
 
-STRATEGY_NAMES = ("lookahead", "ngr", "dogar", "srivastava")
+_STRATEGIES = ("lookahead", "ngr", "dogar", "srivastava")
 """The strategies of the planner, which takes long to import."""
 
 
@@ -35,9 +35,7 @@ class PlannerChoice(NamedTuple):
     canonical: bool = False
 
 
-_SIDE = {name: PlannerChoice(name) for name in STRATEGY_NAMES} | {
-    "canonical": PlannerChoice("lookahead", canonical=True)
-}
+_SIDE = {name: PlannerChoice(name) for name in _STRATEGIES} | {"canonical": PlannerChoice("lookahead", canonical=True)}
 PLANNERS: Mapping[str, PlannerChoice] = MappingProxyType(
     _SIDE | {f"{name}-all": choice._replace(grasps="all") for name, choice in _SIDE.items()}
 )

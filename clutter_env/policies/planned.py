@@ -147,7 +147,7 @@ class PlannedMotionPolicy:
             self._end(found.reason if isinstance(found, NoPath) else f"{in_way} in the way")
             return
         self.is_done, self.has_failed, self.reason = False, False, ""
-        self._executor = Executor(found, self._env.robot, self._sensor.names, self._sensor.read(), MonitorConfig())
+        self._executor = Executor(found, self._env.robot, self._sensor, MonitorConfig())
 
     def act(self, observation: Observation) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
         """The next action."""

@@ -15,7 +15,7 @@ from typing import Any
 
 from clutter_env.policies.experts import EXPERTS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo, check_public
-from clutter_env.policies.runs import TWO_LEVEL_LEARNERS, load_run, run_directories
+from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
 from clutter_env.task import family
@@ -219,7 +219,8 @@ class RunPolicy:
     """
 
     def __init__(self, directory: Path) -> None:
-        task = load_run(directory)["task"]
+        record = load_run(directory)
+        task, self._algorithm = record["task"], str(record["algorithm"])
         self.acts_by_skills = family(task["env_id"]) == "skill"
         self.grasps = "side" if self.acts_by_skills else "all"
         free = {} if self.acts_by_skills else task["keywords"]
@@ -228,12 +229,19 @@ class RunPolicy:
 
     @cached_property
     def _policy(self) -> Policy:
-        from clutter_env.policies.reinforcement import load_trained  # needs torch
+        from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy  # these need torch
+        from clutter_env.policies.reinforcement import ModelPolicy, load_model
 
-        return load_trained(self._directory)
+        if self._algorithm in CLONERS:
+            return ClonedPolicy.load(self._directory / POLICY_FILE)
+        return ModelPolicy(self._algorithm, load_model(self._algorithm, self._directory))
 
     def check(self, public: PublicInfo) -> None:
-        """Note what is public."""
+        """Note what is public.
+
+        Raises:
+            LearningError: the directory holds no trained policy, a damaged one, or one of version 0.1.
+        """
         check_public(self._policy, public)
 
     def reset(self, info: Mapping[str, Any]) -> None:

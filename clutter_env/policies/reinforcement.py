@@ -22,10 +22,9 @@ from torch import nn
 
 from clutter_env.envs.skill import observed_masks
 from clutter_env.errors import LearningError
-from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy
-from clutter_env.policies.features import feature_vector
-from clutter_env.policies.protocol import Policy, PublicInfo
-from clutter_env.policies.runs import CLONERS, GOAL_ALGORITHMS, load_run
+from clutter_env.policies.cloning import feature_vector
+from clutter_env.policies.protocol import PublicInfo
+from clutter_env.policies.runs import GOAL_ALGORITHMS
 from clutter_env.policies.skill_network import SkillNetwork
 from planners import DIRECTIONS
 
@@ -123,18 +122,6 @@ def load_model(name: str, directory: Path, env: gym.Env | None = None, with_buff
             f"{path} is damaged, or another version of this package wrote it; train again ({problem})"
         ) from problem
     return model
-
-
-def load_trained(directory: Path) -> Policy:
-    """The policy of a training run, for environments of the task that it was trained on.
-
-    Raises:
-        LearningError: the directory holds no trained policy, a damaged one, or one of version 0.1.
-    """
-    algorithm = load_run(directory)["algorithm"]
-    if algorithm in CLONERS:
-        return ClonedPolicy.load(directory / POLICY_FILE)
-    return ModelPolicy(algorithm, load_model(algorithm, directory))
 
 
 class ModelPolicy:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,18 +55,3 @@ def load_run(directory: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise LearningError(f"{path} is no record of a training run, or it is damaged: {problem!r}") from problem
     return record
-
-
-def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs between two records of a run, in words, such as "seed: 0 there, 1 now".
-
-    Groups of values (mappings) that the first record lacks are not compared: runs of earlier versions lack some.
-    """
-    found = []
-    for name in dict.fromkeys((*there, *now)):
-        old, new = there.get(name), now.get(name)
-        if isinstance(new, Mapping):
-            found += differences(old, new) if isinstance(old, Mapping) else []
-        elif old != new:
-            found.append(f"{name}: {old!r} there, {new!r} now")
-    return found

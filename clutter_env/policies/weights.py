@@ -58,20 +58,15 @@ class WeightsInfo:
         """Refuse a scene with another robot or layout (`PolicyError`)."""
         other = WeightsInfo(self.kind, robot_identity(public.robot), layout_identity(public.layout), self.grasps)
         if not self.fits(other):
-            raise PolicyError(f"these weights are {self}; the environment has {other.place}")
+            raise PolicyError(f"these are {self}; the environment needs {other}")
 
     def fits(self, other: WeightsInfo) -> bool:
         """Whether both are for the same robot and layout."""
         return (self.robot, self.layout) == (other.robot, other.layout)
 
-    @property
-    def place(self) -> str:
-        """Robot and layout in words."""
-        names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
-        return "robot {!r} and layout {!r}".format(*names)
-
     def __str__(self) -> str:
-        return f"{self.kind} for {self.place}, grasps {self.grasps!r}"
+        names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
+        return "{} for robot {!r} and layout {!r}, grasps {!r}".format(self.kind, *names, self.grasps)
 
 
 def _identities(env: gym.Env[Any, Any]) -> tuple[Any, Any]:

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 RESAMPLES = 4000
 LEVEL = 0.95
-Z = 1.959963984540054
-"""Quantile (1 + LEVEL) / 2 of the standard normal distribution."""
 
 
 class Interval(NamedTuple):
@@ -78,10 +76,10 @@ def wilson(successes: int, trials: int) -> Interval:
     """
     if not trials:
         return NO_INTERVAL
-    rate, share = successes / trials, Z * Z / trials
-    centre = (rate + share / 2) / (1 + share)
-    half = math.sqrt(share * (rate * (1 - rate) + share / 4)) / (1 + share)
-    return Interval(rate, min(max(centre - half, 0.0), rate), max(min(centre + half, 1.0), rate))
+    from scipy.stats import binomtest  # takes a moment to import
+
+    rate, found = successes / trials, binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
+    return Interval(rate, min(float(found.low), rate), max(float(found.high), rate))
 
 
 def success_interval(runs: Sequence[Sequence[bool]], rng: np.random.Generator) -> Interval:

@@ -211,22 +211,6 @@ def _hits_on_drive(
     return met_by_held | _hits(approaches, swept, tcp - approaches.margins.back * approach, approach, opening)
 
 
-class _Pairs(NamedTuple):
-    """p pairs of a grasp and an object near it.
-
-    `ahead`, `aside` (p,) [m] from the TCP to the object's axis, along the approach and to its left; `opening` (p,) [m]
-    of the gripper; `half` (p, 2) [m] extents of the object's footprint; `is_angular` (p,) whether it is a rectangle;
-    `turn` (p,) [rad] of the object from the approach.
-    """
-
-    ahead: Array
-    aside: Array
-    opening: Array
-    half: Array
-    is_angular: NDArray[np.bool_]
-    turn: Array
-
-
 def _hits(
     approaches: SideApproaches, scene: TableScene, tcp: Array, approach: Array, opening: Array
 ) -> NDArray[np.bool_]:
@@ -241,44 +225,39 @@ def _hits(
     beside = solids.half_width.max() + opening.max(initial=0.0) / 2 + reach
     is_near = (behind < ahead) & (ahead < before) & (np.abs(aside) < beside)
     grasp, other = np.nonzero(is_near)
-    yaws = np.arctan2(approach[:, 1], approach[:, 0])
-    pairs = _Pairs(
-        ahead=ahead[is_near],
-        aside=aside[is_near],
-        opening=opening[grasp],
-        half=scene.standing_extents[other, :2],
-        is_angular=scene.is_angular[other],
-        turn=scene.yaws[other] - yaws[grasp],
-    )
-    heights = 2 * scene.standing_extents[other, 2]
+    ahead, aside = ahead[is_near], aside[is_near]
+    half_x, half_y, half_z = scene.standing_extents[other].T
+    turn = scene.yaws[other] - np.arctan2(approach[:, 1], approach[:, 0])[grasp]
     touched = np.zeros(len(other), np.bool_)
-    for start, end, half_width, radius, half_height, is_finger in zip(*solids, strict=True):
-        widths = half_width + pairs.opening * is_finger * 0.5
-        distance = _distances(pairs, (start + end) / 2, (end - start) / 2, widths)
-        touched |= (distance < radius + padding) & (heights > approaches.grasp_height - half_height)
+    for start, end, width, radius, half_height, is_finger in zip(*solids, strict=True):
+        half_length, half_width = (end - start) / 2, width + opening[grasp] * is_finger * 0.5
+        centred = ahead - (start + end) / 2
+        distance = np.hypot(np.maximum(np.abs(centred) - half_length, 0.0), np.maximum(np.abs(aside) - half_width, 0.0))
+        distance -= half_x
+        if scene.is_angular[other].any():
+            gaps = _rectangle_gaps(centred, aside, (half_length, half_width), (half_x, half_y), turn)
+            distance = np.where(scene.is_angular[other], gaps, distance)
+        touched |= (distance < radius + padding) & (2 * half_z > approaches.grasp_height - half_height)
     is_near[is_near] = touched
     return is_near
 
 
-def _distances(pairs: _Pairs, middle: float, half_length: float, half_width: Array) -> Array:
-    """[m] from rectangles to objects; the rectangles' centres are `middle` ahead of the TCP, `half_width` (p,)."""
-    centred = pairs.ahead - middle
-    gap_x = np.maximum(np.abs(centred) - half_length, 0.0)
-    gap_y = np.maximum(np.abs(pairs.aside) - half_width, 0.0)
-    distances: Array = np.hypot(gap_x, gap_y) - pairs.half[:, 0]
-    if pairs.is_angular.any():
-        distances = np.where(pairs.is_angular, _rectangle_distances(pairs, centred, half_length, half_width), distances)
-    return distances
+def _rectangle_gaps(
+    ahead: Array, aside: Array, half: tuple[float, Array], other_half: tuple[Array, Array], turn: Array
+) -> Array:
+    """[m] Largest gap over the four edge normals: less than the distance where two corners face each other.
 
-
-def _rectangle_distances(pairs: _Pairs, ahead: Array, half_length: float, half_width: Array) -> Array:
-    """[m] Largest gap over the four edge normals: less than the distance where two corners face each other."""
-    c, s = np.cos(pairs.turn), np.sin(pairs.turn)
-    half_x, half_y = pairs.half.T
+    Args:
+        ahead, aside: (p,) [m] from the centre of the first of each pair of rectangles to that of the second.
+        half, other_half: half extents [m] of the first along and across the axis of `ahead`, of the second along its
+            own axes.
+        turn: (p,) [rad] of the second.
+    """
+    c, s, (half_length, half_width), (half_x, half_y) = np.cos(turn), np.sin(turn), half, other_half
     gaps = (
         np.abs(ahead) - half_length - half_x * np.abs(c) - half_y * np.abs(s),
-        np.abs(pairs.aside) - half_width - half_x * np.abs(s) - half_y * np.abs(c),
-        np.abs(ahead * c + pairs.aside * s) - half_x - half_length * np.abs(c) - half_width * np.abs(s),
-        np.abs(pairs.aside * c - ahead * s) - half_y - half_length * np.abs(s) - half_width * np.abs(c),
+        np.abs(aside) - half_width - half_x * np.abs(s) - half_y * np.abs(c),
+        np.abs(ahead * c + aside * s) - half_x - half_length * np.abs(c) - half_width * np.abs(s),
+        np.abs(aside * c - ahead * s) - half_y - half_length * np.abs(s) - half_width * np.abs(c),
     )
     return np.asarray(np.maximum.reduce(gaps))

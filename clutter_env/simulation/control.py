@@ -43,19 +43,13 @@ Vector = NDArray[np.float64]
 class ControlState:
     """The state of the controller between two control steps.
 
-    `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `finger` [m]. Of
-    a robot that acts with several arms the joints and fingers of the others follow: `other_fingers` [m].
+    `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `fingers` [m] of
+    each gripper. Of a robot that acts with several arms, joints and fingers of the active one come first.
     """
 
     target: Vector
     velocity: Vector
-    finger: float
-    other_fingers: tuple[float, ...] = ()
-
-    @property
-    def fingers(self) -> tuple[float, ...]:
-        """[m] of each gripper, that of the active arm first."""
-        return self.finger, *self.other_fingers
+    fingers: tuple[float, ...]
 
 
 def checked_action(action: ArrayLike, size: int) -> Vector:
@@ -115,7 +109,7 @@ class JointController:
         self._feedforward = np.array(robot.velocity_feedforward(model, acting.names))
         self._still_command = np.zeros(model.nu)
         self._still_command[index.still_actuators] = robot.still_configuration
-        self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), 0.0)
+        self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), (0.0,) * self.num_grippers)
 
     @property
     def action_size(self) -> int:
@@ -124,12 +118,11 @@ class JointController:
 
     def reset(self, data: mujoco.MjData) -> None:
         """Take the present configuration as the target, at rest."""
-        finger, *others = (sum(pair) / 2 for pair in data.qpos[self._index.finger_qpos].reshape(-1, 2).tolist())
+        fingers = data.qpos[self._index.finger_qpos].reshape(-1, 2).tolist()
         self.state = ControlState(
             target=data.qpos[self._index.drive_qpos].copy(),
             velocity=np.zeros_like(self.max_velocity),
-            finger=finger,
-            other_fingers=tuple(others),
+            fingers=tuple(sum(pair) / 2 for pair in fingers),
         )
         data.ctrl[:] = self._position_command()
 
@@ -213,7 +206,7 @@ class JointController:
         for grip, finger in zip(grips, state.fingers, strict=True):
             wanted = (grip + 1) / 2 * self._robot.max_finger_position
             fingers.append(finger + min(max(wanted - finger, -step), step))
-        self.state = ControlState(bounded, allowed, fingers[0], tuple(fingers[1:]))
+        self.state = ControlState(bounded, allowed, tuple(fingers))
 
     def _position_command(self) -> Vector:
         """Motor commands (nu,) of the present targets at rest."""

@@ -85,8 +85,7 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
                 policy = LearnedHighLevelPolicy(network, rule, info)
                 rollouts = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
                 visited = visited_examples(rollouts, rule, np.random.default_rng(seeds[0]))
-                if visited is not None:
-                    examples = CandidateExamples.joined((examples, visited))
+                examples = CandidateExamples.joined((examples, *visited))
                 network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
                 finish_round(number, network)
     env.close()

@@ -8,7 +8,7 @@ objects counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -168,14 +168,12 @@ class Rollout(NamedTuple):
         failure: "" if the target is taken; else "pick: not reached", "pick: blocked", the same with "place", "gave up"
             or "budget".
         clearances: objects put aside.
-        scenes: the states in which a decision was made.
-        contacts: the decisions.
+        decisions: the states in which a decision was made, and the decisions.
     """
 
     failure: str
     clearances: int
-    scenes: tuple[Scene, ...]
-    contacts: tuple[Contact, ...]
+    decisions: tuple[tuple[Scene, Contact], ...]
 
 
 def initial_scenes(env: gym.Env[Any, Any], seeds: Sequence[int]) -> Iterator[tuple[Scene, str]]:
@@ -192,16 +190,14 @@ def roll_out(policy: LearnedHighLevelPolicy, scene: Scene, target: str, budget: 
     stands where it was to be put. Any other one ends the rollout, and so do `budget` clearances.
     """
     policy.reset()
-    scenes: list[Scene] = []
-    chosen: list[Contact] = []
+    decisions: list[tuple[Scene, Contact]] = []
     failure = "budget"
-    while len(chosen) < 2 * budget + 1:
+    while len(decisions) < 2 * budget + 1:
         contact = policy.choose(as_observed(scene, target))
         if contact is None:
             failure = "gave up"
             break
-        scenes.append(scene)
-        chosen.append(contact)
+        decisions.append((scene, contact))
         if problem := why_not_free(scene, contact):
             failure = f"{contact.skill}: {problem}"
             break
@@ -209,27 +205,24 @@ def roll_out(policy: LearnedHighLevelPolicy, scene: Scene, target: str, budget: 
         if scene.held is not None and scene.held.name == target:
             failure = ""
             break
-    clearances = sum(contact.skill == "place" for contact in chosen) - failure.startswith("place")
-    return Rollout(failure, clearances, tuple(scenes), tuple(chosen))
+    clearances = sum(contact.skill == "place" for _, contact in decisions) - failure.startswith("place")
+    return Rollout(failure, clearances, tuple(decisions))
 
 
 def visited_examples(
-    rollouts: Sequence[Rollout], rule: CandidateRule, rng: np.random.Generator
-) -> CandidateExamples | None:
-    """Examples from the states in which decisions were made; None if there were none.
+    rollouts: Iterable[Rollout], rule: CandidateRule, rng: np.random.Generator
+) -> Iterator[CandidateExamples]:
+    """Examples from the states in which decisions were made.
 
     Labelling the visited states is DAgger (Ross et al. 2011): choosing the best of many candidates finds those that the
     network is wrong about. Beside the places that it chose random ones are labelled.
     """
-    parts = []
-    for rollout in rollouts:
-        for scene, contact in zip(rollout.scenes, rollout.contacts, strict=True):
-            points = None
-            if scene.held is not None:
-                body = placed_body(scene, contact)
-                points = np.concatenate((body.foot[None], random_points(scene, body.radius, rng)))
-            parts.append(examples_of(scene, rule, rng, points))
-    return CandidateExamples.joined(parts) if parts else None
+    for scene, contact in (decision for rollout in rollouts for decision in rollout.decisions):
+        points = None
+        if scene.held is not None:
+            body = placed_body(scene, contact)
+            points = np.concatenate((body.foot[None], random_points(scene, body.radius, rng)))
+        yield examples_of(scene, rule, rng, points)
 
 
 def as_observed(scene: Scene, target: str) -> ObservedScene:

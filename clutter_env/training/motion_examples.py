@@ -135,13 +135,7 @@ def _of_phase(
 ) -> KeyframeExamples:
     """The keyframe of one phase; of a straight line of the arm also the configurations on it.
 
-    Args:
-        robot: that was demonstrated.
-        motion: whose phase it is.
-        phase: its name.
-        number: see `phase_index`.
-        steps: of the phase.
-        free: (2,) free joints at the contact; None under a shelf, where each keyframe has its own.
+    `free` (2,) are the free joints at the contact; None under a shelf, where each keyframe has its own.
     """
     contact, keyframe, is_under_shelf = motion.contact, motion.keyframes[steps.stop - 1], free is None
     base, q = keyframe[None, :3], keyframe[None, 3:11]

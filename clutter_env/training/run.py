@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import LearningError
-from clutter_env.policies.runs import RUN_FILE, differences, load_run
+from clutter_env.policies.runs import RUN_FILE, load_run
 from clutter_env.provenance import differences as made_differently
-from clutter_env.provenance import provenance
 from clutter_env.reporting.files import json_values, write_json
 from clutter_env.task import Task
 from clutter_env.training.settings import SETTINGS, Settings
@@ -41,9 +41,7 @@ class Run:
             LearningError: the algorithm does not learn on this task; the directory holds a run, and it is not to be
                 resumed, is another one, or was made with another environment (the message names what differs).
         """
-        env = self.task.make()
-        present = provenance(env)
-        env.close()
+        present = self.task.provenance()
         if self.task.family not in self.settings.families:
             fitting = ", ".join(name for name, kind in SETTINGS.items() if self.task.family in kind.families)
             raise LearningError(
@@ -79,11 +77,7 @@ class Run:
 
     def write_record(self) -> None:
         """Write the record, and what the run is made with, into its directory, which is made if it does not exist."""
-        env = self.task.make()
-        try:
-            write_json(self.directory / RUN_FILE, {**self.describe(), "provenance": provenance(env)})
-        finally:
-            env.close()
+        write_json(self.directory / RUN_FILE, {**self.describe(), "provenance": self.task.provenance()})
 
 
 def runs_of_seeds(run: Run, count: int) -> list[Run]:
@@ -99,3 +93,18 @@ def runs_of_seeds(run: Run, count: int) -> list[Run]:
     return [
         replace(run, seed=seed, directory=run.directory / f"seed-{seed}") for seed in range(run.seed, run.seed + count)
     ]
+
+
+def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two records of a run, in words, such as "seed: 0 there, 1 now".
+
+    Groups of values (mappings) that the first record lacks are not compared: runs of earlier versions lack some.
+    """
+    found = []
+    for name in dict.fromkeys((*there, *now)):
+        old, new = there.get(name), now.get(name)
+        if isinstance(new, Mapping):
+            found += differences(old, new) if isinstance(old, Mapping) else []
+        elif old != new:
+            found.append(f"{name}: {old!r} there, {new!r} now")
+    return found

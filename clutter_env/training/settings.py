@@ -1,4 +1,7 @@
-"""The settings of every algorithm: one dataclass each, with the options that it has and no others; without torch."""
+"""What to train: the settings of every algorithm; commands read them, so nothing heavy is imported.
+
+The settings of an algorithm are a dataclass with the options that it has and no others.
+"""
 
 from __future__ import annotations
 

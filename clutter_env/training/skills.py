@@ -90,7 +90,8 @@ def fit_skills(
     torch.manual_seed(seed)
     fitted = [*network.parameters(), *([] if value is None else value.parameters())]
     optimiser = torch.optim.AdamW(fitted, lr=_LEARNING_RATE, weight_decay=1e-4)
-    weights = _weights(examples)
+    counts = np.bincount(examples.clearances, minlength=len(_SHARES))
+    weights = (np.array(_SHARES) / np.maximum(counts, 1))[examples.clearances]
     used = np.unique(examples.scene)
 
     def loss_at(step: int) -> torch.Tensor:
@@ -101,7 +102,9 @@ def fit_skills(
             return loss
         rows = np.concatenate([_drawn(examples, weights, scene, rng) for scene in scenes])
         of_choices = GraspScores(*(part.repeat_interleave(_CHOICES, dim=0) for part in grasps))
-        states = _States(examples, rows, torch.from_numpy(_budget_left(examples.clearances[rows], rng)))
+        # Shares of the budget that are left, from what good skills need up to all.
+        left = rng.uniform((examples.clearances[rows] + 1) / (MAX_CLEARANCES + 3), 1).astype(np.float32)
+        states = _States(examples, rows, torch.from_numpy(left))
         states.try_skills(network, of_choices, torch.from_numpy(rng.integers(_REFUSALS + 1, size=len(rows))))
         raw, whole = network.choose(states.observation(), of_choices)
         logits = raw.masked_fill(~states.allowed, _OUT)
@@ -163,12 +166,6 @@ def _grasp_loss(grasps: GraspScores, examples: SkillExamples, scenes: NDArray[np
     return of_reach + of_pairs.sum(3)[reached].mean()
 
 
-def _weights(examples: SkillExamples) -> NDArray[np.float64]:
-    """(k,) weights of choices within their scene: `_SHARES`, divided among those that need as many clearances."""
-    counts = np.bincount(examples.clearances, minlength=len(_SHARES))
-    return np.asarray((np.array(_SHARES) / np.maximum(counts, 1))[examples.clearances])
-
-
 def _drawn(
     examples: SkillExamples, weights: NDArray[np.float64], scene: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
@@ -176,12 +173,6 @@ def _drawn(
     first, last = np.searchsorted(examples.scene, (scene, scene + 1))
     of_scene = weights[first:last]
     return np.asarray(first + rng.choice(last - first, _CHOICES, p=of_scene / of_scene.sum()))
-
-
-def _budget_left(clearances: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Shares of the budget (k,), from what good skills need up to all."""
-    least = (clearances + 1) / (MAX_CLEARANCES + 3)
-    return np.asarray(rng.uniform(least, 1), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,20 +304,19 @@ def skill_labels(is_reachable: NDArray[np.bool_], masks: NDArray[np.int64], targ
     return SkillLabels(np.append(clears & is_helpful[:, None], takes), np.append(clears, takes), clearances)
 
 
-def clearances_left(in_the_way: Sequence[set[int]], target: int, most: int = MAX_CLEARANCES) -> tuple[int, int]:
+def clearances_left(in_the_way: Sequence[set[int]], target: int) -> tuple[int, int]:
     """Fewest clearances before some grasp of the target is free, and the mask of objects with which they can begin.
 
     Args:
         in_the_way: for every object the masks of what is in the way of its grasps.
         target: its index.
-        most: clearances at most.
 
     Returns:
-        -1 and 0 if more than `most` are needed, or if none frees it.
+        -1 and 0 if more than `MAX_CLEARANCES` are needed, or if none frees it.
     """
     matters = _matter(in_the_way, target)
     reached = {0: 0}  # what can be gone after `count` clearances, and the objects with which this can begin
-    for count in range(most + 1):
+    for count in range(MAX_CLEARANCES + 1):
         firsts = [first for gone, first in reached.items() if any(not mask & ~gone for mask in in_the_way[target])]
         if firsts:
             return count, _union(firsts)

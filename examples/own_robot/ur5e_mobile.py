@@ -7,7 +7,7 @@ import mujoco
 from mujoco import mjtGeom, mjtJoint
 
 import clutter_env  # noqa: F401  registers the environments
-from assets.robots import RobotSpec
+from assets import RobotSpec
 from planners import TampExpert
 
 FOLDER = Path(__file__).parent

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from planners.cause import Cause
 from planners.clearing.lower_bound import self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
-from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.placing.placements import PlacementSearch
@@ -68,23 +67,26 @@ class ClearingProblem:
     Attributes:
         is_usable: whether a grasp in a scene can be used at all: whether the gripper can leave again. It is asked
             about few, before placements are looked for.
+        reject: sees to it that an unusable grasp is not offered again as it was.
         order_by_task_plan: puts the objects to clear in the order in which a task plan clears them.
         left_alone: objects that stay where they are: no grasp of them is offered.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
+        saves_time: whether grasps are chosen that take less time.
     """
 
-    context: PlanningContext
     candidates: GraspCandidates
     placements: PlacementSearch
     scene: Scene
     target: str
     strategy: Strategy
     rng: np.random.Generator
-    is_usable: Callable[[Scene, GraspCandidate], bool] = lambda _scene, _grasp: True
-    order_by_task_plan: Callable[[Commitments], Commitments] = lambda commitments: commitments
     deadline: Deadline = NO_DEADLINE
+    is_usable: Callable[[Scene, GraspCandidate], bool] = lambda _scene, _grasp: True
+    reject: Callable[[Scene, GraspCandidate], None] = lambda _scene, _grasp: None
+    order_by_task_plan: Callable[[Commitments], Commitments] = lambda commitments: commitments
     left_alone: frozenset[str] = frozenset()
     holds_aside: bool = False
+    saves_time: bool = False
 
     def grasps(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, with what blocks each now; best first."""

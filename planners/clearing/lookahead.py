@@ -70,13 +70,24 @@ class Turn(NamedTuple):
     remaining: Commitments
 
 
-def commitments_for(problem: ClearingProblem) -> ClearancePlan | NoCommitment | tuple[GraspCandidate, ...]:
+def commitments_for(problem: ClearingProblem, rejections: int | None = None) -> ClearancePlan | NoCommitment:
     """The first commitments of the strategy, or, planned ahead, the first whose objects all find placements.
 
-    Returns:
-        the plan; grasps that cannot be used, to take out of the candidates before this is called again; or why there
-        is no plan.
+    Args:
+        problem: grasps that cannot be used are rejected on the way, and commitments looked for anew.
+        rejections: how often at most; None for no limit.
     """
+    for _ in itertools.count() if rejections is None else range(rejections):
+        found = _plan_or_unusable(problem)
+        if not isinstance(found, tuple):
+            return found
+        for grasp in found:
+            problem.reject(problem.scene, grasp)
+    return NoCommitment(Cause.NO_SELF_CLEARABLE_SET, (problem.target,))
+
+
+def _plan_or_unusable(problem: ClearingProblem) -> ClearancePlan | NoCommitment | tuple[GraspCandidate, ...]:
+    """The plan, why there is none, or those grasps of the first commitments that cannot be used."""
     without_placement = problem.target
     for commitments in alternatives(problem):
         if problem.deadline.is_over:
@@ -167,7 +178,7 @@ def simulate_until_stuck(
     placements: dict[str, Placement] = {}
     for name in names:
         scene, remaining = turns[-1]
-        if problem.context.saves_time and name in remaining.order:
+        if problem.saves_time and name in remaining.order:
             remaining = with_less_time(problem, scene, remaining, name)
             turns[-1] = Turn(scene, remaining)
         done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
@@ -205,7 +216,7 @@ def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> 
     turns, placements = simulate_until_stuck(problem, commitments, names)
     if len(placements) < len(names):
         return names[len(placements)]
-    if problem.context.saves_time:
+    if problem.saves_time:
         last = with_less_time(problem, turns[-1].scene, commitments, commitments.target)
         commitments = _as_taken(problem, commitments, turns, last.grasps[commitments.target])
         names = (*problem.scene.held_names, *commitments.order)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from types import MappingProxyType
 
-from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
+from planners.clearing.commitments import ClearingProblem, Commitments
 from planners.clearing.lookahead import (
     ClearancePlan,
     alternatives,
@@ -66,15 +66,12 @@ def _plan_rest(problem: ClearingProblem, tries: Iterator[int], scene: Scene, pro
     """A plan for the target from a scene on, its grasps looked for anew."""
     strategy, candidates = problem.strategy, problem.candidates.blank_copy()
     less = replace(strategy, sets=min(strategy.sets, _SETS), variations=min(strategy.variations, _VARIATIONS))
-    rest = replace(problem, scene=scene, candidates=candidates, strategy=less, left_alone=frozenset())
-    for _ in range(_REJECTIONS):
-        found = commitments_for(rest)
-        if isinstance(found, ClearancePlan):
-            return found
-        if isinstance(found, NoCommitment):
-            break
-        for grasp in found:
-            candidates.ban(scene, grasp)
+    rest = replace(
+        problem, scene=scene, candidates=candidates, reject=candidates.ban, strategy=less, left_alone=frozenset()
+    )
+    found = commitments_for(rest, _REJECTIONS)
+    if isinstance(found, ClearancePlan):
+        return found
     return _best_plan(rest, tries, provisional) if provisional else None
 
 

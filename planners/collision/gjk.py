@@ -126,13 +126,7 @@ def _farthest_point(solids: Solids, i: int, x: float, y: float, z: float) -> tup
 @leaf_kernel
 def height(solids: Solids, i: int) -> float:
     """[m] from the centre of solid i up to its highest point."""
-    half, R = solids.half, solids.rotation
-    if solids.core[i] > CYLINDER:
-        return float(solids.radius[i] + _farthest_point(solids, i, 0.0, 0.0, 1.0)[2] - solids.position[i, 2])
-    upright = solids.radius[i] + abs(R[i, 2, 2]) * half[i, 2]
-    if solids.core[i] == BOX:
-        return float(upright + abs(R[i, 2, 0]) * half[i, 0] + abs(R[i, 2, 1]) * half[i, 1])
-    return float(upright + math.sqrt(R[i, 2, 0] * R[i, 2, 0] + R[i, 2, 1] * R[i, 2, 1]) * half[i, 0])
+    return float(solids.radius[i] + _farthest_point(solids, i, 0.0, 0.0, 1.0)[2] - solids.position[i, 2])
 
 
 @leaf_kernel

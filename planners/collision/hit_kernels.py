@@ -19,7 +19,7 @@ from irm.chain import BASE
 from irm.compilation import njit
 from irm.kinematics import fk_frames
 from planners.collision.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from planners.collision.kernel_arguments import inlined_kernel, leaf_kernel, pointer_to
+from planners.collision.kernel_arguments import copy_rows, inlined_kernel, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import Obstacles, RobotArrays
 from planners.scene import SELF_BIT, STATIC_BIT
 
@@ -146,14 +146,7 @@ def _move_frames(R: Array, p: Array, count: int, base: Array) -> None:
 def place_robot(
     robot: RobotArrays, attached: Attached, scratch: Scratch, base: Array, q: Array, opening: float
 ) -> None:
-    """Write the world poses of all primitives, and of the held object, into `scratch`.
-
-    Args:
-        robot, attached, scratch: see their types.
-        base: (3,) x [m], y [m], yaw [rad].
-        q: (n,) torso [m] and arm [rad].
-        opening: of the gripper [m].
-    """
+    """Write the world poses of all primitives, and of the held object, into `scratch`; `opening` of the gripper [m]."""
     R, p, solids, position = scratch.R, scratch.p, scratch.solids, scratch.solids.position
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     tcp, count = robot.offsets.shape[0], robot.core.shape[0]
@@ -173,43 +166,21 @@ def place_robot(
             _compose(R, p, tcp, attached.position, attached.rotation, row, solids, count + row)
 
 
-def place_along(robot: RobotArrays, attached: Attached, X: Array, opening: float) -> tuple[Array, Array]:
-    """World poses of all p primitives, then of the held object, at each of n configurations.
-
-    Args:
-        robot, attached: see their types; without a held object its poses mean nothing.
-        X: (n, 3 + j) whole-body configurations.
-        opening: of the gripper [m].
+@njit(cache=True)
+def place_along(query: CollisionQuery, X: Array) -> tuple[Array, Array]:
+    """World poses of all p primitives, then of the held object, at each of n whole-body configurations (n, 3 + j).
 
     Returns:
-        positions (n, p + 1, 3) [m] and rotations (n, p + 1, 3, 3).
+        positions (n, p + 1, 3) [m] and rotations (n, p + 1, 3, 3); without a held object its poses mean nothing.
     """
-    solids = robot.core.shape[0] + 1
-    positions, rotations = np.empty((X.shape[0], solids, 3)), np.empty((X.shape[0], solids, 3, 3))
-    _place_along(robot, attached, make_scratch(robot, attached), X, opening, positions, rotations)
-    return positions, rotations
-
-
-@leaf_kernel
-def _place_along(
-    robot: RobotArrays,
-    attached: Attached,
-    scratch: Scratch,
-    X: Array,
-    opening: float,
-    positions: Array,
-    rotations: Array,
-) -> None:
-    """The loop of `place_along`."""
-    solids = scratch.solids
-    moving, held, memory = pointer_to(robot), pointer_to(attached), pointer_to(scratch)
+    checks, solids, count = pointer_to(query), query.scratch.solids, query.robot.core.shape[0] + 1
+    positions, rotations = np.empty((X.shape[0], count, 3)), np.empty((X.shape[0], count, 3, 3))
     for k in range(X.shape[0]):
-        place_robot(moving, held, memory, X[k, :3], X[k, 3:], opening)
-        for i in range(positions.shape[1]):
-            for row in range(3):
-                positions[k, i, row] = solids.position[i, row]
-                for column in range(3):
-                    rotations[k, i, row, column] = solids.rotation[i, row, column]
+        place_robot(checks.robot, checks.attached, checks.scratch, X[k, :3], X[k, 3:], query.opening)
+        copy_rows(solids.position[:count], positions[k])
+        for i in range(count):
+            copy_rows(solids.rotation[i], rotations[k, i])
+    return positions, rotations
 
 
 @leaf_kernel
@@ -312,11 +283,7 @@ def _hits_itself(
 def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 
-    Args:
-        query: a pointer to it.
-        active: mask of the bits to look for; the query's, or some of them.
-        base: (3,) x [m], y [m], yaw [rad].
-        q: (n,) torso [m] and arm [rad].
+    `query` is a pointer to it, `active` the mask of the bits to look for: the query's, or some of them.
     """
     robot, obstacles, padding = query.robot, query.obstacles, query.padding
     scratch = query.scratch

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain, link_of_body
 from irm.ik.solvers import SolverArrays, solver_arrays
-from irm.kinematics import fk_frames
+from irm.kinematics import link_frames
 from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
@@ -208,13 +208,6 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
         self_pairs=np.concatenate((arrays.self_pairs, pairs)),
         reach=reach,
     )
-
-
-def link_frames(chain: ArmChain, q: Array) -> tuple[Array, Array]:
-    """Orientations (n + 1, 3, 3) and origins (n + 1, 3) of the links and the TCP in the base frame."""
-    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, q, R, p)
-    return R, p
 
 
 @cache

@@ -110,16 +110,10 @@ def track_line(
 def follow_line(
     robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
 ) -> Array:
-    """Configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` included.
+    """Configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` (n,) included.
 
-    Args:
-        robot: whose chain it is, by reference.
-        q_start: (n,).
-        direction: (3,) unit vector in the base frame.
-        distance: [m].
-        step: [m] between samples at most.
-        jump: greatest change of a joint [m, rad] per sample.
-        speed: (n,) weights by which the joints share the motion.
+    `direction` (3,) is a unit vector in the base frame, `jump` the greatest change of a joint [m, rad] per sample. The
+    joints share the motion by their `speed` (n,). The robot comes by reference.
 
     Returns:
         the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
@@ -146,17 +140,9 @@ def follow_line(
 def trace_straight(
     world: CollisionWorld, base: Array, q_start: Array, direction: ArrayLike, distance: float
 ) -> Array | None:
-    """Follow a straight line with torso and arm.
+    """Waypoints (n, 8) of torso and arm along a straight line, from `q_start` (8,) on; None if it cannot be followed.
 
-    Args:
-        world: whose robot.
-        base: (3,) x [m], y [m], yaw [rad].
-        q_start: (8,) configuration in which the line starts.
-        direction: (3,) unit vector in the world.
-        distance: [m].
-
-    Returns:
-        waypoints (n, 8) from `q_start` on, without jumps; None where the arm cannot follow the line.
+    `direction` is a unit vector (3,) in the world, `distance` in [m], `base` (3,) where the base stands.
     """
     along = np.asarray(direction, dtype=float)
     c, s = math.cos(base[2]), math.sin(base[2])
@@ -169,11 +155,7 @@ def trace_straight(
 def trace_by_torso(
     world: CollisionWorld, _base: Array, q_start: Array, direction: ArrayLike, distance: float
 ) -> Array | None:
-    """Follow a vertical line with the torso alone.
-
-    This works in every configuration of the arm, but only within the limits of the torso. Arguments and result as for
-    `trace_straight`.
-    """
+    """As `trace_straight`, of a vertical line and with the torso alone: within its limits, however the arm is."""
     robot, along = world.robot, np.asarray(direction, dtype=float)
     end = q_start[0] + distance * along[2]
     if abs(along[2]) < 1.0 - _VERTICAL or not robot.lower[0] <= end <= robot.upper[0]:

@@ -36,6 +36,8 @@ STEP = 0.006
 """[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
 SUPPORT_SLACK = 0.0005
 """[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
+FINGER_GAP = 0.012
+"""[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
 _ALL = (1 << 64) - 1
 _KEPT = 32
 """Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""
@@ -60,7 +62,9 @@ class _Carried(NamedTuple):
 class CollisionWorld:
     """A scene compiled for collision checks; meant to be built once and passed on.
 
-    Masks are as in `Scene`: bit i is object i; STATIC_BIT and SELF_BIT are added.
+    Masks are as in `Scene`: bit i is object i; STATIC_BIT and SELF_BIT are added. What is checked depends on the
+    `opening` of the gripper [m], the `held` object, which moves with the TCP and is no obstacle, and on the mask
+    `ignore` of bits that do not count.
 
     Attributes:
         scene: the scene it was compiled from.
@@ -76,11 +80,7 @@ class CollisionWorld:
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
-        """Compile a scene.
-
-        Args:
-            scene: its objects may stand or lie; the robot's head is assumed to be in `robot.head_configuration`.
-            padding: [m] Nearer counts as a hit.
+        """Compile a scene; the robot's head is assumed to be in `robot.head_configuration`.
 
         Raises:
             GeometryError: the robot has collision geometry that cannot be represented.
@@ -116,16 +116,8 @@ class CollisionWorld:
         """Mask of the objects that idle arms hold."""
         return self.scene.mask(one.held.name for one in self.scene.aside)
 
-    def attached(self, held: HeldObject | None) -> Attached:
-        """The held object, or none, for kernels; computed once for each object passed.
-
-        Raises:
-            UnknownObject: the scene has no object of that name.
-        """
-        return self._carry(held).attached
-
     def _carry(self, held: HeldObject | None) -> _Carried:
-        """What is computed once for each held object, and for none."""
+        """What is computed once for each held object, and for none; raises `UnknownObject`."""
         if id(held) not in self._carried:
             width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
             attached = self._attach(held)
@@ -171,14 +163,8 @@ class CollisionWorld:
     def query(
         self, opening: float, held: HeldObject | None = None, ignore: int = 0, first_only: bool = False
     ) -> CollisionQuery:
-        """What kernels check.
-
-        Args:
-            opening: of the gripper [m]; fingers that are commanded to close on the held object stay at its width.
-            held: the held object; it moves with the TCP and is no obstacle.
-            ignore: mask of bits that do not count.
-            first_only: stop at the first hit.
-        """
+        """What kernels check; with `first_only` they stop at the first hit."""
+        # Fingers that are commanded to close on the held object stay at its width.
         (_, attached, width, scratch), active = self._carry(held), self.active(ignore)
         apart, padding = max(float(opening), width), float(self.padding)
         return CollisionQuery(self.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
@@ -186,21 +172,13 @@ class CollisionWorld:
     def hits(
         self, base: ArrayLike, q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0
     ) -> int:
-        """What one configuration hits, as a mask.
-
-        Args:
-            base: (3,) x [m], y [m], yaw [rad].
-            q: (8,) torso [m] and arm [rad].
-            opening: of the gripper [m].
-            held: the held object; it moves with the TCP and is no obstacle.
-            ignore: mask of bits that do not count.
-        """
+        """What one configuration hits, as a mask: base x [m], y [m], yaw [rad] (3,), torso [m] and arm [rad] (8,)."""
         return int(self.hits_many(base, np.asarray(q, dtype=float)[None], opening, held, ignore)[0])
 
     def hits_many(
         self, base: ArrayLike, Q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0
     ) -> NDArray[np.uint64]:
-        """What each configuration of `Q` (k, 8) hits at one base pose: masks (k,); arguments as for `hits`."""
+        """What each configuration of `Q` (k, 8) hits at one base pose: masks (k,)."""
         query = self.query(opening, held, ignore)
         hits: NDArray[np.uint64] = many_hits(query, np.array(base, dtype=float), np.array(Q, dtype=float, order="C"))
         return hits
@@ -218,7 +196,7 @@ class CollisionWorld:
 
         Args:
             X: (k, 11) whole-body configurations, base and `q`.
-            opening, held, ignore: as for `hits`.
+            opening, held, ignore: as for all checks.
             step: [m] No point of the robot moves more between two checks.
             first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
         """
@@ -269,11 +247,7 @@ def objects_on(world: CollisionWorld, name: str) -> int:
 
 
 def with_clearance_below(world: CollisionWorld, name: str) -> CollisionWorld:
-    """The same world with the objects under that one lowered by the padding, so that it can be lifted from them.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """The same world with the objects under that one lowered by the padding, so that it can be lifted from them."""
     body = world.scene.body(name)
     for other in world.scene.objects:
         if _stands_on(world, body, other):

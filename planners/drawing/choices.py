@@ -26,7 +26,7 @@ from planners.placing.negative_goal_region import (
 )
 from planners.placing.surfaces import Surface
 from planners.placing.swept_volume import path_volume
-from planners.scene import Body, HeldObject, RobotState, Scene
+from planners.scene import Body, HeldObject, Scene
 from planners.tamp.solution import BoundAction, Solution
 
 Array = NDArray[np.float64]
@@ -166,8 +166,9 @@ def _choice(
         cleared: names of the objects put aside before.
     """
     scene = put.scene if picked is None else picked.scene
-    body, (put_state, held) = scene.body(put.target), _grip(put, "open")
-    start = put.scene.state.base if picked is None else _grip(picked, "close")[0].base
+    assert put.grip is not None
+    body, (put_state, held) = scene.body(put.target), put.grip
+    start = put.scene.state.base if picked is None or picked.grip is None else picked.grip[0].base
     world, radius = CollisionWorld.from_scene(scene), body.radius
     in_work = [_work_mask(world, surface, start, held, body) for surface in put.surfaces]
     candidates = [placement_grid(surface.support) for surface in put.surfaces]
@@ -210,14 +211,6 @@ def _swept(picked: BoundAction) -> SweptVolume:
             opening = world.scene.robot.opening(float(trajectory.finger_position[during].max()))
             volumes.append(path_volume(world, X, opening, phase.touched if phase.held else None))
     return join_volumes(volumes)
-
-
-def _grip(action: BoundAction, phase_name: str) -> tuple[RobotState, HeldObject]:
-    """The robot when the fingers begin to close or to open, and the object between them."""
-    phase = next(phase for phase in action.trajectory.phases if phase.name == phase_name)
-    assert phase.touched is not None
-    sample = action.trajectory.sample(phase.start)
-    return RobotState(sample.base, sample.q, sample.finger_position), phase.touched
 
 
 def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldObject, body: Body) -> NDArray[np.bool_]:

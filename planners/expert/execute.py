@@ -103,7 +103,7 @@ def follow(
         step: carries out the command of one control step; true if that was the last one there may be.
         config: tolerances of the monitor.
     """
-    executor, is_over = Executor(actions, robot, sensor.names, sensor.read(), config), False
+    executor, is_over = Executor(actions, robot, sensor, config), False
     while not executor.is_over and not is_over:
         is_over = step(executor.advance(sensor.read()))
     return executor

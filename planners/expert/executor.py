@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
-from planners.expert.monitor import Deviation, DeviationKind, Snapshot, object_moved, tracking_error
+from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
@@ -56,8 +56,7 @@ class Executor:
         self,
         actions: Sequence[BoundAction],
         robot: RobotSpec,
-        names: tuple[str, ...],
-        start: Snapshot,
+        sensor: Sensor,
         config: MonitorConfig,
         by_tcp: bool = False,
         at_start: int = 0,
@@ -67,8 +66,7 @@ class Executor:
         Args:
             actions: the plan.
             robot: the robot that executes it.
-            names: of the objects, in the order of the snapshots.
-            start: the present state of the world; snapshots are of the arm that `arm` names.
+            sensor: reads the start; snapshots later on are of the arm that `arm` names, objects in the same order.
             config: tolerances of the monitor.
             by_tcp: the robot is end-effector-controlled: it gets TCP poses and its controller chooses the joint angles.
                 Then the executor waits until the TCP arrives, and does not compare joint angles with the plan.
@@ -76,12 +74,12 @@ class Executor:
         """
         self._actions = tuple(actions)
         self._robot = robot
-        self._names = names
+        self._names = sensor.names
         self._config = config
         self.action = 0
         self._tick = -float(at_start)
         self._rate = 1.0
-        self._expected = start
+        self._expected = sensor.read()
         self._grip: Array | None = None
         self._closed_for = 0
         self._last: Command | None = None

@@ -315,12 +315,10 @@ class TampExpert:
         elif not solution.actions:
             self._hold()
         else:
-            sensor = self._sensors[solution.actions[0].scene.robot.arm_name]
             self._executor = Executor(
                 solution.actions,
                 self._env.robot,
-                sensor.names,
-                sensor.read(),
+                self._sensors[solution.actions[0].scene.robot.arm_name],
                 self._config.monitor,
                 by_tcp=self._env.control_mode == "ee",
                 at_start=_AT_START if self._report.replans else 0,

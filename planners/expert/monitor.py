@@ -15,6 +15,7 @@ from assets.robots import RobotSpec
 from planners.expert.config import MonitorConfig
 from planners.motion.arm import tcp_pose
 from planners.scene import Body, Scene
+from planners.scene.bodies import pose_matrix
 from planners.scene.mujoco_reading import MovableBodies, RobotJoints
 
 Array = NDArray[np.float64]
@@ -91,9 +92,7 @@ class Sensor:
     def read(self) -> Snapshot:
         """The present state."""
         positions, quaternions = self._objects.poses(self._data)
-        T = np.eye(4)
-        T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
-        T[:3, 3] = self._data.site_xpos[self._site]
+        T = pose_matrix(self._data.site_xpos[self._site], self._data.site_xmat[self._site])
         uprightness = 1 - 2 * (quaternions[:, 1] ** 2 + quaternions[:, 2] ** 2)
         return Snapshot(positions, uprightness, T, self._joints.read(self._data))
 

@@ -71,6 +71,9 @@ class EpisodeReport:
             "simulated time": f"{self.sim_s:.1f} s",
         }
 
+    def __str__(self) -> str:
+        return "\n".join(f"{name}: {value}" for name, value in {"result": self.result, **self.rows()}.items())
+
     def with_clearances(self, names: list[str]) -> EpisodeReport:
         """The report after more clearances."""
         clearances = (*self.clearances, *names)

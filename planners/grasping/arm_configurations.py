@@ -192,19 +192,8 @@ def _scan(
 def gripper_hits(
     world: CollisionWorld, gripper_poses: Array, opening: float, *, held: HeldObject | None = None, ignore: int = 0
 ) -> NDArray[np.uint64]:
-    """What the gripper alone, and the held object, hit.
-
-    Args:
-        world: the scene, compiled.
-        gripper_poses: (k, 5) TCP x, y, z [m], yaw and pitch [rad], as in `GripperPoses`.
-        opening: of the gripper [m].
-        held: the held object.
-        ignore: mask of bits that do not count.
-
-    Returns:
-        masks (k,).
-    """
-    query, robot = world.query(opening, held, ignore | 1 << SELF_BIT), _gripper_arrays(world.scene.robot)
+    """What the gripper alone, and the held object, hit at gripper poses (k, 5), as in `GripperPoses`: masks (k,)."""
+    query, robot = world.query(opening, held, ignore | 1 << SELF_BIT), gripper_arrays(world.scene.robot)
     query = query._replace(robot=robot, scratch=make_scratch(robot, query.attached))
     hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))
     return hits
@@ -216,8 +205,11 @@ def _rows(values: Array) -> Array:
 
 
 @cache
-def _gripper_arrays(robot: RobotSpec) -> RobotArrays:
-    """The gripper as a robot of its own: its base pose is x, y and yaw of the TCP, its joints are height and pitch."""
+def gripper_arrays(robot: RobotSpec) -> RobotArrays:
+    """The gripper as a robot of its own, with solids in the TCP frame.
+
+    Its base pose is x, y and yaw of the TCP, its joints are height and pitch.
+    """
     arrays = robot_arrays(robot)
     last = arrays.link == len(robot.chain) - 1
     T_tcp_link = np.linalg.inv(pose_of(arrays.tip))

@@ -67,10 +67,7 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
 
     Obstacles lower than the base, such as a slab that is the ground, and those above the robot do not count. Of
     a base that is not round, the largest circle in its outline is clear of them; `fits` says whether all of it is.
-
-    Args:
-        scene: its static obstacles.
-        with_shadows: leave out what lies behind walls, as seen from the support.
+    With shadows, what lies behind walls as seen from the support is left out too.
 
     Raises:
         SceneError: the scene has no support.
@@ -243,16 +240,9 @@ def facing_bases(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Base poses that face gripper poses from a fixed distance, smooth in the gripper's pose, the least turned first.
 
-    The distance is `_STANDOFF` of the reach in whole centimetres, or where the free ground begins behind that.
-
-    Args:
-        placer: the free ground of the scene.
-        gripper_poses: (k, 5), as for `MapPlacer.bases`.
-        reach: [m] from the base at most.
-        turns: [rad] yaws of the gripper relative to the base.
-
-    Returns:
-        as `MapPlacer.bases`; those of all gripper poses in one order, the least cost first.
+    The distance is `_STANDOFF` of the reach [m] in whole centimetres, or where the free ground begins behind that.
+    `turns` [rad] are the gripper's yaws relative to the base. Result as of `MapPlacer.bases`, but those of all gripper
+    poses in one order, the least cost first.
     """
     yaw = wrap_to_pi(gripper_poses[:, 3:4] - np.array(turns))
     distance = np.full(yaw.shape, np.inf)

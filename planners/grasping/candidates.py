@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
-from planners.collision.scene_arrays import link_frames
+from irm.kinematics import link_frames
 from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import STRAIGHT, TURNED, MapPlacer, facing_bases, farthest_reach
@@ -320,10 +320,9 @@ def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ..
 def _have_same_poses(one: Scene, other: Scene) -> bool:
     """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
 
-    def is_same(a: Body, b: Body) -> bool:
-        same_position = a.name == b.name and np.array_equal(a.position, b.position)
-        return same_position and np.array_equal(a.quaternion, b.quaternion)
-
     if set(one.held_names) != set(other.held_names) or len(one.objects) != len(other.objects):
         return False
-    return all(a is b or is_same(a, b) for a, b in zip(one.objects, other.objects, strict=True))
+    return all(
+        a is b or (a.name == b.name and np.array_equal((*a.position, *a.quaternion), (*b.position, *b.quaternion)))
+        for a, b in zip(one.objects, other.objects, strict=True)
+    )

@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from irm.chain import pose_of
-from planners.collision.scene_arrays import robot_arrays
+from planners.collision.world import FINGER_GAP
+from planners.grasping.arm_configurations import gripper_arrays
 from planners.scene import Body
 
-FINGER_GAP = 0.012
-"""[m] between each finger and the object before the fingers close."""
 _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
 """[m] that are kept before the palm, below the palm, beyond the fingertips and at the upper edge of the pads."""
 _DECIMALS = 6
@@ -112,16 +110,11 @@ class GripperClearances:
 @cache
 def gripper_clearances(robot: RobotSpec) -> GripperClearances:
     """The lengths of a robot's gripper: of its fingers, and of the palm, the solid behind them that is foremost."""
-    arrays = robot_arrays(robot)
-    T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
-    last = arrays.link == arrays.axes.size - 1
-    centre = arrays.position @ T_tcp_link[:3, :3].T + T_tcp_link[:3, 3]
-    extent = np.array(
-        [np.abs(R) @ half for R, half in zip(T_tcp_link[:3, :3] @ arrays.rotation, arrays.half, strict=True)]
-    )
+    arrays = gripper_arrays(robot)  # in the TCP frame
+    centre, extent = arrays.position, np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half)
     extent += arrays.radius[:, None]
     front = centre[:, 0] + extent[:, 0]
-    fingers, others = np.flatnonzero(last & arrays.slides), np.flatnonzero(last & ~arrays.slides)
+    fingers, others = np.flatnonzero(arrays.slides), np.flatnonzero(~arrays.slides)
     palm = others[front[others].argmax()]
     pad = float(extent[fingers, 2].max())
     lengths = (
@@ -139,14 +132,12 @@ class GraspPose:
     """A gripper pose around one object where it is now.
 
     Attributes:
-        object: its name.
         yaw: [rad] about the vertical.
         pitch: [rad] of the approach below the horizontal.
         T_world_tcp: (4, 4), Rz(yaw) Ry(pitch) and position; read-only.
         opening: [m] between the finger pads before they close.
     """
 
-    object: str
     yaw: float
     pitch: float
     T_world_tcp: Array
@@ -164,7 +155,7 @@ def generate_grasps(body: Body, robot: RobotSpec, families: Sequence[GraspFamily
     or too long for palm and fingertips.
     """
     return tuple(
-        GraspPose(body.name, float(yaw), family.pitch, _pose(body, robot, family, yaw), gripper_opening(robot, half))
+        GraspPose(float(yaw), family.pitch, _pose(body, robot, family, yaw), gripper_opening(robot, half))
         for family in families
         for yaw, half in zip(*_yaws(body, family), strict=True)
         if 2 * half < robot.max_opening

@@ -6,6 +6,7 @@ the object, and which objects are in the way. Under a shelf the base drives stra
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.straight_lines import trace_by_torso, trace_straight
-from planners.collision.world import CollisionWorld, with_clearance_below
-from planners.motion.arm import SIDE_CLEARANCE, ArmQuery, tcp_pose
+from planners.collision.world import FINGER_GAP, CollisionWorld, with_clearance_below
+from planners.motion.arm import ArmQuery, tcp_pose
 from planners.motion.path import on_base
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
@@ -72,58 +73,54 @@ class ContactQuery:
         loaded: while the object is held.
         q: (8,) torso [m] and arm [rad] when the fingers close or open.
         body: the object where it stands before it is grasped, or after it was released.
+        held: the object, as it is held.
+        T_world_tcp: (4, 4) of the gripper then.
     """
 
     empty: ArmQuery
     loaded: ArmQuery
     q: Array
     body: Body
+    held: HeldObject
+    T_world_tcp: Array
 
     @classmethod
     def grasp(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, name: str, ignore: int = 0) -> ContactQuery:
-        """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles.
-
-        Raises:
-            UnknownObject: no such object.
-        """
+        """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles."""
         body = world.scene.body(name)
         held = HeldObject.grasped(body, _tcp_pose(world.scene, base, q))
-        return cls._around(world, with_clearance_below(world, name), base, q, held, body, ignore)
+        return cls._of(world, with_clearance_below(world, name), base, q, held, ignore)
 
     @classmethod
     def release(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject) -> ContactQuery:
         """A release of a held object where the gripper has it then; raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
-        return cls._around(world.with_body(placed), world, base, q, held, placed, 0)
+        return cls._of(world.with_body(placed), world, base, q, held, 0)
 
     @classmethod
-    def _around(
+    def _of(
         cls,
         empty: CollisionWorld,
         loaded: CollisionWorld,
         base: ArrayLike,
         q: ArrayLike,
         held: HeldObject,
-        body: Body,
         ignore: int,
     ) -> ContactQuery:
-        """The query in the worlds without and with the object in hand, which stands as `body`."""
-        there, scene = np.asarray(base, float), empty.scene
-        grip = body.width_in_gripper(np.linalg.inv(_tcp_pose(scene, base, q)) @ body.pose)
-        opening = min(grip + 2 * SIDE_CLEARANCE, scene.robot.max_opening)
+        """The query in the worlds without the object in hand, where it stands, and with it."""
+        scene, there, body = empty.scene, np.asarray(base, float), empty.scene.body(held.name)
+        T_world_tcp = _tcp_pose(scene, base, q)
+        grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
+        opening = min(grip + 2 * FINGER_GAP, scene.robot.max_opening)
         holding = ArmQuery(loaded, there, grip, held, ignore)
-        return cls(ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body)
+        return cls(
+            ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body, held, T_world_tcp
+        )
 
     @cached_property
     def is_covered(self) -> bool:
         """Whether a shelf hangs over the object."""
         return is_covered(self.empty.world.scene, self.body.foot)
-
-    @property
-    def held(self) -> HeldObject:
-        """The object, as it is held."""
-        assert self.loaded.held is not None
-        return self.loaded.held
 
     @property
     def patterns(self) -> tuple[ApproachPattern, ...]:
@@ -154,46 +151,24 @@ class Approach(NamedTuple):
 
 
 def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything."""
     query = ContactQuery.grasp(world, base, q_grasp, name)
     return any(free_approach(query, pattern) is not None for pattern in query.patterns)
 
 
 def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
-    """Whether the gripper can lower the held object to a configuration (8,), open and leave without hitting anything.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """Whether the gripper can lower the held object to a configuration (8,), open and leave, and hit nothing."""
     query = ContactQuery.release(world, base, q_release, held)
     return any(free_approach(query, pattern) is not None for pattern in query.likely_patterns)
-
-
-def can_leave(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper could lift that object from a grasp (8,) if no other object were there.
-
-    Raises:
-        UnknownObject: no such object.
-    """
-    return planned_approach(world, base, q_grasp, name) is not None
 
 
 def planned_approach(
     world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str
 ) -> tuple[ContactQuery, Approach] | None:
-    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other object were there.
-
-    Raises:
-        UnknownObject: no such object.
-    """
+    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other one were there."""
     others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
     query = ContactQuery.grasp(world, base, q_grasp, name, others)
-    traced = (trace(query, pattern) for pattern in query.likely_patterns)
-    return next(((query, approach) for approach in traced if isinstance(approach, Approach)), None)
+    return next(((query, approach) for approach in _traced(query)), None)
 
 
 def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> int | None:
@@ -201,13 +176,14 @@ def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, 
 
     Returns:
         None if the robot cannot follow any of the lines, or they lead through static obstacles.
-
-    Raises:
-        UnknownObject: no such object.
     """
     query = ContactQuery.grasp(world, base, q_grasp, name)
-    traced = (trace(query, pattern) for pattern in query.likely_patterns)
-    return min((found.hits for found in traced if isinstance(found, Approach)), key=int.bit_count, default=None)
+    return min((found.hits for found in _traced(query)), key=int.bit_count, default=None)
+
+
+def _traced(query: ContactQuery) -> Iterator[Approach]:
+    """The patterns worth tracing along which the arm can go if nothing were in its way that can be cleared."""
+    return (found for pattern in query.likely_patterns if isinstance(found := trace(query, pattern), Approach))
 
 
 def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
@@ -241,7 +217,7 @@ def trace(query: ContactQuery, pattern: ApproachPattern) -> Approach | str:
 
 def _lines(query: ContactQuery, pattern: ApproachPattern) -> tuple[Array, Array] | None:
     """Configurations (n, 11) outwards along a pattern, without and with the object; None if it cannot be followed."""
-    back, up = -_tcp_pose(query.empty.world.scene, query.empty.base, query.q)[:3, 0], np.array([0.0, 0.0, 1.0])
+    back, up = -query.T_world_tcp[:3, 0], np.array([0.0, 0.0, 1.0])
     empty = _follow(query, ((back, pattern.back), (up, pattern.up)), pattern)
     if empty is None:
         return None
@@ -262,7 +238,7 @@ def _follow(query: ContactQuery, lines: tuple[tuple[Array, float], ...], pattern
     standing = on_base(base, waypoints)
     if not pattern.drives:
         return standing
-    drive = drive_out(world.scene.support, base, _tcp_pose(world.scene, base, query.q))
+    drive = drive_out(world.scene.support, base, query.T_world_tcp)
     return np.vstack([standing, *(np.concatenate((outside, waypoints[-1])) for outside in drive[1:])])
 
 

@@ -14,16 +14,15 @@ from irm.chain import ArmChain
 from irm.kinematics import forward
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import trace_by_torso, trace_straight
-from planners.collision.world import OVERLAP, STEP, CollisionWorld
+from planners.collision.world import FINGER_GAP, OVERLAP, STEP, CollisionWorld
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import blend_corners, rrt_connect, shortcut
 from planners.scene import SELF_BIT, HeldObject, RobotState
+from planners.scene.bodies import frozen
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 
-SIDE_CLEARANCE = 0.012
-"""[m] between each finger of the open gripper and the object: the `FINGER_GAP` of grasps, which motions do not know."""
 _ITERATIONS, _NEAR = 600, 0.8
 """Random targets of a search at most, and the share of them drawn about the straight line from start to goal."""
 SHORTCUTS = 20
@@ -60,9 +59,7 @@ class ArmQuery:
     ignore: int = 0
 
     def __post_init__(self) -> None:
-        base = np.array(self.base, dtype=float)
-        base.setflags(write=False)
-        object.__setattr__(self, "base", base)
+        object.__setattr__(self, "base", frozen(self.base, (3,), "base"))
 
     def hits(self, Q: Array) -> list[int]:
         """Masks of what configurations (k, 8) hit."""
@@ -221,7 +218,7 @@ def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator
     held, robot = world.scene.held, world.scene.robot
     gap = robot.opening(state.finger_position)
     touched, is_among = world.hits(state.base, state.q, gap, held), is_among_objects(world, state)
-    opening = min(gap + 2 * SIDE_CLEARANCE, robot.max_opening) if touched and held is None else gap
+    opening = min(gap + 2 * FINGER_GAP, robot.max_opening) if touched and held is None else gap
     for padded in (world, world.with_padding(0.0), world.with_padding(-OVERLAP)):
         query = ArmQuery(padded, state.base, opening, held)
         ignore = query.hits(state.q[None])[0] & ~FIXED_BITS

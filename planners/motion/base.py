@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm import SHORTCUTS
-from planners.motion.path import CLEARANCE, NoPath, WholeBodyPath
+from planners.motion.path import CLEARANCE, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import rrt_connect, shortcut
 from planners.scene import HeldObject
 
@@ -56,14 +56,14 @@ def plan_base(
     there[2] = unwrap_yaw(there[2], here[2])
     for padded in (world.with_padding(CLEARANCE), world):
         for waypoints in _simple_paths(here, there):
-            X = _with_arm(waypoints, configuration)
+            X = on_base(waypoints, configuration)
             if not padded.path_hits(X, opening, held, first_only=True):
                 return WholeBodyPath(X, opening, held)
     for name, place in (("start", here), ("goal", there)):
         touched = world.hits(place, configuration, opening, held)
         if touched:
             return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
-    X = _with_arm(np.stack((here, there)), configuration)
+    X = on_base(np.stack((here, there)), configuration)
     lower, upper = X.min(axis=0), X.max(axis=0)
     lower[:3] -= (_ROAM, _ROAM, math.pi)
     upper[:3] += (_ROAM, _ROAM, math.pi)
@@ -74,11 +74,6 @@ def plan_base(
         if not world.path_hits(path, opening, held):
             return WholeBodyPath(path, opening, held)
     return NoPath("drive: no path around the static obstacles found")
-
-
-def _with_arm(waypoints: Array, q: Array) -> Array:
-    """Whole-body configurations (n, 11): base poses (n, 3), torso and arm the same (8,) in all."""
-    return np.hstack([waypoints, np.tile(q, (len(waypoints), 1))])
 
 
 def unwrap_yaw(yaw: float, near: float) -> float:

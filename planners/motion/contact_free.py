@@ -20,7 +20,7 @@ from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
 from planners.motion.path import CLEARANCE, SAME_BASE
 from planners.motion.timing import finger_ramp, round_corners, time_parametrise
-from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
+from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject, RobotState
 
 Array = NDArray[np.float64]
@@ -37,61 +37,36 @@ _OFF_LINE = 0.001
 """[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
 
 
-class ContactFree(NamedTuple):
-    """Consecutive phases of a plan in which nothing is grasped or released, at rest at both ends.
-
-    Attributes:
-        phases: their trajectories, one phase each, in order.
-        begins_in_contact, ends_in_contact: whether the fingers are around an object at the start, at the end.
-    """
-
-    phases: Sequence[Trajectory]
-    begins_in_contact: bool
-    ends_in_contact: bool
-
-    @property
-    def steps(self) -> list[int]:
-        """Control steps of each phase."""
-        return [len(phase.times) - 1 for phase in self.phases]
-
-
-def phases_of(trajectory: Trajectory) -> list[Trajectory]:
-    """The phases of a trajectory; each begins with the sample that the one before ends with."""
-    starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
-    ends = [*starts[1:], len(trajectory.times) - 1]
-    return [
-        Trajectory.of_states(trajectory.states[start : end + 1], phase)
-        for start, end, phase in zip(starts, ends, trajectory.phases, strict=True)
-    ]
-
-
-def merge_phases(world: CollisionWorld, motion: ContactFree) -> list[Trajectory] | None:
+def merge_phases(
+    world: CollisionWorld, phases: Sequence[Trajectory], begins_in_contact: bool, ends_in_contact: bool
+) -> list[Trajectory] | None:
     """The same phases on a shorter path, timed as one motion; None if none is found that takes less time.
 
     The phases keep their shares of the time. The fingers move while the robot does.
 
     Args:
         world: the scene at this time, compiled.
-        motion: the phases.
+        phases: consecutive ones in which nothing is grasped or released, at rest at both ends; one phase each.
+        begins_in_contact, ends_in_contact: whether the fingers are around an object at the start, at the end.
     """
-    path = _shorter_path(world, motion)
+    path = _shorter_path(world, phases, begins_in_contact, ends_in_contact)
     if path is None:
         return None
-    robot, held = world.scene.robot, motion.phases[0].phases[0].held
-    start, end = motion.phases[0].finger_position[0], motion.phases[-1].finger_position[-1]
+    robot, held, steps = world.scene.robot, phases[0].phases[0].held, [len(phase.times) - 1 for phase in phases]
+    start, end = phases[0].finger_position[0], phases[-1].finger_position[-1]
     timed, ramp = time_parametrise(path, robot, start, Phase("", 0.0), bool(held)), finger_ramp(robot, start, end)
     last = len(timed.times) - 1
-    if not max(len(ramp) - 1, len(motion.phases)) <= last < sum(motion.steps):
+    if not max(len(ramp) - 1, len(phases)) <= last < sum(steps):
         return None
-    bounds, states = _bounds(motion.steps, last), timed.states.copy()
+    bounds, states = _bounds(steps, last), timed.states.copy()
     # The fingers begin to move with the phase in which they did as planned.
-    moving = (k for k, phase in enumerate(motion.phases) if np.ptp(phase.finger_position) > 0.0)
+    moving = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0)
     begin = min(bounds[next(moving, 0)], last + 1 - len(ramp))
     states[begin : begin + len(ramp), -1] = ramp
     states[begin + len(ramp) :, -1] = end
     return [
         Trajectory.of_states(states[first : final + 1], phase.phases[0])
-        for (first, final), phase in zip(itertools.pairwise(bounds), motion.phases, strict=True)
+        for (first, final), phase in zip(itertools.pairwise(bounds), phases, strict=True)
     ]
 
 
@@ -102,20 +77,25 @@ def _bounds(steps: Sequence[int], last: int) -> list[int]:
     return [min(bound, last - (len(bounds) - 1 - k)) for k, bound in enumerate(bounds)]
 
 
-def _shorter_path(world: CollisionWorld, motion: ContactFree) -> Array | None:
+def _shorter_path(
+    world: CollisionWorld, phases: Sequence[Trajectory], begins_in_contact: bool, ends_in_contact: bool
+) -> Array | None:
     """Whole-body configurations (n, 11) from the start of the motion to its end; None if no shorter path is found.
 
     The straight line between what is kept of the lines at both ends, or else a polygon of corners on the planned path.
     """
-    robot, checks = world.scene.robot, _Checks.of(world, motion)
-    starts = list(_lines(robot, motion.phases[0].states, motion.begins_in_contact))
-    ends = [line[::-1] for line in _lines(robot, motion.phases[-1].states[::-1], motion.ends_in_contact)]
+    # The checks: with the widest opening of the motion, or what is held throughout.
+    robot, first = world.scene.robot, phases[0].phases[0]
+    widest = max(float(phase.finger_position.max()) for phase in phases)
+    checks = _Checks(world, robot.opening(widest), first.touched if first.held else None)
+    starts = list(_lines(robot, phases[0].states, begins_in_contact))
+    ends = [line[::-1] for line in _lines(robot, phases[-1].states[::-1], ends_in_contact)]
     for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
         if checks.is_free(np.stack([starts[i][-1], ends[j][0]])):
             path = checks.rounded(starts[i], np.empty((0, starts[i].shape[1])), ends[j])
             if path is not None:
                 return path
-    inner = motion.phases[int(motion.begins_in_contact) : len(motion.phases) - int(motion.ends_in_contact)]
+    inner = phases[int(begins_in_contact) : len(phases) - int(ends_in_contact)]
     planned = [phase.states[:, :-1] for phase in inner]
     corners = _corners(checks, np.vstack([starts[-1][-1:], *planned, ends[-1][:1]]))
     return None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1])
@@ -127,13 +107,6 @@ class _Checks(NamedTuple):
     world: CollisionWorld
     opening: float
     held: HeldObject | None
-
-    @classmethod
-    def of(cls, world: CollisionWorld, motion: ContactFree) -> _Checks:
-        """Those with the widest opening of the motion."""
-        first = motion.phases[0].phases[0]
-        widest = max(float(phase.finger_position.max()) for phase in motion.phases)
-        return cls(world, world.scene.robot.opening(widest), first.touched if first.held else None)
 
     def is_free(self, path: Array) -> bool:
         """Whether a path keeps `CLEARANCE` from all but the robot itself."""

@@ -14,7 +14,7 @@ from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_arrays
 from planners.motion.path import WholeBodyPath
-from planners.motion.trajectory import Trajectory
+from planners.motion.trajectory import Trajectory, phases_of
 from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
 
 _ROBOT, _OTHER = 1, 2
@@ -83,6 +83,31 @@ def _exclude_neighbours(spec: mujoco.MjSpec, scene: Scene) -> None:
             spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
 
 
+class ModelPositions:
+    """Positions of the joints, `qpos` (nq,), of a `scene_model`: they are set to those of a scene, then changed."""
+
+    def __init__(self, model: mujoco.MjModel, scene: Scene, qpos: NDArray[np.float64]) -> None:
+        robot, self.qpos = scene.robot, qpos
+        self._columns = [int(model.joint(name).qposadr[0]) for name in (*robot.drive_joints, robot.finger_joints[0])]
+        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
+        self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
+        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+            qpos[model.joint(joint).qposadr[0]] = angle
+        for body in scene.objects:
+            self.put(body.name, body.position, body.quaternion)
+
+    def move(self, state: NDArray[np.float64]) -> None:
+        """Move the robot to a whole-body configuration and finger position (12,)."""
+        self.qpos[self._columns] = state
+        self.qpos[self._second_finger] = state[-1]
+
+    def put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
+        """Put an object at a pose."""
+        start = self._start[name]
+        self.qpos[start : start + 3] = position
+        self.qpos[start + 3 : start + 7] = quaternion
+
+
 class PenetrationReport(NamedTuple):
     """The deepest penetration of a motion.
 
@@ -114,29 +139,18 @@ class MujocoCollisionChecker:
         self.scene = scene
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
-        self._columns = np.array(
-            [model.joint(name).qposadr[0] for name in (*robot.drive_joints, robot.finger_joints[0])]
-        )
-        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
-        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-            self._data.joint(joint).qpos = angle
+        self._positions = ModelPositions(model, scene, self._data.qpos)
         self._tcp = model.site(robot.tcp_site).id
         self._gripper = _gripper_geoms(model, robot)
         self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
-        self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
-        self.move_to(scene)
 
     def move_to(self, scene: Scene) -> None:
-        """Put the objects where another scene has them.
-
-        Raises:
-            SceneError: it differs in more than the poses of its objects and the robot's state.
-        """
+        """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
         if _signature(scene) != _signature(self.scene):
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         self.scene = scene
         for body in scene.objects:
-            self._put(body.name, body.position, body.quaternion)
+            self._positions.put(body.name, body.position, body.quaternion)
 
     def accepts(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> bool:
         """Whether nothing penetrates deeper than `TOLERANCE`; see `deepest_penetration`."""
@@ -149,7 +163,7 @@ class MujocoCollisionChecker:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
             step: [m] that a point of the robot may move between two checked configurations.
         """
-        worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self._columns) - 1))
+        worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints)))
         for segment in self._segments(motion):
             held_geom = -1 if segment.held is None else self._geoms[segment.held.name]
             ignored = {self._geoms[name] for name in self.scene.names_of(segment.ignore)}
@@ -166,7 +180,7 @@ class MujocoCollisionChecker:
                 # From now on the object stays where it was placed last.
                 geom, quaternion = self._geoms[segment.held.name], np.empty(4)
                 mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
-                self._put(segment.held.name, self._data.geom_xpos[geom], quaternion)
+                self._positions.put(segment.held.name, self._data.geom_xpos[geom], quaternion)
             for geom in grips:
                 self._let_collide(geom, 0)
         self.move_to(self.scene)
@@ -178,14 +192,11 @@ class MujocoCollisionChecker:
             finger = self.scene.robot.finger_position(motion.opening)
             yield _Segment(np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore)
             return
-        states = np.column_stack([motion.base, motion.q, motion.finger_position])
-        ends = [*(phase.start for phase in motion.phases[1:]), np.inf]
-        for phase, end in zip(motion.phases, ends, strict=True):
-            rows = np.flatnonzero((motion.times >= phase.start) & (motion.times <= end))
-            if len(rows):
-                held = phase.touched if phase.held else None
-                between = () if phase.touched is None or phase.held else (phase.touched.name,)
-                yield _Segment(states[rows], held, self.scene.mask(between))
+        for piece in phases_of(motion):
+            phase = piece.phases[0]
+            held = phase.touched if phase.held else None
+            between = () if phase.touched is None or phase.held else (phase.touched.name,)
+            yield _Segment(piece.states, held, self.scene.mask(between))
 
     def _refine(self, segment: _Segment, step: float) -> NDArray[np.float64]:
         """States (m, 12) at most `step` [m] apart for any point of the robot; fingers stay at a held object's width."""
@@ -203,10 +214,9 @@ class MujocoCollisionChecker:
         return np.column_stack([np.interp(at, np.arange(len(states)), column) for column in states.T])
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
-        """Place the robot and the held object, and find contacts."""
+        """Place the robot and what its grippers hold, and find contacts."""
         model, data = self._model, self._data
-        data.qpos[self._columns] = state
-        data.qpos[self._second_finger] = state[-1]
+        self._positions.move(state)
         mujoco.mj_kinematics(model, data)
         if held is not None:
             self._place_held(held, self._tcp)
@@ -219,11 +229,6 @@ class MujocoCollisionChecker:
         data, geom, R = self._data, self._geoms[held.name], self._data.site_xmat[tcp].reshape(3, 3)
         data.geom_xpos[geom] = data.site_xpos[tcp] + R @ held.T_tcp_object[:3, 3]
         data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
-
-    def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
-        start = self._start[name]
-        self._data.qpos[start : start + 3] = position
-        self._data.qpos[start + 3 : start + 7] = quaternion
 
     def _let_collide(self, geom: int, bits: int) -> None:
         """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""

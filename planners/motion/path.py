@@ -78,6 +78,8 @@ class NoPath:
     reason: str
 
 
-def on_base(base: ArrayLike, waypoints: Array) -> Array:
-    """Whole-body configurations (n, 11): a base pose (3,) with each of `waypoints` (n, 8)."""
-    return np.hstack([np.tile(base, (len(waypoints), 1)), waypoints])
+def on_base(bases: ArrayLike, waypoints: ArrayLike) -> Array:
+    """Whole-body configurations (n, 11): base poses (n, 3) with torso and arm (n, 8); one of either is that of all."""
+    bases, waypoints = np.atleast_2d(bases), np.atleast_2d(waypoints)
+    (n,) = np.broadcast_shapes(bases.shape[:1], waypoints.shape[:1])
+    return np.hstack([np.broadcast_to(bases, (n, bases.shape[1])), np.broadcast_to(waypoints, (n, waypoints.shape[1]))])

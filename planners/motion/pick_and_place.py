@@ -9,7 +9,6 @@ base pose than the start, the free path to it begins with a drive.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,11 +88,7 @@ def plan_pick(
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
-    found = _plan_around(_FreePaths(query, stand, q_start, False, rng))
-    if not isinstance(found, _Outwards):
-        return found
-    transit, approach = found.free_empty, found.empty.reversed()
-    return PickPlaceMotion(transit, approach, found.loaded, found.free_loaded, query.held, query.body)
+    return _plan_around(_FreePaths(query, stand, q_start, False, rng))
 
 
 def plan_place(
@@ -110,8 +105,7 @@ def plan_place(
 
     Args:
         world: the scene, compiled; the held object's own pose in it does not matter.
-        base: (3,) where the base stands when the fingers open.
-        start: (8,) configuration at the start, or (11,) with the base pose first if the base stands elsewhere then.
+        base, start: as for `plan_pick`; the fingers open at `base`.
         q_release: (8,) configuration in which the fingers open: the object then stands where this one holds it.
         held: the held object.
         rng: for the free paths.
@@ -119,18 +113,11 @@ def plan_place(
             `NoPath` where it would be `BlockedBy`.
 
     Returns:
-        the motion; the smallest set of objects found to be in its way; or why clearing would not help.
-
-    Raises:
-        UnknownObject: no such object.
+        as `plan_pick`.
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)
-    found = _plan_around(_FreePaths(query, stand, q_start, True, rng), find_blockers)
-    if not isinstance(found, _Outwards):
-        return found
-    transit, lower = found.free_loaded.reversed(), found.loaded.reversed()
-    return PickPlaceMotion(transit, lower, found.empty, found.free_empty.reversed(), held, query.body)
+    return _plan_around(_FreePaths(query, stand, q_start, True, rng), find_blockers)
 
 
 def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:
@@ -146,18 +133,6 @@ def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Ar
     return (x[:3] if is_there else inside), x[:3], x[3:]
 
 
-class _Outwards(NamedTuple):
-    """A motion planned outwards from the contact, without and with the object: straight lines, then free paths.
-
-    The free path without the object leads to the hover configuration, the one with it away from there.
-    """
-
-    empty: WholeBodyPath
-    loaded: WholeBodyPath
-    free_empty: WholeBodyPath
-    free_loaded: WholeBodyPath
-
-
 @dataclass(frozen=True, eq=False)
 class _FreePaths:
     """The free paths of a pick or a placement: between its start, the hover and a carry configuration."""
@@ -168,7 +143,7 @@ class _FreePaths:
     starts_loaded: bool  # a placement: the object is held at the start
     rng: np.random.Generator
 
-    def around(self, approach: Approach, find_blockers: bool) -> _Outwards | BlockedBy | NoPath:
+    def around(self, approach: Approach, find_blockers: bool) -> PickPlaceMotion | BlockedBy | NoPath:
         """The whole motion along straight lines, planned as if what they hit were gone; that counts as blockers."""
         paths: list[WholeBodyPath] = []
         blockers = set(self.query.empty.world.scene.names_of(approach.hits))
@@ -182,11 +157,17 @@ class _FreePaths:
                 paths.append(path)
         if blockers:
             return BlockedBy(frozenset(blockers), approach.phase if approach.hits else "transit")
-        lines = [
+        empty, loaded = (
             WholeBodyPath(X, query.opening, query.held, query.ignore)
             for X, query in ((approach.empty, self.query.empty), (approach.loaded, self.query.loaded))
-        ]
-        return _Outwards(*lines, *paths)
+        )
+        # All are planned outwards from the contact: the free path without the object ends there at the hover.
+        free_empty, free_loaded = paths
+        if self.starts_loaded:
+            in_order = free_loaded.reversed(), loaded.reversed(), empty, free_empty.reversed()
+        else:
+            in_order = free_empty, empty.reversed(), loaded, free_loaded
+        return PickPlaceMotion(*in_order, self.query.held, self.query.body)
 
     def _path(self, approach: Approach, is_loaded: bool, find_blockers: bool) -> WholeBodyPath | BlockedBy | NoPath:
         """One of the two; the one at the start of the motion includes the drive to the hover, if need be."""
@@ -240,7 +221,7 @@ class _FreePaths:
         return plan_arm(query, start, goal, rng=self.rng, find_blockers=find_blockers)
 
 
-def _plan_around(free: _FreePaths, find_blockers: bool = True) -> _Outwards | BlockedBy | NoPath:
+def _plan_around(free: _FreePaths, find_blockers: bool = True) -> PickPlaceMotion | BlockedBy | NoPath:
     """Straight lines, outwards, and the free paths to and from their end.
 
     First the patterns on which nothing is hit. Then, if blockers are asked for, the fewest objects in the way over all
@@ -250,7 +231,7 @@ def _plan_around(free: _FreePaths, find_blockers: bool = True) -> _Outwards | Bl
     for pattern in query.patterns:
         approach = free_approach(query, pattern)
         found = None if approach is None else free.around(approach, find_blockers=False)
-        if isinstance(found, _Outwards):
+        if isinstance(found, PickPlaceMotion):
             return found
     if not find_blockers:
         return NoPath("no free approach found")

@@ -33,7 +33,7 @@ _ARC_PIECES = 8
 
 
 @leaf_kernel
-def squared_distance(a: Array, b: Array, weights: Array) -> float:
+def _squared_distance(a: Array, b: Array, weights: Array) -> float:
     """[m²] between two whole-body configurations (d,), each joint weighed by `weights` (d,)."""
     total = 0.0
     for joint in range(a.shape[0]):
@@ -47,7 +47,7 @@ def _nearest(nodes: Array, count: int, target: Array, weights: Array) -> int:
     """Index of the node nearest to `target` among the first `count`."""
     best, index = math.inf, 0
     for i in range(count):
-        distance = squared_distance(nodes[i], target, weights)
+        distance = _squared_distance(nodes[i], target, weights)
         if distance < best:
             best, index = distance, i
     return index
@@ -72,25 +72,22 @@ def _advance(query: CollisionQuery, start: Array, target: Array, step: float, re
 
 
 @njit(cache=True)
-def _trace(nodes: Array, parents: NDArray[np.int64], leaf: int) -> Array:
-    """The branch from the root to a leaf, (k, d)."""
-    length, node = 0, leaf
+def _joined(nodes: Array, parents: NDArray[np.int64], start_leaf: int, goal_leaf: int) -> Array:
+    """The path (k, d) from the root of the first tree to a leaf, then from a leaf of the second one to its root."""
+    before, node = 0, start_leaf
     while node >= 0:
-        length, node = length + 1, parents[node]
-    branch, node = np.empty((length, nodes.shape[1])), leaf
-    for i in range(length - 1, -1, -1):
-        copy_row(nodes[node], branch[i])
-        node = parents[node]
-    return branch
-
-
-@njit(cache=True)
-def _joined(first: Array, second: Array) -> Array:
-    """A branch (k, d) from its root to its leaf, then another (j, d) from its leaf to its root."""
-    path = np.empty((first.shape[0] + second.shape[0], first.shape[1]))
-    copy_rows(first, path[: first.shape[0]])
-    for i in range(second.shape[0]):
-        copy_row(second[second.shape[0] - 1 - i], path[first.shape[0] + i])
+        before, node = before + 1, parents[_FROM_START, node]
+    length, node = before, goal_leaf
+    while node >= 0:
+        length, node = length + 1, parents[_FROM_GOAL, node]
+    path, node = np.empty((length, nodes.shape[2])), start_leaf
+    for i in range(before - 1, -1, -1):
+        copy_row(nodes[_FROM_START, node], path[i])
+        node = parents[_FROM_START, node]
+    node = goal_leaf
+    for i in range(before, length):
+        copy_row(nodes[_FROM_GOAL, node], path[i])
+        node = parents[_FROM_GOAL, node]
     return path
 
 
@@ -173,7 +170,7 @@ def rrt_connect(
         goal = goals[int(rng.random() * goals.shape[0])]
         _draw(start, goal, lower, upper, weights, near, rng, target)
         stem = _nearest(nodes[tree], counts[tree], target, weights)
-        distance = math.sqrt(squared_distance(nodes[tree, stem], target, weights))
+        distance = math.sqrt(_squared_distance(nodes[tree, stem], target, weights))
         share = min(1.0, _EXTENSION / max(distance, 1e-12))
         for joint in range(d):
             target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
@@ -183,9 +180,9 @@ def rrt_connect(
             stem = _nearest(nodes[other], counts[other], reached, weights)
             outcome = _advance(checks, nodes[other, stem], reached, step, link)
             if outcome == 2:
-                first = _trace(nodes[tree], parents[tree], leaf)
-                second = _trace(nodes[other], parents[other], stem)
-                return _joined(first, second) if tree == _FROM_START else _joined(second, first)
+                return (
+                    _joined(nodes, parents, leaf, stem) if tree == _FROM_START else _joined(nodes, parents, stem, leaf)
+                )
             if outcome == 1:
                 _grow(nodes, parents, counts, other, stem, link)
         tree = 1 - tree
@@ -193,23 +190,13 @@ def rrt_connect(
 
 
 @njit(cache=True)
-def _splice(path: Array, i: int, a: Array, j: int, b: Array) -> Array:
-    """The path with all between point `a` on segment i and point `b` on segment j replaced by a straight line."""
-    shorter = np.empty((i + 1 + 2 + path.shape[0] - j - 1, path.shape[1]))
-    copy_rows(path[: i + 1], shorter[: i + 1])
-    copy_row(a, shorter[i + 1])
-    copy_row(b, shorter[i + 2])
-    copy_rows(path[j + 1 :], shorter[i + 3 :])
-    return shorter
-
-
-@njit(cache=True)
-def _without(path: Array, first: int, last: int) -> Array:
-    """The path (k, d) without the waypoints from `first` up to `last`, which is kept."""
-    shorter = np.empty((first + path.shape[0] - last, path.shape[1]))
-    copy_rows(path[:first], shorter[:first])
-    copy_rows(path[last:], shorter[first:])
-    return shorter
+def _spliced(path: Array, first: int, points: Array, last: int) -> Array:
+    """The path with points (k, d) in place of the waypoints from `first` up to `last`, which is kept."""
+    spliced = np.empty((first + points.shape[0] + path.shape[0] - last, path.shape[1]))
+    copy_rows(path[:first], spliced[:first])
+    copy_rows(points, spliced[first : first + points.shape[0]])
+    copy_rows(path[last:], spliced[first + points.shape[0] :])
+    return spliced
 
 
 @leaf_kernel
@@ -224,7 +211,7 @@ def _without_repeats(path: Array, weights: Array) -> Array:
     """The path without waypoints equal to the one before."""
     kept, count, last = np.empty(path.shape), 0, path.shape[0] - 1
     for i in range(path.shape[0]):
-        if i in (0, last) or squared_distance(path[i - 1], path[i], weights) > 1e-12:
+        if i in (0, last) or _squared_distance(path[i - 1], path[i], weights) > 1e-12:
             copy_row(path[i], kept[count])
             count += 1
     return kept[:count].copy()
@@ -234,24 +221,17 @@ def _without_repeats(path: Array, weights: Array) -> Array:
 def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng: np.random.Generator) -> Array:
     """Cut detours of a free path: first between waypoints, then between random points on it.
 
-    Args:
-        query: what counts as a hit; `first_only` must be set.
-        path: (k, d) whole-body configurations.
-        step: [m] No point of the robot moves more between two checks.
-        attempts: random shortcuts tried.
-        rng: for these.
-
-    Returns:
-        a free path (j, d) with the same ends.
+    Path (k, d) and result (j, d) have the same ends. As many `attempts` are made at random shortcuts; `query` and
+    `step` are as for `rrt_connect`.
     """
     checks, first = pointer_to(query), 0
     while first < path.shape[0] - 2:
         for last in range(path.shape[0] - 1, first + 1, -1):
             if edge_hits(checks, path[first], path[last], step) == _NONE:
-                path = _without(path, first + 1, last)
+                path = _spliced(path, first + 1, path[:0], last)
                 break
         first += 1
-    a, b = np.empty(path.shape[1]), np.empty(path.shape[1])
+    ends = np.empty((2, path.shape[1]))
     for _ in range(attempts):
         segments = path.shape[0] - 1
         if segments < 2:
@@ -262,10 +242,10 @@ def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng
         i, j = int(u), int(v)
         if i == j:
             continue
-        _interpolate(path, i, u - i, a)
-        _interpolate(path, j, v - j, b)
-        if edge_hits(checks, a, b, step) == _NONE:
-            path = _without_repeats(_splice(path, i, a, j, b), query.attached.reach)
+        _interpolate(path, i, u - i, ends[0])
+        _interpolate(path, j, v - j, ends[1])
+        if edge_hits(checks, ends[0], ends[1], step) == _NONE:
+            path = _without_repeats(_spliced(path, i + 1, ends, j + 1), query.attached.reach)
     return path
 
 
@@ -285,7 +265,7 @@ def _arc(before: Array, corner: Array, after: Array, share: float) -> Array:
 def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
     """Replace the corners of a free path by parabolas where these are free, so that the robot need not stop there.
 
-    Args and result as for `shortcut`.
+    Arguments and result as for `shortcut`.
     """
     checks = pointer_to(query)
     corners = path.shape[0] - 2

@@ -79,10 +79,8 @@ def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Ar
     The mean over a moving window turns corners into parabolas and removes the noise of finely cut curves; straight
     segments longer than the window stay straight in their middle.
 
-    Args:
-        X: (k, 11) configurations.
-        robot: whose velocities measure the length of the path.
-        half_width: [s] at full speed from the middle of the window to its edges.
+    The length of the path `X` (k, 11) is measured in seconds at the robot's full speed, and so is `half_width`, from
+    the middle of the window to its edges.
 
     Returns:
         configurations (m, 11), and where on the polygon each window has its middle (m,): 1.5 is half-way between X[1]

@@ -123,3 +123,13 @@ def join(pieces: list[Trajectory]) -> Trajectory:
         start += piece.duration
     X = np.vstack(states)
     return Trajectory(np.concatenate(times), X[:, :3], X[:, 3:-1], X[:, -1], tuple(phases))
+
+
+def phases_of(trajectory: Trajectory) -> list[Trajectory]:
+    """The phases of a trajectory; each begins with the sample that the one before ends with."""
+    starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
+    ends = [*starts[1:], len(trajectory.times) - 1]
+    return [
+        Trajectory.of_states(trajectory.states[start : end + 1], phase)
+        for start, end, phase in zip(starts, ends, trajectory.phases, strict=True)
+    ]

@@ -12,8 +12,9 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
-from planners.placing.rasterise import cells_of_marks, free_discs, mark_boxes, mark_discs, mark_spheres
+from planners.placing.rasterise import cells_of_marks, free_discs, mark_boxes, mark_discs
 from planners.scene import Body, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
@@ -89,13 +90,8 @@ class SweptVolume:
     box_half_extents: Array = field(default_factory=lambda: _rows(3))
 
     def __post_init__(self) -> None:
-        shapes = {"spheres": (4,), "cylinders": (5,), "box_centres": (3,), "box_axes": (3, 3), "box_half_extents": (3,)}
-        for name, shape in shapes.items():
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if array.shape[1:] != shape or (name.startswith("box") and len(array) != len(self.box_centres)):
-                raise ValueError(f"{name} of a swept volume must have shape (n, {str(shape)[1:]}, not {array.shape}")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        for one in fields(self):
+            getattr(self, one.name).setflags(write=False)
 
 
 def join_volumes(volumes: Iterable[SweptVolume]) -> SweptVolume:
@@ -112,19 +108,16 @@ def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
     marks = _new_marks(grid)
     z_low, z_high = grid.height, grid.height + height
     place = (grid.x0, grid.y0, grid.resolution)
-    spheres, cylinders = volume.spheres, volume.cylinders
-    boxes = _is_near(grid, volume.box_centres, np.linalg.norm(volume.box_half_extents, axis=1), z_high)
-    mark_spheres(marks, spheres[_is_near(grid, spheres[:, :3], spheres[:, 3], z_high)], z_low, z_high, *place)
-    mark_discs(marks, cylinders[(cylinders[:, 3] < z_high) & (cylinders[:, 4] > z_low), :3], *place)
-    mark_boxes(
-        marks,
-        volume.box_centres[boxes],
-        volume.box_axes[boxes],
-        volume.box_half_extents[boxes],
-        z_low,
-        z_high,
-        *place,
-    )
+    # The part of a sphere between the two heights is, seen from above, the disc of its section nearest to the centre.
+    spheres = volume.spheres[_is_near(grid, volume.spheres[:, :3], volume.spheres[:, 3], z_high)]
+    away = np.maximum(np.maximum(z_low - spheres[:, 2], spheres[:, 2] - z_high), 0.0)
+    sections = np.column_stack((spheres[:, :2], np.sqrt(np.maximum(spheres[:, 3] ** 2 - away**2, 0.0))))
+    mark_discs(marks, sections[away < spheres[:, 3]], *place)
+    between = (volume.cylinders[:, 3] < z_high) & (volume.cylinders[:, 4] > z_low)
+    mark_discs(marks, volume.cylinders[between, :3], *place)
+    near = _is_near(grid, volume.box_centres, np.linalg.norm(volume.box_half_extents, axis=1), z_high)
+    boxes = (column[near] for column in (volume.box_centres, volume.box_axes, volume.box_half_extents))
+    mark_boxes(marks, *boxes, z_low, z_high, *place)
     cells: Mask = cells_of_marks(marks)
     return cells
 
@@ -202,14 +195,8 @@ def dilated(grid: SupportGrid, mask: Mask, radius: float) -> Mask:
 
     A cell is set if a disc centred anywhere in it could touch.
     """
-    # Discs around the cells at the mask's edge, those with a neighbour that is not set, are enough.
-    padded = np.pad(mask, 1)
-    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
-    marks, centres = _new_marks(grid), grid.centres()[mask & ~inner]
-    discs = np.column_stack((centres, np.full(len(centres), radius + grid.resolution * 0.5**0.5)))
-    mark_discs(marks, discs, grid.x0, grid.y0, grid.resolution)
-    grown: Mask = cells_of_marks(marks)
-    return grown | mask
+    away = distance_transform_edt(~mask) if mask.any() else np.full(mask.shape, np.inf)
+    return np.asarray(away * grid.resolution < radius + grid.resolution * 2**0.5)
 
 
 def is_free(grid: SupportGrid, mask: Mask, locations: Array, radius: float) -> Mask:

@@ -33,34 +33,16 @@ def _mark_interval(marks: Marks, row: int, low: float, high: float) -> None:
 
 
 @njit(cache=True)
-def _mark_disc(marks: Marks, x: float, y: float, radius: float) -> None:
-    """Mark the cells that a disc touches; all in cells, measured from the grid's corner."""
-    first = max(math.floor(x - radius), 0)
-    last = min(math.floor(x + radius), marks.shape[0] - 1)
-    for row in range(first, last + 1):
-        nearest = max(row - x, x - (row + 1), 0.0)
-        reach = math.sqrt(max(radius * radius - nearest * nearest, 0.0))
-        _mark_interval(marks, row, y - reach, y + reach)
-
-
-@njit(cache=True)
 def mark_discs(marks: Marks, discs: Array, x0: float, y0: float, resolution: float) -> None:
     """Mark discs (k, 3): x, y, radius [m]."""
     for k in range(discs.shape[0]):
-        _mark_disc(marks, (discs[k, 0] - x0) / resolution, (discs[k, 1] - y0) / resolution, discs[k, 2] / resolution)
-
-
-@njit(cache=True)
-def mark_spheres(
-    marks: Marks, spheres: Array, z_low: float, z_high: float, x0: float, y0: float, resolution: float
-) -> None:
-    """Mark the parts of spheres (k, 4), x, y, z, radius [m], between two heights."""
-    for k in range(spheres.shape[0]):
-        z, radius = spheres[k, 2], spheres[k, 3]
-        away = max(z_low - z, z - z_high, 0.0)
-        if away < radius:
-            cut = math.sqrt(radius * radius - away * away)
-            _mark_disc(marks, (spheres[k, 0] - x0) / resolution, (spheres[k, 1] - y0) / resolution, cut / resolution)
+        x, y, radius = (discs[k, 0] - x0) / resolution, (discs[k, 1] - y0) / resolution, discs[k, 2] / resolution
+        first = max(math.floor(x - radius), 0)
+        last = min(math.floor(x + radius), marks.shape[0] - 1)
+        for row in range(first, last + 1):
+            nearest = max(row - x, x - (row + 1), 0.0)
+            reach = math.sqrt(max(radius * radius - nearest * nearest, 0.0))
+            _mark_interval(marks, row, y - reach, y + reach)
 
 
 @njit(cache=True)

@@ -58,7 +58,7 @@ def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObjec
     """
     robot = world.robot
     assert X.shape[1] == 3 + len(robot.lower)
-    position, rotation = place_along(robot, world.attached(held), _densified(X), opening)
+    position, rotation = place_along(world.query(opening, held), _densified(X))
     moving, round_ = robot.link != BASE, robot.radius > 0
     spheres = [
         _along_capsule(position[:, i], rotation[:, i, :, 2], float(robot.half[i, 2]), robot.radius[i] + world.padding)

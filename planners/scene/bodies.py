@@ -37,6 +37,13 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.f
     return array
 
 
+def pose_matrix(position: ArrayLike, rotation: ArrayLike) -> Array:
+    """The pose (4, 4) with an origin (3,) and a rotation matrix, (3, 3) or (9,) as MuJoCo has it."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.reshape(rotation, (3, 3)), position
+    return T
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """A rigid object: an upright or toppled cylinder or box.
@@ -70,9 +77,7 @@ class Body:
     @property
     def pose(self) -> NDArray[np.float64]:
         """T_world_body (4, 4)."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = self.rotation, self.position
-        return T
+        return pose_matrix(self.position, self.rotation)
 
     @property
     def yaw(self) -> float:

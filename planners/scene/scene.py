@@ -13,7 +13,16 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import (
+    AsideObject,
+    Body,
+    HeldObject,
+    ParkedArm,
+    RobotState,
+    SceneError,
+    UnknownObject,
+    pose_matrix,
+)
 from planners.scene.masks import MAX_OBJECTS
 from planners.scene.mujoco_reading import (
     IsObstacle,
@@ -213,9 +222,7 @@ class Scene:
         )
         if not held:
             return scene
-        geom = bodies.geoms[scene.index(held)]
-        T_world_tcp, T_world_object = np.eye(4), np.eye(4)
-        site = data.site(robot.tcp_site)
-        T_world_tcp[:3, :3], T_world_tcp[:3, 3] = site.xmat.reshape(3, 3), site.xpos
-        T_world_object[:3, :3], T_world_object[:3, 3] = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+        geom, site = bodies.geoms[scene.index(held)], data.site(robot.tcp_site)
+        T_world_tcp = pose_matrix(site.xpos, site.xmat)
+        T_world_object = pose_matrix(data.geom_xpos[geom], data.geom_xmat[geom])
         return scene.with_held(HeldObject(held, np.linalg.inv(T_world_tcp) @ T_world_object))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
@@ -23,23 +23,19 @@ GRIPPER = "robot_gripper"
 ROBOT_INIT_LOC = "robot_init_loc"
 """The base pose the robot starts from."""
 
-_ARGUMENT_TYPES: Mapping[str, tuple[str, ...]] = {
-    "empty": ("gripper",),
-    "robotAt": ("base-pose",),
-    "objectAt": ("obj", "loc"),
-    "occupied": ("loc",),
-    "graspedBy": ("obj", "gripper"),
-    "isGrasp": ("arm-pose", "obj", "loc"),
-    "outOfReach": ("gripper", "arm-pose"),
-    "isPlacementLocation": ("loc", "obj"),
-    "isClearanceLocation": ("loc", "obj", "obj"),
-    "isMotion": ("arm-traj", "base-pose", "arm-pose"),
-    "isBaseMotion": ("base-traj", "base-pose"),
-    "obstructs": ("obj", "arm-traj", "obj"),
-    "obstacle": ("obj",),
+_DECIDES = {
+    "objectAt": 1,
+    "occupied": 1,
+    "obstacle": 1,
+    "isGrasp": 2,
+    "isBaseMotion": 2,
+    "outOfReach": 2,
+    "isPlacementLocation": 2,
+    "isClearanceLocation": 2,
+    "isMotion": 3,
+    "obstructs": 3,
 }
-"""Argument types of the domain's predicates; they give the type of every symbol in the problem text."""
-
+"""The argument that decides whether a fact matters for the target; facts with other predicates always do."""
 _LEGAL_SYMBOL = re.compile(r"[a-z][a-z0-9_-]*")
 
 
@@ -79,11 +75,6 @@ class SymbolicState:
     def changed(self, add: Iterable[Atom] = (), remove: Iterable[Atom] = ()) -> SymbolicState:
         """The state without the facts of `remove` and with those of `add`."""
         return replace(self, facts=(self.facts - frozenset(remove)) | frozenset(add))
-
-    @property
-    def held(self) -> str | None:
-        """The object in a gripper, the first by name of several."""
-        return next(iter(self.all_held), None)
 
     @property
     def all_held(self) -> tuple[str, ...]:
@@ -160,34 +151,11 @@ class TaskProblem:
 
     def pruned(self) -> TaskProblem:
         """The same problem without the objects that do not matter; it has the same shortest plans."""
-        relevant = self.relevant_objects()
-        grasps = {fact for fact in self.state.facts if fact[0] == "isGrasp" and fact[2] in relevant}
-        arm_poses = {fact[1] for fact in grasps}
-        locations = {fact[3] for fact in grasps}
-        motions = {fact for fact in self.state.facts if fact[0] == "isMotion" and fact[3] in arm_poses}
-        base_poses = {fact[2] for fact in motions}
-
-        def matters(fact: Atom) -> bool:
-            """Whether the fact is about an object that matters."""
-            match fact[0]:
-                case "isGrasp" | "isMotion":
-                    return fact in grasps or fact in motions
-                case "isBaseMotion":
-                    return fact[2] in base_poses
-                case "outOfReach":
-                    return fact[2] in arm_poses
-                case "occupied":
-                    return fact[1] in locations
-                case "objectAt" | "obstacle":
-                    return fact[1] in relevant
-                case "isPlacementLocation" | "isClearanceLocation":
-                    return fact[2] in relevant
-                case "obstructs":
-                    return fact[3] in relevant
-                case _:
-                    return True
-
-        facts = frozenset(fact for fact in self.state.facts if matters(fact))
+        kept = set(self.relevant_objects())
+        grasps = [fact for fact in self.state.facts if fact[0] == "isGrasp" and fact[2] in kept]
+        kept |= {symbol for _, arm_pose, _, location in grasps for symbol in (arm_pose, location)}
+        kept |= {fact[2] for fact in self.state.facts if fact[0] == "isMotion" and fact[3] in kept}
+        facts = frozenset(fact for fact in self.state.facts if fact[_DECIDES.get(fact[0], 0)] in kept | {fact[0]})
         return replace(self, state=replace(self.state, facts=facts))
 
     def text(self) -> str:
@@ -205,10 +173,11 @@ class TaskProblem:
 
     def _symbols(self) -> dict[str, list[str]]:
         kinds: dict[str, str] = {}
+        known = _argument_types()
         for predicate, *arguments in (*self.state.facts, self.goal):
-            types = _ARGUMENT_TYPES.get(predicate, ())
+            types = known.get(predicate, ())
             if len(types) != len(arguments):
-                raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {_ARGUMENT_TYPES}")
+                raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {known}")
             for symbol, kind in zip(arguments, types, strict=True):
                 if not _LEGAL_SYMBOL.fullmatch(symbol):
                     raise SymbolError(f"{symbol!r} is no PDDL name: lower-case letters, digits, _ and - only")
@@ -240,11 +209,6 @@ class GroundAction(NamedTuple):
     def gripper(self) -> str | None:
         """The gripper that takes or puts down; None for a base motion."""
         return None if self.name == "MoveBase" else self.args[2 if self.name == "PutDownForClearance" else 1]
-
-    @property
-    def location(self) -> str | None:
-        """The location that the object is taken from or put at; None for a base motion."""
-        return None if self.name == "MoveBase" else self.args[-1]
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.args)})"
@@ -305,6 +269,13 @@ def domain_text(holds_aside: bool = False) -> str:
     """The PDDL domain; with `holds_aside` a gripper may take an object while another one holds one."""
     text = path("pddl/domain.pddl").read_text(encoding="utf-8")
     return text.replace(_ALL_EMPTY, _ONE_EMPTY) if holds_aside else text
+
+
+@cache
+def _argument_types() -> dict[str, tuple[str, ...]]:
+    """Types of the arguments of the domain's predicates; they give the type of every symbol in the problem text."""
+    declared = re.sub(r";.*", "", domain_text()).partition("(:predicates")[2].partition("(:action")[0]
+    return {name: tuple(re.findall(r"- (\S+)", rest)) for name, rest in re.findall(r"\((\w+)([^()]*)\)", declared)}
 
 
 def format_atom(atom: Atom) -> str:

@@ -17,16 +17,16 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import can_leave, fewest_blockers, stand_off
+from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
-from planners.motion.contact_free import ContactFree, merge_phases, phases_of
+from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
-from planners.motion.trajectory import Trajectory, is_contact, join
+from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
@@ -98,40 +98,30 @@ class MotionLayer:
         `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
         """
         problem = ClearingProblem(
-            self.context,
             self.candidates,
             self.placement_search,
             scene,
             target,
             strategy,
             self.rng,
-            self.is_usable,
-            order_by_task_plan,
             self.deadline,
-            left_alone=frozenset(cleared) if strategy.leaves_cleared else frozenset(),
-            holds_aside=holds_aside,
+            self.is_usable,
+            self._reject,
+            order_by_task_plan,
+            frozenset(cleared) if strategy.leaves_cleared else frozenset(),
+            holds_aside,
+            self.context.saves_time,
         )
-        found = self._usable_commitments(problem)
+        found = commitments_for(problem)
         if isinstance(found, NoCommitment) and problem.left_alone and not self.deadline.is_over:
             problem = replace(problem, left_alone=frozenset())
-            found = self._usable_commitments(problem)
-        if not isinstance(found, NoCommitment) or found.cause is not Cause.NO_CLEARANCE_LOCATION:
-            return found
-        provisional = strategy.non_monotone - (len(cleared) - len(set(cleared)))
-        return non_monotone_plan(problem, provisional) or found
-
-    def _usable_commitments(self, problem: ClearingProblem) -> ClearancePlan | NoCommitment:
-        """The first commitments to grasps that are all usable; those that are not are rejected on the way."""
-        while True:
             found = commitments_for(problem)
-            if isinstance(found, ClearancePlan):
-                return found
-            if isinstance(found, NoCommitment):
-                # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
-                is_refuted = self.has_refuted and found.cause.lies_in_grasps
-                return replace(found, cause=Cause.MOTION) if is_refuted else found
-            for grasp in found:
-                self._reject(problem.scene, grasp)
+        if isinstance(found, ClearancePlan):
+            return found
+        if found.cause is Cause.NO_CLEARANCE_LOCATION:
+            return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
+        # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
+        return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
@@ -154,7 +144,8 @@ class MotionLayer:
             return blockers is not None and not blockers & ~grasp.blockers
         key = grasp.key, scene.body(grasp.object).pose.tobytes()
         if key not in self._can_leave:
-            self._can_leave[key] = can_leave(world, grasp.base, grasp.q, grasp.object)
+            lift = planned_approach(world, grasp.base, grasp.q, grasp.object)
+            self._can_leave[key] = lift is not None
         return self._can_leave[key]
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
@@ -292,9 +283,9 @@ class MotionLayer:
         for k, run in enumerate(runs):
             phases = [phase for _, phase in run]
             if not in_contact[k]:
-                motion = ContactFree(phases, k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1])
+                before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
                 scene = actions[run[-1][0]].scene
-                found = merge_phases(self.compiled.world(scene), motion)
+                found = merge_phases(self.compiled.world(scene), phases, before, after)
                 phases = found if found is not None and self.is_accepted(scene, [join(found)]) else phases
             for (index, _), phase in zip(run, phases, strict=True):
                 shorter[index].append(phase)

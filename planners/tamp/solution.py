@@ -10,9 +10,9 @@ from typing import Any
 
 from planners.cause import Cause
 from planners.motion.arm import tcp_pose
-from planners.motion.trajectory import Trajectory
+from planners.motion.trajectory import Trajectory, is_contact
 from planners.placing.surfaces import Surface
-from planners.scene import Body, RobotState, Scene
+from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.strategies import Strategy
 from planners.tamp.plan_file import Stored, is_same
 
@@ -60,14 +60,21 @@ class BoundAction:
         return self.args[1] if self.name == "PutDownForClearance" else ""
 
     @property
+    def grip(self) -> tuple[RobotState, HeldObject] | None:
+        """The robot when the fingers begin to close or to open, and the object between them; None of a base motion."""
+        for phase in self.trajectory.phases:
+            if is_contact(phase) and phase.touched is not None:
+                sample = self.trajectory.sample(phase.start)
+                return RobotState(sample.base, sample.q, sample.finger_position), phase.touched
+        return None
+
+    @property
     def released(self) -> Body | None:
         """The object at the pose where the gripper lets go of it, None if the action releases nothing."""
-        opening = next((phase for phase in self.trajectory.phases if phase.name == "open"), None)
-        if opening is None or opening.touched is None:
+        if self.grip is None or not self.is_clearance:
             return None
-        sample = self.trajectory.sample(opening.start)
-        T_world_tcp = tcp_pose(self.scene.robot, RobotState(sample.base, sample.q, sample.finger_position))
-        return self.scene.body(opening.touched.name).at_pose(T_world_tcp @ opening.touched.T_tcp_object)
+        state, held = self.grip
+        return self.scene.body(held.name).at_pose(tcp_pose(self.scene.robot, state) @ held.T_tcp_object)
 
 
 @dataclass(frozen=True)

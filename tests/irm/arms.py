@@ -1,22 +1,75 @@
-"""Arms as small MJCF files, with the kinematics of well-known robots."""
+"""Arms of the tests, and slow references that share no code with the maps."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
-from irm.chain import ArmChain
+from assets.robots import FETCH
+from irm.chain import ArmChain, chain_arrays
+from irm.ik.closed_form import ik_pan
+from irm.rotations import rotation
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "arms"
-
 APPROACH = {"panda": "z", "ur5e": "z", "gen3": "z", "pr2_arm": "x"}
-"""Axis of the site `tcp` along which each gripper approaches."""
+"""Axis of the site `tcp` along which each gripper of a file there approaches."""
+CHAIN = ArmChain.from_robot(FETCH)
+ARM = chain_arrays(CHAIN)
+PATH = np.array([(-0.10, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.10)])
+"""Approach, grasp and lift: offsets from a target in the approach frame [m]."""
 
 
-def arm_model(name: str) -> mujoco.MjModel:
+def arm_model(name):
     return mujoco.MjModel.from_xml_path(str(FOLDER / f"{name}.xml"))
 
 
-def arm_chain(name: str) -> ArmChain:
+def arm_chain(name):
     return ArmChain.from_mjcf(FOLDER / f"{name}.xml", "base", "tcp", APPROACH[name])
+
+
+def in_world(target, yaw, offsets=PATH):
+    """(m, 3) waypoints of a path that approaches a target with a yaw."""
+    return np.asarray(target) + np.asarray(offsets) @ rotation(yaw, 0.0, 0.0).T
+
+
+def in_base(base, T_world_tcp):
+    """T_base_tcp of TCP poses in the world, for a base x, y, yaw."""
+    T_world_base = np.eye(4)
+    T_world_base[:3, :3], T_world_base[:2, 3] = rotation(base[2], 0.0, 0.0), base[:2]
+    return np.linalg.inv(T_world_base) @ T_world_tcp
+
+
+def random_poses(chain, count, rng, radius=None):
+    """T_base_tcp (count, 4, 4): positions in the ball of the stretched arm, any orientation."""
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction *= (radius or chain.reach) * rng.random((count, 1)) ** (1 / 3)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    Q, _ = np.linalg.qr(rng.normal(size=(count, 3, 3)))
+    T[:, :3, :3] = Q * np.linalg.det(Q)[:, None, None]
+    T[:, :3, 3] = chain.shoulder + (0.0, 0.0, (chain.lower[0] + chain.upper[0]) / 2) + direction
+    return T
+
+
+def random_configurations(chain, count, rng, near_limits=False):
+    """(count, 1 + n) within the limits and one turn; with `near_limits`, joints are often within 1% of a limit."""
+    side = rng.uniform(-1, 1, (count, chain.size))
+    if near_limits:
+        at_limit = rng.random(side.shape) < 0.6
+        side = np.where(at_limit, np.sign(side) * (1 - 0.01 * rng.random(side.shape)), side)
+    return (chain.lower + chain.upper) / 2 + side * np.minimum((chain.upper - chain.lower) / 2, np.pi)
+
+
+def is_reached(T_base_tcp, torsos=36, pans=361):
+    """Brute force: whether Fetch reaches a pose with any pan angle and torso height of a fine grid."""
+    rows, approach = np.empty((2, 5)), np.ascontiguousarray(T_base_tcp[:3, 0])
+    for torso in np.linspace(CHAIN.lower[0], CHAIN.upper[0], torsos):
+        wrist = T_base_tcp[:3, 3] - CHAIN.links[6] * approach - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
+        if np.linalg.norm(wrist - [0, 0, CHAIN.links[3]]) > CHAIN.links[2:6].sum():
+            continue
+        for pan in np.linspace(CHAIN.lower[1], CHAIN.upper[1], pans):
+            if ik_pan(ARM, approach, wrist, np.cos(pan), np.sin(pan), rows):
+                return True
+    return False

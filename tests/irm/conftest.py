@@ -29,38 +29,10 @@ LIFT_ARM = dataclasses.replace(
     closed_form_ik="",
 )
 
-LIFT_ARM_MJCF = """
-<mujoco>
-  <compiler angle="radian" autolimits="true"/>
-  <worldbody>
-    <body name="lift" pos="0.05 0 0.4"><joint name="lift" type="slide" axis="0 0 1"/><geom size="0.05" mass="1"/>
-      <body pos="0 0 0.2"><joint name="pan" axis="0 0 1"/><geom size="0.05" mass="1"/>
-        <body pos="0 0 0.1"><joint name="shoulder" axis="0 1 0"/><geom size="0.05" mass="1"/>
-          <body pos="0.42 0 0"><joint name="elbow" axis="0 1 0"/><geom size="0.05" mass="1"/>
-            <body pos="0.39 0.05 0"><joint name="wrist_pitch" axis="0 1 0"/><geom size="0.05" mass="1"/>
-              <body pos="0.09 0 0"><joint name="wrist_yaw" axis="0 0 1"/><geom size="0.05" mass="1"/>
-                <body pos="0.08 0 0"><joint name="wrist_roll" axis="1 0 0"/><geom size="0.05" mass="1"/>
-                  <site name="tcp" pos="0.12 0 0"/>
-                </body>
-              </body>
-            </body>
-          </body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
-
 
 @pytest.fixture(scope="session")
 def lift_arm():
     return LIFT_ARM
-
-
-@pytest.fixture(scope="session")
-def lift_arm_mjcf():
-    return LIFT_ARM_MJCF
 
 
 @pytest.fixture(scope="session")

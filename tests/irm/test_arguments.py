@@ -41,6 +41,7 @@ BAD_VALUES = [
     ({"k": 10**12}, "at most 100000"),
     ({"yaw_step": 1e-9}, "yaw_step must be at least 0.001"),
     ({"roll": np.inf}, "finite"),
+    ({"exact": "yes"}, "exact is True, False or None"),
     ({"free_space": [(0, 0, 1, 1)]}, "FreeSpace or None, not list"),
 ]
 

@@ -11,8 +11,7 @@ from irm.answers import Status
 from irm.errors import QueryError
 from irm.grid import nearest_orientation
 from irm.rotations import rotation
-
-PATH = [(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)]
+from tests.irm.arms import PATH, in_world
 
 
 def mu_at(rm, base, position, yaw):
@@ -28,11 +27,6 @@ def mu_at(rm, base, position, yaw):
     cell = np.ravel_multi_index((grid.layer(position[2]), o, i, j), grid.shape)
     place = np.searchsorted(rm.cells, cell)
     return float(rm.manipulability[place]) if place < len(rm) and rm.cells[place] == cell else 0.0
-
-
-def in_world(target, yaw, offsets=PATH):
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([(target[0] + c * x - s * y, target[1] + s * x + c * y, target[2] + z) for x, y, z in offsets])
 
 
 def test_the_score_of_a_path_is_its_worst_waypoint(level_map, level_inverse, table_floor, cups):
@@ -97,32 +91,18 @@ TABLE = SolidBoxes.of(FETCH, [(0.0, 0.0, 0.73, 0.7, 1.0, 0.04)])
 FLOOR = FreeSpace.from_boxes([(0.0, 0.0, 0.7, 1.0)], radius=0.31)
 
 
-@pytest.fixture(scope="module")
-def inverse_map():
-    return InverseReachabilityMap(cached_map(FETCH))
-
-
-def ask(inverse_map, height, solids, **more):
+def test_gripper_and_wrist_keep_out_of_a_table():
+    """A rising approach: a low one has its wrist in the table, whatever the base is; a high one changes nothing."""
+    inverse_map = InverseReachabilityMap(cached_map(FETCH))
     how = {"pitch": -0.2, "yaw_range": (-0.1, 0.1), "free_space": FLOOR, "k": 3}
-    return inverse_map.query_path(PATH, target=(0.0, 0.0, 0.75 + height), solids=solids, **how, **more)
-
-
-def test_a_wrist_in_the_table_has_no_base(inverse_map):
-    assert ask(inverse_map, 0.07, None).status is Status.YES
-    low = ask(inverse_map, 0.07, TABLE)
-    assert low.status is Status.NO
-    assert len(low) == 0
-
-
-def test_a_wrist_above_the_table_changes_nothing(inverse_map):
-    plain, high = ask(inverse_map, 0.2, None), ask(inverse_map, 0.2, TABLE)
+    low = {"target": (0.0, 0.0, 0.82)}
+    for points, more in ((PATH, low), ([(0.0, 0.0, 0.82), (0.0, 0.0, 0.87)], {})):
+        assert inverse_map.query_path(points, **more, **how).status is Status.YES
+        blocked = inverse_map.query_path(points, solids=TABLE, **more, **how)
+        assert (blocked.status, len(blocked)) == (Status.NO, 0)
+    plain, high = (
+        inverse_map.query_path(PATH, target=(0.0, 0.0, 0.95), solids=solids, **how) for solids in (None, TABLE)
+    )
     assert high.status is Status.YES
     np.testing.assert_array_equal(plain.poses, high.poses)
     np.testing.assert_array_equal(plain.certain, high.certain)
-
-
-def test_waypoints_in_the_world_are_tested_too(inverse_map):
-    points = [(0.0, 0.0, 0.82), (0.0, 0.0, 0.87)]
-    how = {"pitch": -0.2, "yaw_range": (-0.1, 0.1), "free_space": FLOOR}
-    assert inverse_map.query_path(points, **how).status is Status.YES
-    assert inverse_map.query_path(points, solids=TABLE, **how).status is Status.NO

@@ -3,27 +3,20 @@
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
 from irm.answers import Status
-from irm.chain import ArmChain
-from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.solvers import ExactSolver
-from irm.rotations import rotation
 from irm.verification import NotVerified, tcp_poses, verify
+from tests.irm.arms import CHAIN, PATH, in_base, in_world
 
-CHAIN = ArmChain.from_robot(FETCH)
 SOLVER = ExactSolver(CHAIN)
 PITCHES = (0.0, 0.37, -0.61, np.pi / 2)
-PATH = np.array([(-0.10, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.10)])
 
 
-def reaches(base, points, yaws, pitch, roll=0.0):
+def reaches(base, points, yaws, pitch):
     """(m,) exact answers for TCP positions (m, 3) from one base."""
-    T_world_base = np.eye(4)
-    T_world_base[:3, :3], T_world_base[:2, 3] = rotation(base[2], 0.0, 0.0), base[:2]
-    T = np.array([tcp_poses(point, yaw, pitch, roll)[0] for point, yaw in zip(points, yaws, strict=True)])
-    return SOLVER.solve(np.linalg.inv(T_world_base) @ T)[0]
+    T = np.array([tcp_poses(point, yaw, pitch)[0] for point, yaw in zip(points, yaws, strict=True)])
+    return SOLVER.solve(in_base(base, T))[0]
 
 
 @pytest.mark.parametrize("pitch", PITCHES)
@@ -91,9 +84,7 @@ def test_narrow_windows_of_paths_say_yes_and_are_right(coarse_inverse, table_flo
         )
         said += placement.status is Status.YES
         for base, yaw, is_certain in zip(placement.poses, placement.approach_yaw, placement.certain, strict=True):
-            c, s = np.cos(yaw), np.sin(yaw)
-            points = cup + path @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-            answers = reaches(base, points, np.full(len(path), yaw), pitch)
+            answers = reaches(base, in_world(cup, yaw, path), np.full(len(path), yaw), pitch)
             assert not np.any(answers == Status.NO.value)
             assert is_certain == np.all(answers == Status.YES.value)
     assert said >= 10
@@ -108,9 +99,8 @@ def test_a_certain_path_is_continuous(coarse_inverse, table_floor, cups):
         if placement.status is not Status.YES:
             continue
         yaw = placement.approach_yaw[0]
-        c, s = np.cos(yaw), np.sin(yaw)
-        points = cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        found = verify(CHAIN, placement, lambda _, points=points, yaw=yaw: tcp_poses(points, yaw, 0.37), limit=1)
+        T = tcp_poses(in_world(cup, yaw), yaw, 0.37)
+        found = verify(CHAIN, placement, lambda _, T=T: T, limit=1)
         assert not isinstance(found, NotVerified)
 
 
@@ -121,8 +111,3 @@ def test_targets_of_several_are_decided_on_request(coarse_inverse, table_floor):
     for base, yaws, torso in zip(placement.poses, placement.approach_yaw, placement.torso, strict=True):
         assert np.all(reaches(base, targets, yaws, 0.2) == Status.YES.value)
         assert torso.shape == (2,)
-
-
-def test_exact_is_refused_if_it_is_no_answer(coarse_inverse):
-    with pytest.raises(QueryError, match="exact is True, False or None"):
-        coarse_inverse.query((0.0, 0.0, 0.9), exact="yes")

@@ -3,35 +3,20 @@
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
 from irm.answers import Status
-from irm.chain import ArmChain, chain_arrays
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.ik.closed_form import ik_pan
-from irm.inverse_map import ClassicalInverseReachabilityMap
+from irm.inverse_map import ClassicalInverseReachabilityMap, inverse_reachability
+from irm.inverse_table import inverse_reachability_on_floor
+from irm.rotations import rotation, rotations
+from irm.verification import tcp_poses
 from scripts.map_speed import full_scan
-
-CHAIN = ArmChain.from_robot(FETCH)
-ARM = chain_arrays(CHAIN)
-PANS = np.linspace(CHAIN.lower[1], CHAIN.upper[1], 721)
-TORSOS = np.linspace(CHAIN.lower[0], CHAIN.upper[0], 60)
+from tests.irm.arms import in_base, is_reached
 
 
-def reaches(base, position, yaw, pitch=0.0, torsos=TORSOS):
+def reaches(base, position, yaw, pitch=0.0, torsos=60):
     """Exact: does any configuration reach the TCP pose from this base? The roll is free."""
-    c, s = np.cos(-base[2]), np.sin(-base[2])
-    dx, dy = position[0] - base[0], position[1] - base[1]
-    p = np.array([c * dx - s * dy, s * dx + c * dy, position[2]])
-    turn = yaw - base[2]
-    approach = np.array([np.cos(pitch) * np.cos(turn), np.cos(pitch) * np.sin(turn), -np.sin(pitch)])
-    rows = np.empty((2, 5))
-    for torso in torsos:
-        wrist = p - CHAIN.links[6] * approach - [CHAIN.links[0], 0.0, CHAIN.links[1] + torso]
-        for pan in PANS:
-            if ik_pan(ARM, approach, wrist, np.cos(pan), np.sin(pan), rows):
-                return True
-    return False
+    return is_reached(in_base(base, tcp_poses(position, yaw, pitch)[0]), torsos, 721)
 
 
 def best(placement):
@@ -152,7 +137,7 @@ def test_no_is_never_wrong(coarse_inverse):
         said += 1
         for _ in range(25):
             x, y, base_yaw = rng.uniform([edge - 0.3, -1.3, -np.pi], [edge, 1.3, np.pi])
-            assert not (floor.is_free(x, y) and reaches((x, y, base_yaw), cup, yaw, torsos=TORSOS[::12]))
+            assert not (floor.is_free(x, y) and reaches((x, y, base_yaw), cup, yaw, torsos=5))
     assert said > 5
 
 
@@ -195,3 +180,27 @@ def test_free_space_that_excludes_everything_leaves_nothing(coarse_map, coarse_i
         batch = coarse_inverse.query_batch(np.tile(position, (3, 1)), yaw_ranges=narrow, free_space=walled)
         assert not batch.count.any()
         assert np.isnan(batch.poses).all()
+
+
+def pose(R, p):
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, p
+    return T
+
+
+def test_equation_4_is_the_inverse_transform():
+    rng = np.random.default_rng(0)
+    R, p = rotations(*rng.uniform(-1.5, 1.5, (3, 20))), rng.normal(size=(20, 3))
+    for T_base_tcp, R_base, p_base in zip(map(pose, R, p), *inverse_reachability(R, p), strict=True):
+        np.testing.assert_allclose(T_base_tcp @ pose(R_base, p_base), np.eye(4), atol=1e-12)
+
+
+def test_equation_5_puts_the_base_where_the_tcp_has_yaw_0_and_the_origin_of_the_floor():
+    """T_world_base @ T_base_tcp has the TCP above the origin, with its height, pitch and roll, and yaw 0."""
+    rng = np.random.default_rng(1)
+    x, y, z, yaw, pitch, roll = rng.uniform(-1.5, 1.5, (6, 20))
+    for k, base in enumerate(zip(*inverse_reachability_on_floor(x, y, yaw), strict=True)):
+        T_world_base = pose(rotation(base[2], 0.0, 0.0), [base[0], base[1], 0.0])
+        T_base_tcp = pose(rotation(yaw[k], pitch[k], roll[k]), [x[k], y[k], z[k]])
+        expected = pose(rotation(0.0, pitch[k], roll[k]), [0.0, 0.0, z[k]])
+        np.testing.assert_allclose(T_world_base @ T_base_tcp, expected, atol=1e-12)

@@ -36,16 +36,22 @@ def test_robot_and_parameters_have_files_of_their_own():
     assert len(files) == 3
 
 
-@pytest.mark.parametrize("content", [b"", b"rubbish", None])
-def test_a_damaged_file_is_replaced(content, caplog):
+@pytest.mark.parametrize(
+    "damage", [lambda _: b"", lambda _: b"rubbish", lambda b: b[:500], lambda b: b[:300] + bytes(99)]
+)
+def test_a_damaged_file_is_refused_and_replaced(damage, caplog):
     first = cached_map(FETCH, **SMALL)
     file = cache_file(FETCH, **SMALL)
-    file.write_bytes(file.read_bytes()[:500] if content is None else content)
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(MapFileError, match="build it again"):
+        ReachabilityMap.load(file, FETCH)
     with caplog.at_level(logging.WARNING):
         again = cached_map(FETCH, **SMALL)
     assert "built again" in caplog.text
     np.testing.assert_array_equal(again.cells, first.cells)
     assert len(ReachabilityMap.load(file, FETCH)) == len(first)
+    with pytest.raises(FileNotFoundError):
+        ReachabilityMap.load(file.with_name("none.npz"), FETCH)
 
 
 def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, caplog):

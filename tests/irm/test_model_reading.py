@@ -7,78 +7,9 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, Status, decide, forward
-from irm.classification import classify
+from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, Status, classify, decide, forward
 from irm.errors import ChainError
-from irm.kinematics import jacobian
-from tests.irm.arms import APPROACH, FOLDER, arm_chain, arm_model
-
-ODD_ARM = """
-<mujoco model="odd">
-  <compiler angle="degree" autolimits="true"/>
-  <worldbody>
-    <body name="stand" pos="0.3 -0.2 0.1" euler="0 0 40">
-      <body name="column" euler="20 0 10">
-        <joint name="a" axis="0.3 -0.2 -1" pos="0.02 0.03 0" range="-170 160" ref="15"/><geom size="0.05"/>
-        <body pos="0.1 0 0.3" euler="0 50 0">
-          <joint name="b" axis="0 -1 0" range="-100 100"/><joint name="c" axis="1 1 0" range="-100 100"/>
-          <geom size="0.05"/>
-          <body pos="0 0.05 0.3" euler="30 0 70">
-            <joint name="d" axis="0 -1 0.1" range="-150 0"/><geom size="0.05"/>
-            <body pos="0.3 0 0"><joint name="e" axis="-1 0 0"/><geom size="0.05"/>
-              <body pos="0.1 0.02 0"><joint name="f" axis="0 1 0" range="-120 120"/><geom size="0.05"/>
-                <body name="tool" pos="0.08 0 0.01" euler="10 20 30"/>
-              </body>
-            </body>
-          </body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
-
-
-def tip_in_base(data, base, tip, kind="site"):
-    """T_base_tip (4, 4) by MuJoCo."""
-    T_world_base, T_world_tip = np.eye(4), np.eye(4)
-    body = data.body(base)
-    T_world_base[:3, :3], T_world_base[:3, 3] = body.xmat.reshape(3, 3), body.xpos
-    frame = data.site(tip) if kind == "site" else data.body(tip)
-    T_world_tip[:3, :3], T_world_tip[:3, 3] = frame.xmat.reshape(3, 3), frame.xpos
-    return np.linalg.inv(T_world_base) @ T_world_tip
-
-
-def set_configuration(model, data, chain, q):
-    for name, value in zip(chain.joints, q, strict=True):
-        if name:
-            data.qpos[model.joint(name).qposadr[0]] = value
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-
-
-def assert_same_poses(model, chain, base, tip, kind="site"):
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    for _ in range(40):
-        q = rng.uniform(chain.lower, chain.upper)
-        set_configuration(model, data, chain, q)
-        np.testing.assert_allclose(forward(chain, q), tip_in_base(data, base, tip, kind), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", APPROACH)
-def test_poses_are_those_of_the_model(name):
-    model = arm_model(name)
-    assert_same_poses(model, ArmChain.from_mjcf(model, "base", "tcp"), "base", "tcp")
-
-
-def test_any_axes_signs_anchors_and_references():
-    model = mujoco.MjModel.from_xml_string(ODD_ARM)
-    for base in ("stand", "world"):
-        chain = ArmChain.from_mjcf(model, base, "tool")
-        assert_same_poses(model, chain, base, "tool", "body")
-    assert chain.joints == ("", "a", "b", "c", "d", "e", "f")
-    np.testing.assert_allclose(np.degrees([chain.lower[1], chain.upper[1]]), [-170, 160])
-    assert chain.upper[5] - chain.lower[5] >= 2 * np.pi
+from tests.irm.arms import FOLDER, arm_chain, arm_model, random_configurations
 
 
 @pytest.mark.parametrize("approach", ["x", "-x", "y", "-y", "z", "-z"])
@@ -93,24 +24,11 @@ def test_the_x_axis_of_the_tcp_is_the_approach(approach):
     assert np.linalg.det(T_turned[:3, :3]) == pytest.approx(1.0)
 
 
-def test_the_jacobian_is_that_of_the_model():
-    model, chain = arm_model("gen3"), arm_chain("gen3")
-    data, rng = mujoco.MjData(model), np.random.default_rng(1)
-    for _ in range(10):
-        q = rng.uniform(chain.lower, chain.upper)
-        set_configuration(model, data, chain, q)
-        linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-        mujoco.mj_jacSite(model, data, linear, angular, model.site("tcp").id)
-        np.testing.assert_allclose(jacobian(chain, q), np.vstack([linear, angular]), atol=1e-9)
-
-
 def test_fetch_from_its_own_file_is_fetch():
     chain, fetch = ArmChain.from_mjcf(FETCH.mjcf_path, FETCH.base_body, FETCH.tcp_site), ArmChain.from_robot(FETCH)
     assert chain.has_closed_form
     assert chain.joints == fetch.joints
-    rng = np.random.default_rng(2)
-    for _ in range(20):
-        q = rng.uniform(fetch.lower, fetch.upper)
+    for q in random_configurations(fetch, 20, np.random.default_rng(2)):
         np.testing.assert_allclose(forward(chain, q), forward(fetch, q), atol=1e-9)
 
 
@@ -119,6 +37,10 @@ def test_a_lift_is_a_joint_and_an_arm_without_one_has_one_that_does_not_move():
     assert lifted.joints[0] == "torso_lift"
     assert (lifted.lower[0], lifted.upper[0]) == (0.0115, 0.325)
     assert (fixed.joints[0], fixed.lower[0], fixed.upper[0]) == ("", 0.0, 0.0)
+    odd = ArmChain.from_mjcf(FOLDER / "odd.xml", "world", "tool")
+    assert odd.joints == ("", "a", "b", "c", "d", "e", "f")
+    np.testing.assert_allclose(np.degrees([odd.lower[1], odd.upper[1]]), [-170, 160])
+    assert odd.upper[5] - odd.lower[5] >= 2 * np.pi  # it has no limits
 
 
 def test_self_collision_pairs_are_those_that_the_model_collides():
@@ -192,13 +114,8 @@ def test_what_is_no_urdf_file_is_refused(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def ur5e():
-    return ArmChain.from_mjcf(FOLDER / "ur5e.xml", base="base", tip="tcp", approach="z")
-
-
-@pytest.fixture(scope="module")
-def ur5e_map(ur5e):
-    return ReachabilityMap.build(ur5e, voxel=0.1, orientations=26, samples=50_000)
+def ur5e_map():
+    return ReachabilityMap.build(arm_chain("ur5e"), voxel=0.1, orientations=26, samples=50_000)
 
 
 @pytest.mark.slow
@@ -210,20 +127,12 @@ def test_from_the_file_to_a_query(ur5e_map):
 
 
 @pytest.mark.slow
-def test_poses_of_the_arm_are_decided_and_right(ur5e, ur5e_map):
-    rng = np.random.default_rng(0)
-    T = np.array([forward(ur5e, q) for q in rng.uniform(ur5e.lower, ur5e.upper, (300, ur5e.size))])
+def test_poses_of_the_arm_are_decided_and_what_a_sampled_map_says_no_to_is_asked_again(ur5e_map):
+    chain = ur5e_map.chain
+    T = np.array([forward(chain, q) for q in random_configurations(chain, 300, np.random.default_rng(0))])
     assert np.all(decide(ur5e_map, T) == Status.YES.value)
-    far = np.tile(np.eye(4), (1, 1, 1))
-    far[0, :3, 3] = 2.0, 0.0, 0.5
-    assert decide(ur5e_map, far)[0] == Status.NO.value
-
-
-@pytest.mark.slow
-def test_what_a_sampled_map_says_no_to_is_asked_again(ur5e, ur5e_map):
-    rng = np.random.default_rng(1)
-    T = np.array([forward(ur5e, q) for q in rng.uniform(ur5e.lower, ur5e.upper, (200, ur5e.size))])
-    empty = ur5e_map.subset(np.zeros(len(ur5e_map), dtype=bool))
-    above = T[T[:, 2, 3] > 0]
+    empty, above = ur5e_map.subset(np.zeros(len(ur5e_map), dtype=bool)), T[T[:, 2, 3] > 0]
     assert np.all(classify(empty, above) == Status.NO.value)
     assert np.all(decide(empty, above) == Status.YES.value)
+    above[:, 0, 3] += 2.0
+    assert np.all(decide(ur5e_map, above) == Status.NO.value)

@@ -10,18 +10,19 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from irm.chain import ArmChain, chain_arrays
-from irm.errors import MapFileError, ReachabilityError
+from irm.errors import ReachabilityError
+from irm.free_space import FreeSpace
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
 from irm.ik.closed_form import ik_pan, inverse
+from irm.ik.numerical import random_seeds, solve
 from irm.ik.solvers import ExactSolver
+from irm.inverse_map import InverseReachabilityMap
 from irm.kinematics import jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
-
-CHAIN = ArmChain.from_robot(FETCH)
-ARM = chain_arrays(CHAIN)
+from irm.verification import tcp_poses
+from tests.irm.arms import ARM, CHAIN, in_base
 
 
 def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):
@@ -62,17 +63,6 @@ def test_the_eight_images_of_a_voxel_are_those_of_a_scan_of_their_own(coarse_map
         assert stored == pytest.approx(best, abs=1e-6)
 
 
-def test_a_map_is_its_own_mirror_image(coarse_map):
-    z, o, i, j = coarse_map.indices()
-    orientations = coarse_map.grid.orientations
-    group = np.searchsorted(orientations.start, o, side="right") - 1
-    start, count = orientations.start[group], orientations.count[group]
-    mirrored = start + (-(o - start)) % count
-    cells = np.ravel_multi_index((z, mirrored, i, coarse_map.grid.shape[3] - 1 - j), coarse_map.grid.shape)
-    np.testing.assert_array_equal(np.sort(cells), coarse_map.cells)
-    np.testing.assert_allclose(coarse_map.manipulability[np.argsort(cells)], coarse_map.manipulability, atol=1e-6)
-
-
 def test_reachability_index_counts_orientations(coarse_map):
     index = coarse_map.reachability_index
     assert index.max() <= 100.0
@@ -110,34 +100,18 @@ def test_a_part_of_a_map_can_be_kept(coarse_map, tmp_path):
     assert part.key != coarse_map.key
 
 
-def test_damaged_and_foreign_files_are_refused(coarse_map, tmp_path):
-    file = tmp_path / "map.npz"
-    coarse_map.save(file)
-    whole = file.read_bytes()
-    for bad in (b"", b"not a map", whole[: len(whole) // 2], whole[:1000] + bytes(3000) + whole[4000:]):
-        file.write_bytes(bad)
-        with pytest.raises(MapFileError, match="build it again"):
-            ReachabilityMap.load(file, FETCH)
-    np.savez(file, cells=np.arange(3))
-    with pytest.raises(MapFileError):
-        ReachabilityMap.load(file, FETCH)
-    with pytest.raises(FileNotFoundError):
-        ReachabilityMap.load(tmp_path / "none.npz", FETCH)
-
-
 def test_parameters_that_make_no_sense_are_refused():
-    with pytest.raises(ReachabilityError, match="there are sets of 6, 26, 62"):
-        MapParameters(orientations=60)
-    with pytest.raises(ReachabilityError, match="voxel"):
-        MapParameters(voxel=0.0)
-    with pytest.raises(ReachabilityError, match="voxel"):
-        MapParameters(voxel=float("nan"))
-    with pytest.raises(ReachabilityError, match="increasing pair"):
-        MapParameters(heights=(1.0, 0.5))
-    with pytest.raises(ReachabilityError, match="rings, at"):
-        ReachabilityMap.build(FETCH, pitches=(0.1,))
-    with pytest.raises(ReachabilityError, match="reaches nothing"):
-        ReachabilityMap.build(FETCH, heights=(4.0, 5.0))
+    wrong = {
+        "orientations": (60, "there are sets of 6, 26, 62"),
+        "voxel": (0.0, "voxel"),
+        "heights": ((1.0, 0.5), "pair"),
+    }
+    for name, (value, reason) in {**wrong, "torso_margin": (float("nan"), "torso_margin")}.items():
+        with pytest.raises(ReachabilityError, match=reason):
+            MapParameters(**{name: value})
+    for name, value, reason in (("pitches", (0.1,), "rings, at"), ("heights", (4.0, 5.0), "reaches nothing")):
+        with pytest.raises(ReachabilityError, match=reason):
+            ReachabilityMap.build(FETCH, **{name: value})
 
 
 def test_a_fixed_torso_reaches_less_and_keeps_its_height():
@@ -191,3 +165,43 @@ def test_nearly_all_centres_in_reach_are_in_the_map(coarse_map):
     assert truth.sum() > 1000
     assert not np.any(in_map & ~truth)
     assert np.mean(in_map[truth]) > 0.975
+
+
+def test_every_cell_of_a_sampled_map_is_reached(lift_arm_map):
+    chain, rng = lift_arm_map.chain, np.random.default_rng(2)
+    positions, angles, torso = lift_arm_map.positions, lift_arm_map.yaw_pitch_roll, lift_arm_map.torso
+    unsolved = 0
+    for k in rng.choice(len(lift_arm_map), 40, replace=False):
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = rotation(*angles[k]), positions[k]
+        found = solve(chain, T, random_seeds(chain, 150, torso[k], rng))
+        unsolved += len(found) == 0
+        if len(found):
+            best = max(manipulability(jacobian(chain, q)) for q in found)
+            assert lift_arm_map.manipulability[k] <= best + 1e-3
+    assert unsolved <= 1
+
+
+@pytest.mark.slow
+def test_bases_for_a_sampled_map_reach(lift_arm_map):
+    inverse_map, grid, rng = InverseReachabilityMap(lift_arm_map), lift_arm_map.grid, np.random.default_rng(3)
+    floor, z = FreeSpace.from_boxes([(0, 0, 0.6, 1.0)], 0.3), grid.layer_height(grid.layer(0.9))
+    for k in range(12):
+        tcp, roll = (*rng.uniform(-0.2, 0.2, 2), z), (0.0, np.pi / 2)[k % 2]
+        placement = inverse_map.query(tcp, roll=roll, free_space=floor)
+        T = in_base(placement.poses[0], tcp_poses(tcp, placement.approach_yaw[0], 0.0, roll)[0])
+        assert len(solve(lift_arm_map.chain, T, random_seeds(lift_arm_map.chain, 200, placement.torso[0], rng)))
+
+
+@pytest.mark.slow
+def test_without_its_closed_form_fetch_gets_nearly_the_same_map():
+    parameters = {"voxel": 0.15, "orientations": 26, "heights": (0.6, 1.2), "lift": False}
+    exact = ReachabilityMap.build(FETCH, **parameters)
+    sampled = ReachabilityMap.build(dataclasses.replace(FETCH, closed_form_ik=""), samples=100_000, **parameters)
+    both = np.intersect1d(exact.cells, sampled.cells).size
+    assert both > 0.93 * len(exact)
+    assert both > 0.97 * len(sampled)
+    mu_exact = exact.manipulability[np.isin(exact.cells, sampled.cells)]
+    mu_sampled = sampled.manipulability[np.isin(sampled.cells, exact.cells)]
+    assert np.mean(mu_sampled > 0.8 * mu_exact) > 0.9
+    assert exact.key != sampled.key

@@ -13,33 +13,9 @@ from irm.ik.numerical import random_seeds, solve
 from irm.ik.solvers import ExactSolver, arm_solutions, free_angles, solver_arrays
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.kinematics import forward
-from irm.rotations import rotation
-from tests.irm.arms import APPROACH, arm_chain
+from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses
 
 NO, OPEN, YES = 0, 1, 2
-
-
-def solver_of(chain):
-    return ExactSolver(chain)
-
-
-def random_configurations(chain, count, rng, near_limits):
-    """(count, 1 + n) within the limits; the joints of the second kind are often within 1% of a limit."""
-    side = rng.uniform(-1, 1, (count, chain.size))
-    if near_limits:
-        at_limit = rng.random(side.shape) < 0.6
-        side = np.where(at_limit, np.sign(side) * (1 - 0.01 * rng.random(side.shape)), side)
-    return (chain.lower + chain.upper) / 2 + side * np.minimum((chain.upper - chain.lower) / 2, np.pi)
-
-
-def random_poses(chain, count, rng):
-    """T_base_tcp (count, 4, 4): positions in the ball of the stretched arm, any orientation."""
-    direction = rng.normal(size=(count, 3))
-    direction *= chain.reach * rng.random((count, 1)) ** (1 / 3) / np.linalg.norm(direction, axis=1, keepdims=True)
-    T = np.tile(np.eye(4), (count, 1, 1))
-    T[:, :3, 3] = direction + chain.shoulder
-    T[:, :3, :3] = [rotation(*a) for a in rng.uniform((-np.pi, -1.5, -np.pi), (np.pi, 1.5, np.pi), (count, 3))]
-    return T
 
 
 @pytest.mark.slow
@@ -48,7 +24,7 @@ def random_poses(chain, count, rng):
 def test_a_pose_of_the_arm_is_never_called_out_of_reach(name, near_limits):
     chain = arm_chain(name)
     T = np.array([forward(chain, q) for q in random_configurations(chain, 400, np.random.default_rng(0), near_limits)])
-    status, _ = solver_of(chain).solve(T)
+    status, _ = ExactSolver(chain).solve(T)
     assert np.mean(status == YES) > 0.99
     assert not np.any(status == NO)
 
@@ -57,7 +33,7 @@ def test_a_pose_of_the_arm_is_never_called_out_of_reach(name, near_limits):
 def test_every_yes_comes_with_a_configuration_within_the_limits_that_reaches(name):
     chain = arm_chain(name)
     T = random_poses(chain, 300, np.random.default_rng(1))
-    status, q = solver_of(chain).solve(T)
+    status, q = ExactSolver(chain).solve(T)
     assert np.isnan(q[status != YES]).all()
     assert np.any(status == YES)
     for pose, configuration in zip(T[status == YES], q[status == YES], strict=True):
@@ -70,7 +46,7 @@ def test_every_yes_comes_with_a_configuration_within_the_limits_that_reaches(nam
 def test_no_is_confirmed_by_numerical_inverse_kinematics_and_little_is_open(name):
     chain, rng = arm_chain(name), np.random.default_rng(2)
     T = random_poses(chain, 200, rng)
-    status, _ = solver_of(chain).solve(T)
+    status, _ = ExactSolver(chain).solve(T)
     assert np.mean(status == OPEN) <= 0.05
     assert np.any(status == NO)
     for pose in T[status == NO]:
@@ -103,10 +79,10 @@ def test_without_a_structure_no_is_by_length_alone(lift_arm):
     bent = dataclasses.replace(chain, offsets=no_axes_meet, axes=np.array([5, 2, 1, 0, 1, 2, 0]))
     assert find_structure(bent) is None
     rng = np.random.default_rng(4)
-    reached = np.array([forward(bent, q) for q in random_configurations(bent, 40, rng, False)])
+    reached = np.array([forward(bent, q) for q in random_configurations(bent, 40, rng)])
     far = np.tile(np.eye(4), (3, 1, 1))
     far[:, 0, 3] = 3.0
-    status, _ = solver_of(bent).solve(np.concatenate([reached, far]))
+    status, _ = ExactSolver(bent).solve(np.concatenate([reached, far]))
     assert not np.any(status[:40] == NO)
     assert np.mean(status[:40] == YES) > 0.9
     assert np.all(status[40:] == NO)
@@ -117,7 +93,7 @@ def test_parallel_axes_on_a_lift(lift_arm):
     chain, rng = ArmChain.from_robot(lift_arm), np.random.default_rng(5)
     assert isinstance(find_structure(chain), ParallelArm)
     T = np.array([forward(chain, q) for q in random_configurations(chain, 200, rng, True)])
-    status, q = solver_of(chain).solve(T)
+    status, q = ExactSolver(chain).solve(T)
     assert np.all(status == YES)
     for pose, configuration in zip(T, q, strict=True):
         np.testing.assert_allclose(forward(chain, configuration), pose, atol=3e-5)

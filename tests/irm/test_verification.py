@@ -5,24 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
-from irm.chain import ArmChain
 from irm.errors import QueryError
 from irm.kinematics import forward
 from irm.verification import LARGEST_STEP, NotVerified, SelfCollision, Verified, tcp_poses, verify
-from tests.irm.arms import arm_chain, arm_model
-
-CHAIN = ArmChain.from_robot(FETCH)
-PATH = np.array([(-0.1, 0, 0), (-0.05, 0, 0), (0, 0, 0), (0, 0, 0.05), (0, 0, 0.1)])
+from tests.irm.arms import CHAIN, PATH, arm_chain, arm_model, in_base, in_world
 
 
 def path_of(placement, cup):
-    def poses_of(rank):
-        yaw = placement.approach_yaw[rank]
-        c, s = np.cos(yaw), np.sin(yaw)
-        return tcp_poses(cup + PATH @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), yaw)
-
-    return poses_of
+    return lambda rank: tcp_poses(in_world(cup, placement.approach_yaw[rank]), placement.approach_yaw[rank])
 
 
 def test_verified_configurations_reach_the_tcp_poses_in_small_steps(level_inverse, table_floor, cups):
@@ -31,12 +21,8 @@ def test_verified_configurations_reach_the_tcp_poses_in_small_steps(level_invers
         poses_of = path_of(placement, cup)
         result = verify(CHAIN, placement, poses_of)
         assert isinstance(result, Verified)
-        base = result.base
-        c, s = np.cos(base[2]), np.sin(base[2])
-        T_world_base = np.eye(4)
-        T_world_base[:2, :2], T_world_base[:2, 3] = [[c, -s], [s, c]], base[:2]
-        for q, T in zip(result.configurations, poses_of(result.rank), strict=True):
-            np.testing.assert_allclose(T_world_base @ forward(CHAIN, q), T, atol=1e-6)
+        T_base_tcp = in_base(result.base, poses_of(result.rank))
+        np.testing.assert_allclose([forward(CHAIN, q) for q in result.configurations], T_base_tcp, atol=1e-6)
         steps = np.abs(np.diff(result.configurations, axis=0))
         steps[:, [3, 5, 7]] = np.minimum(steps[:, [3, 5, 7]], 2 * np.pi - steps[:, [3, 5, 7]])
         assert steps.max() <= LARGEST_STEP

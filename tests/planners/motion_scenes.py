@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.ik.closed_form import inverse
-from planners.collision.world import CollisionWorld
-from planners.motion.approaches import SIDE_CLEARANCE
+from planners.collision.world import FINGER_GAP, CollisionWorld
 from planners.motion.path import WholeBodyPath, on_base
 from planners.scene import Body, HeldObject, Scene, StaticObstacle
 from tests.planners.scenes import HEIGHT, random_scene
@@ -68,7 +67,7 @@ def grasp_configurations(
         configurations = inverse(CHAIN, T, np.linspace(0.05, 0.38, 6), np.linspace(-np.pi, np.pi, 24, endpoint=False))
         if not len(configurations):
             continue
-        free = configurations[world.hits_many(base, configurations, 2 * (body.half_width + SIDE_CLEARANCE)) == 0]
+        free = configurations[world.hits_many(base, configurations, 2 * (body.half_width + FINGER_GAP)) == 0]
         if len(free):
             found.append((base, free[rng.integers(len(free))]))
         if len(found) == count:

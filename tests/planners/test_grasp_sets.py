@@ -11,14 +11,14 @@ from assets.robots import FETCH
 from planners import Planner, Scene, Solution
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
+from planners.contact import contact_of
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import GRASP_SETS, GraspFamily
-from planners.motion.arm import tcp_pose
-from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
-from planners.scene import Body, RobotState
+from planners.scene import Body
 from planners.tamp.solution import BoundAction
+from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 PLANNERS = {name: Planner(FETCH, grasps=name) for name in GRASP_SETS}
@@ -36,18 +36,10 @@ def lying(name: str, x: float, y: float, radius: float = 0.03, heading: float = 
 
 def pitch_of(action: BoundAction) -> float:
     """[rad] of the gripper where the fingers close or open."""
-    phase = next(phase for phase in action.trajectory.phases if phase.name in ("close", "open"))
-    sample = action.trajectory.sample(phase.start)
-    T = tcp_pose(FETCH, RobotState(sample.base, sample.q, 0.0))
+    contact = contact_of(action)
+    assert contact is not None
+    T = contact.tcp
     return math.atan2(-T[2, 0], T[2, 2])
-
-
-def assert_free(solution: Solution) -> None:
-    """MuJoCo finds no penetration over a millimetre in any action of a plan."""
-    checker = MujocoCollisionChecker(solution.actions[0].scene)
-    for action in solution.actions:
-        checker.move_to(action.scene)
-        assert checker.deepest_penetration(action.trajectory, STEP).penetration <= 0.001, str(action)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +63,7 @@ def test_a_plan_grasps_and_releases_at_the_pitches_of_its_set(grasps: str, obstr
     for action in found.actions:
         if action.name != "MoveBase":
             assert min(abs(pitch_of(action) - pitch) for pitch in valid) < 2e-3
-    assert_free(found)
+    assert_free(found, STEP, 0.001)
 
 
 @pytest.mark.slow
@@ -92,7 +84,7 @@ def test_low_objects_are_taken(shape: str, height: float) -> None:
     body = Body("object_00", shape, half, np.array([0.0, 0.1, HEIGHT + height / 2]), np.array([1.0, 0.0, 0.0, 0.0]))
     found = PLANNERS["all"].solve(table_scene(body), "object_00")
     assert isinstance(found, Solution), found
-    assert_free(found)
+    assert_free(found, STEP, 0.001)
 
 
 @pytest.mark.parametrize("family", SLANTED, ids=lambda family: family.name)

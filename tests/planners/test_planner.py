@@ -135,7 +135,7 @@ def test_misuse_is_answered_by_what_is_valid() -> None:
         replace(STRATEGIES["lookahead"], second_moves=2)
     assert Planner("fetch").robot is FETCH  # type: ignore[arg-type]  # a name is accepted, the robot is kept
     with pytest.raises(UnknownRobot, match="fetch"):
-        Planner("fetsch")  # type: ignore[arg-type]
+        Planner("fetsch")  # type: ignore[arg-type]  # likewise
 
 
 def test_overlapping_objects_are_named() -> None:

@@ -16,8 +16,8 @@ from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.expert.config import ExpertConfig
 from planners.expert.expert import TampExpert
-from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import SELF_BIT, Scene
+from tests.planners.plans import assert_free, play
 
 
 @pytest.fixture(scope="module")
@@ -68,11 +68,8 @@ def _without_idle_arms(world: CollisionWorld) -> CollisionWorld:
 def test_plans_are_free_of_penetration_in_mujoco(scene: Scene) -> None:
     found = Planner(PR2, grasps="side").solve(scene, scene.names[0])
     assert isinstance(found, Solution), found
-    checker = MujocoCollisionChecker(scene)
-    for action in found.actions:
-        checker.move_to(action.scene)
-        assert checker.accepts(action.trajectory)
-        assert np.ptp(action.trajectory.q[:, 0]) == 0.0, "the torso stays"
+    assert_free(found)
+    assert all(np.ptp(action.trajectory.q[:, 0]) == 0.0 for action in found.actions), "the torso stays"
 
 
 @pytest.mark.slow
@@ -81,9 +78,5 @@ def test_an_episode_with_clearances_succeeds() -> None:
     _, info = env.reset(seed=9)
     expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False))
     expert.reset(info["target"])
-    over = expert.done
-    while not over:
-        _, _, terminated, truncated, info = env.step(expert.act())
-        over = terminated or truncated or expert.done
-    assert info["is_success"], expert.report
+    assert play(env, expert)["is_success"], expert.report
     assert expert.report.clearances

@@ -21,8 +21,6 @@ from clutter_env.policies.motion.network import (
     KeyframeNetwork,
     contact_in_base,
     line_distance,
-    network_input,
-    phase_index,
 )
 from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, base_from, planar_pose
 from planners import Contact
@@ -81,8 +79,30 @@ class OpenKeyframePlanner:
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
         """Choose the arm configuration at a contact of object `index`; the phases to go through."""
         self._sizes = seen.sizes(index)
-        self._free = choose_free_joints(self._network, self._kinematics, contact, index, seen)
+        self._free = self.free_joints(contact, index, seen)
         return [phase for phase in PHASES[contact.skill] if self._network.has_seen(contact.skill, phase)]
+
+    def free_joints(self, contact: Contact, index: int, seen: ParsedObservation) -> Array:
+        """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home.
+
+        Of a grid those nearest to home are chosen for which network and kinematics predict a forearm clear of the
+        objects.
+        """
+        phase = "approach" if contact.skill == "pick" else "lower"
+        pose = contact_in_base(contact.tcp, contact.base)
+        poses = np.broadcast_to(pose, (len(_GRID) * len(_DISTANCES), 4, 4))
+        distances, free = np.tile(_DISTANCES, len(_GRID)), np.repeat(_GRID, len(_DISTANCES), axis=0)
+        predicted = self._network.predict(contact.skill, phase, poses, seen.sizes(index), distances, free)
+        origins = self._kinematics.links(predicted.q)[0].numpy().astype(float)
+        joints = origins.reshape(len(_GRID), len(_DISTANCES), -1, 3)
+        starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
+        points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
+        T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(seen.base)
+        clearance = Surroundings.beside(seen, index, T).distance(points).min(axis=(1, 2))
+        from_home = _TORSO_COST * np.abs(_GRID[:, 0]) + np.abs(_GRID[:, 1])
+        miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
+        lacking = np.maximum(_CLEARANCE + _RADIUS - clearance, 0.0)
+        return np.asarray(_GRID[np.argmin(from_home + _MISS_COST * miss + _HIT_COST * lacking)])
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
         """The goal of a phase; the contact may have moved since."""
@@ -107,9 +127,9 @@ class OpenKeyframePlanner:
 
     def _predict(self, phase: str, contact: Contact, tcp: Array, base: Array, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact that is said to be at `tcp` (4, 4)."""
-        number, pose = phase_index(contact.skill, phase), contact_in_base(tcp, base)
-        row = network_input(number, pose[None], self._sizes, distance, self._free)
-        return np.concatenate([part.numpy().reshape(-1) for part in self._network.predict(row)]).astype(float)
+        pose = contact_in_base(tcp, base)[None]
+        predicted = self._network.predict(contact.skill, phase, pose, self._sizes, distance, self._free)
+        return np.concatenate([part.numpy().reshape(-1) for part in predicted]).astype(float)
 
 
 def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:
@@ -128,32 +148,3 @@ def drive_goal(seen: ParsedObservation, path: list[Array], q: Array) -> tuple[Ar
     if np.abs(q - seen.q).max() <= _TUCKED:
         return path[0], len(path)
     return seen.base, 1 + len(path)
-
-
-def choose_free_joints(
-    network: KeyframeNetwork, kinematics: ArmKinematics, contact: Contact, index: int, seen: ParsedObservation
-) -> Array:
-    """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home.
-
-    Of a grid those nearest to home are chosen for which network and kinematics predict a forearm clear of the objects.
-    """
-    phase = phase_index(contact.skill, "approach" if contact.skill == "pick" else "lower")
-    pose = contact_in_base(contact.tcp, contact.base)
-    count = len(_GRID) * len(_DISTANCES)
-    rows = network_input(
-        phase,
-        np.broadcast_to(pose, (count, 4, 4)),
-        seen.sizes(index),
-        np.tile(_DISTANCES, len(_GRID)),
-        np.repeat(_GRID, len(_DISTANCES), axis=0),
-    )
-    origins = kinematics.links(network.predict(rows).q)[0].numpy().astype(float)
-    joints = origins.reshape(len(_GRID), len(_DISTANCES), -1, 3)
-    starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
-    points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
-    T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(seen.base)
-    clearance = Surroundings.beside(seen, index, T).distance(points).min(axis=(1, 2))
-    from_home = _TORSO_COST * np.abs(_GRID[:, 0]) + np.abs(_GRID[:, 1])
-    miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
-    lacking = np.maximum(_CLEARANCE + _RADIUS - clearance, 0.0)
-    return np.asarray(_GRID[np.argmin(from_home + _MISS_COST * miss + _HIT_COST * lacking)])

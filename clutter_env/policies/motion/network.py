@@ -139,8 +139,11 @@ class KeyframeNetwork(nn.Module):
         excess = torch.abs(wanted - q).sum(1)
         return Prediction(base, q, _LENGTH * offset, _FINGER * finger[:, 0], _LENGTH * length[:, 0], excess)
 
-    def predict(self, features: NDArray[np.float64]) -> Prediction:
-        """Keyframes of network inputs (k, f), without gradients."""
+    def predict(
+        self, skill: str, phase: str, base_contact: Array, sizes: Array, distance: Array | float, free: Array
+    ) -> Prediction:
+        """Keyframes of situations in a phase of a skill, without gradients; see `network_input`."""
+        features = network_input(phase_index(skill, phase), base_contact, sizes, distance, free)
         with torch.no_grad():
             prediction: Prediction = self(torch.from_numpy(features.astype(np.float32)))
         return prediction

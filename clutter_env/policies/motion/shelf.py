@@ -25,10 +25,9 @@ from clutter_env.policies.motion.network import (
     SHELF_PHASES,
     SKILLS,
     KeyframeNetwork,
+    Prediction,
     contact_in_base,
     line_distance,
-    network_input,
-    phase_index,
 )
 from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, planar_pose, wrapped
 from clutter_env.scene.layout import TABLE, Layout, furniture
@@ -110,7 +109,7 @@ class ShelfKeyframePlanner:
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._robot, self._keep_out, self._table = robot, network.keep_out, table_of(layout)
         self._refused: list[Contact] = []
-        self._predictor, self._chooser = ArmPredictor(network, robot), ShelfArmChooser(network, robot, layout)
+        self._network, self._arms = network, ShelfArm(network, robot, layout)
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
         """Choose the arm at a contact of object `index`; the phases to go through.
@@ -118,8 +117,8 @@ class ShelfKeyframePlanner:
         There are none where arm or gripper would run into something: the pick or place is refused.
         """
         self._sizes = seen.sizes(index)
-        finger = self._finger("ready" if contact.skill == "pick" else "open", contact, np.zeros(2))
-        self._arm = self._chooser.choose(contact, index, seen, finger)
+        opens = "ready" if contact.skill == "pick" else "open"
+        self._arm = self._arms.choose(contact, index, seen, float(self._predict(opens, contact, np.zeros(2)).finger))
         if self._arm.is_blocked and sum(_is_same(contact, other) for other in self._refused) < _MAX_REFUSALS:
             self._refused.append(contact)
             return []
@@ -135,10 +134,7 @@ class ShelfKeyframePlanner:
         if phase in ("transit", "enter"):
             expected = planar_pose(seen.base) @ contact_in_base(expected, contact.base)
         if phase in _TUCKED:
-            base_tcp = contact_in_base(contact.tcp, contact.base)[None]
-            q = self._flipped(
-                self._predictor.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, np.zeros(2))[0][0]
-            )
+            q = self._flipped(self._predict(phase, contact, np.zeros(2)).q[0].numpy().astype(float))
         else:
             ahead = here
             if phase == "lift":
@@ -150,7 +146,7 @@ class ShelfKeyframePlanner:
         if phase == "drive":
             base, stops = drive_goal(seen, list(self._keep_out.path(seen.base, base)), q)
         like = _FINGERS_AS[contact.skill].get(phase, phase)
-        finger = self._finger(like, contact, np.zeros(2) if like in _TUCKED else self._arm.low)
+        finger = float(self._predict(like, contact, np.zeros(2) if like in _TUCKED else self._arm.low).finger)
         return Keyframe(np.concatenate((base, q)), finger, expected, stops, self._arm.height, _SLACK)
 
     def _height(self, phase: str, contact: Contact, seen: ParsedObservation) -> float:
@@ -165,7 +161,7 @@ class ShelfKeyframePlanner:
         last_tcp, last_height, _ = self._last
         if height != last_height or np.abs(base_tcp - last_tcp).max() > _SAME:
             free, heights = self._arm.at(height)[None], np.array([height])
-            q = self._predictor.on_line(contact.skill, base_tcp, self._sizes, heights, free, _ROUNDS)[0][0]
+            q = self._arms.on_line(contact.skill, base_tcp, self._sizes, heights, free, _ROUNDS)[0][0]
             self._last = base_tcp, height, self._flipped(q)
         return self._last[2]
 
@@ -173,10 +169,9 @@ class ShelfKeyframePlanner:
         """The configuration with the wrist on the chosen side."""
         return with_wrist_flipped(self._robot, q) if self._arm.is_flipped else q
 
-    def _finger(self, phase: str, contact: Contact, free: Array) -> float:
-        """[m] Position of one finger in a phase."""
+    def _predict(self, phase: str, contact: Contact, free: Array) -> Prediction:
         base_tcp = contact_in_base(contact.tcp, contact.base)[None]
-        return float(self._predictor.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, free)[1][0])
+        return self._network.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, free)
 
 
 def table_of(layout: Layout) -> StaticObstacle:
@@ -230,70 +225,30 @@ class ArmChoice(NamedTuple):
         return np.asarray((1 - share) * self.low + share * self.high)
 
 
-class ArmPredictor:
-    """Arm configurations predicted by a network, corrected by forward kinematics before the robot moves.
-
-    Where forward kinematics predicts the gripper beside its line, the contact in the network input is moved to the
-    other side, as feedback of the measured error does while the robot moves; and free joints likewise.
-    """
-
-    def __init__(self, network: KeyframeNetwork, robot: RobotSpec) -> None:
-        self._network, self._kinematics = network, ArmKinematics(robot)
-        self._home = np.array(robot.home)[list(FREE_JOINTS)]
-
-    def predict(
-        self, skill: str, phase: str, base_tcp: Array, sizes: Array, heights: Array | float, free: Array
-    ) -> tuple[Array, Array]:
-        """Torso and arm (k, 8) and finger positions (k,) [m] for contacts (k, 4, 4) in the base's frame."""
-        rows = network_input(phase_index(skill, phase), base_tcp, sizes, heights, free)
-        predicted = self._network.predict(rows)
-        return predicted.q.numpy().astype(float), predicted.finger.numpy().astype(float)
-
-    def on_line(
-        self, skill: str, base_tcp: Array, sizes: Array, heights: Array, free: Array, rounds: int
-    ) -> tuple[Array, Array]:
-        """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact, and its error there (k,) [m].
-
-        Args:
-            skill: "pick" or "place".
-            base_tcp: (4, 4) of the gripper at the contact, in the base's frame.
-            sizes: (4,) of the object, as `ParsedObservation.sizes`.
-            heights: (k,) above the contact.
-            free: (k, 2) torso [m] and upper-arm roll [rad] there, less those of home.
-            rounds: of correction.
-        """
-        count, phase = len(heights), "lift" if skill == "pick" else "lower"
-        wanted = np.tile(base_tcp, (count, 1, 1))
-        wanted[:, 2, 3] += heights
-        shift, turn, bend = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2))
-        for left in range(rounds, -1, -1):
-            shifted = np.tile(base_tcp, (count, 1, 1))
-            shifted[:, :3, 3] += shift
-            shifted[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ shifted[:, :3, :3]
-            q, _ = self.predict(skill, phase, shifted, sizes, heights, free + bend)
-            position, rotation = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))
-            error = wanted[:, :3, 3] - position.numpy()
-            if left:
-                off = Rotation.from_matrix(wanted[:, :3, :3] @ rotation.numpy().transpose(0, 2, 1))
-                step = Rotation.from_rotvec(_GAIN * off.as_rotvec())
-                shift = limited(shift + _GAIN * error, MAX_SHIFT)
-                bend += _GAIN * (free + self._home - q[:, list(FREE_JOINTS)])
-                bend = np.clip(bend, -_MAX_BEND, _MAX_BEND)
-                turn = limited((step * Rotation.from_rotvec(turn)).as_rotvec(), MAX_TURN)
-        return q, np.linalg.norm(error, axis=1)
-
-
-class ShelfArmChooser:
-    """Chooses among arm configurations by what a network and the robot's kinematics predict for each of them.
+class ShelfArm:
+    """The arm as network and kinematics predict it, chosen among its configurations.
 
     The arm is compared with furniture and objects along the whole drive of the base, rigid as it is at the contact and
-    rigid as it is when it has lifted: one of them goes in, the other out.
+    rigid as it is when it has lifted: one of them goes in, the other out. For that it is b balls along its collision
+    solids, from the first joint to the wrist; the gripper is points on its surface.
     """
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
-        self._demonstrated = network.shown.numpy().astype(float)
-        self._predictor, self._balls = ArmPredictor(network, robot), ArmBalls(robot)
-        self._robot, self._table, self._boxes = robot, table_of(layout), furniture(layout)
+        self._network, self._kinematics, self._robot = network, ArmKinematics(robot), robot
+        self._home, self._demonstrated = np.array(robot.home)[list(FREE_JOINTS)], network.shown.numpy().astype(float)
+        self._table, self._boxes = table_of(layout), furniture(layout)
+        arrays, centres, radii, links = robot_arrays(robot), [], [], []
+        for solid in range(arrays.held_from, len(arrays.core)):
+            if arrays.link[solid] > 0:
+                half = arrays.half[solid]
+                longest = int(np.argmax(half))
+                radius = float(arrays.radius[solid] + np.linalg.norm(np.delete(half, longest)))
+                count = 2 + int(half[longest] / radius)
+                along = np.linspace(-half[longest], half[longest], count)[:, None] * arrays.rotation[solid][:, longest]
+                centres.append(arrays.position[solid] + along)
+                radii += [radius] * count
+                links += [int(arrays.link[solid])] * count
+        self._radius, self._centres, self._links = np.array(radii), np.concatenate(centres), np.array(links)
 
     def choose(self, contact: Contact, index: int, seen: ParsedObservation, finger: float = 0.0) -> ArmChoice:
         """The arm at a contact of object `index`: the best that keeps clear, or the one with the least risk.
@@ -310,11 +265,11 @@ class ShelfArmChooser:
         def risks(heights: Array, free: Array, flipped: NDArray[np.bool_]) -> tuple[Array, Array]:
             """Risk on the drive, and the gripper's error [m], of arms (k,) at heights [m] above the contact."""
             base_tcp = contact_in_base(contact.tcp, contact.base)
-            q, miss = self._predictor.on_line(contact.skill, base_tcp, sizes, heights, free, _CHOOSING_ROUNDS)
+            q, miss = self.on_line(contact.skill, base_tcp, sizes, heights, free, _CHOOSING_ROUNDS)
             q[flipped] = with_wrist_flipped(self._robot, q[flipped])
             T = planar_pose(np.array(contact.base))
-            centres = self._balls.centres(q) @ T[:3, :3].T + T[:3, 3]
-            clearance = around.distance(centres[:, :, None] + drive).min(axis=2) - self._balls.radius
+            centres = self.ball_centres(q) @ T[:3, :3].T + T[:3, 3]
+            clearance = around.distance(centres[:, :, None] + drive).min(axis=2) - self._radius
             lacking = np.maximum(_CLEARANCE - clearance, 0.0), np.maximum(_TOUCHING - clearance, 0.0)
             return (_CLEARANCE_COST * lacking[0] + _HIT_COST * lacking[1]).sum(axis=1), miss
 
@@ -341,6 +296,49 @@ class ShelfArmChooser:
         is_blocked = risk[found] > _MAX_RISK or around.contain(gripper + drive[:, None])
         return ArmChoice(float(height[found]), low[of], high[found], bool(flipped[of]), bool(is_blocked))
 
+    def on_line(
+        self, skill: str, base_tcp: Array, sizes: Array, heights: Array, free: Array, rounds: int
+    ) -> tuple[Array, Array]:
+        """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact, and its error there (k,) [m].
+
+        They are predicted, and corrected by forward kinematics before the robot moves: where that predicts the gripper
+        beside its line, the contact in the network input is moved to the other side, as feedback of the measured error
+        does while the robot moves; and free joints likewise.
+
+        Args:
+            skill: "pick" or "place".
+            base_tcp: (4, 4) of the gripper at the contact, in the base's frame.
+            sizes: (4,) of the object, as `ParsedObservation.sizes`.
+            heights: (k,) above the contact.
+            free: (k, 2) torso [m] and upper-arm roll [rad] there, less those of home.
+            rounds: of correction.
+        """
+        count, phase = len(heights), "lift" if skill == "pick" else "lower"
+        wanted = np.tile(base_tcp, (count, 1, 1))
+        wanted[:, 2, 3] += heights
+        shift, turn, bend = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2))
+        for left in range(rounds, -1, -1):
+            shifted = np.tile(base_tcp, (count, 1, 1))
+            shifted[:, :3, 3] += shift
+            shifted[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ shifted[:, :3, :3]
+            q = self._network.predict(skill, phase, shifted, sizes, heights, free + bend).q.numpy().astype(float)
+            position, rotation = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))
+            error = wanted[:, :3, 3] - position.numpy()
+            if left:
+                off = Rotation.from_matrix(wanted[:, :3, :3] @ rotation.numpy().transpose(0, 2, 1))
+                step = Rotation.from_rotvec(_GAIN * off.as_rotvec())
+                shift = limited(shift + _GAIN * error, MAX_SHIFT)
+                bend += _GAIN * (free + self._home - q[:, list(FREE_JOINTS)])
+                bend = np.clip(bend, -_MAX_BEND, _MAX_BEND)
+                turn = limited((step * Rotation.from_rotvec(turn)).as_rotvec(), MAX_TURN)
+        return q, np.linalg.norm(error, axis=1)
+
+    def ball_centres(self, q: Array) -> Array:
+        """(k, b, 3) [m] Centres of the balls in the base's frame, at configurations (k, 8)."""
+        origins, rotations = self._kinematics.links(torch.from_numpy(q.astype(np.float32)))
+        R, p = rotations.numpy().astype(float)[:, self._links], origins.numpy().astype(float)[:, self._links]
+        return np.asarray(p + (R @ self._centres[:, :, None])[..., 0])
+
 
 def demonstrated_row(contact: Contact, free: Array) -> Array:
     """(7,) A demonstrated contact under a shelf: its key, then torso [m] and upper-arm roll [rad] less those of home.
@@ -351,35 +349,6 @@ def demonstrated_row(contact: Contact, free: Array) -> Array:
     turn = wrapped(contact.yaw - contact.base[2])
     skill, yaw = SKILLS.index(contact.skill), wrapped(contact.base[2])
     return np.array((skill, contact.tcp[0, 3], yaw, turn, np.linalg.norm(away), *free))
-
-
-class ArmBalls:
-    """b balls along the collision solids of the arm, from its first joint to the wrist, without the gripper.
-
-    Attributes:
-        radius: (b,) [m].
-    """
-
-    def __init__(self, robot: RobotSpec) -> None:
-        arrays, centres, radii, links = robot_arrays(robot), [], [], []
-        for solid in range(arrays.held_from, len(arrays.core)):
-            if arrays.link[solid] > 0:
-                half = arrays.half[solid]
-                longest = int(np.argmax(half))
-                radius = float(arrays.radius[solid] + np.linalg.norm(np.delete(half, longest)))
-                count = 2 + int(half[longest] / radius)
-                along = np.linspace(-half[longest], half[longest], count)[:, None] * arrays.rotation[solid][:, longest]
-                centres.append(arrays.position[solid] + along)
-                radii += [radius] * count
-                links += [int(arrays.link[solid])] * count
-        self.radius, self._centres, self._links = np.array(radii), np.concatenate(centres), np.array(links)
-        self._kinematics = ArmKinematics(robot)
-
-    def centres(self, q: Array) -> Array:
-        """(k, b, 3) [m] in the base's frame, at configurations (k, 8)."""
-        origins, rotations = self._kinematics.links(torch.from_numpy(q.astype(np.float32)))
-        R, p = rotations.numpy().astype(float)[:, self._links], origins.numpy().astype(float)[:, self._links]
-        return np.asarray(p + (R @ self._centres[:, :, None])[..., 0])
 
 
 def gripper_points(robot: RobotSpec, finger: float) -> Array:

@@ -17,11 +17,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.contact import Contact, contact_of
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
 from planners.expert.report import Frame, Note, Recording, Solve
 from planners.grasping.base_placement import MapPlacer
 from planners.motion.arm import tcp_pose
-from planners.motion.trajectory import Phase
 from planners.scene import RobotState
 from planners.tamp.solution import BoundAction, Solution
 
@@ -43,8 +43,6 @@ _GROUPS = 3
 _LENGTH, _TURN = 2e-4, 1 / 32767
 """Steps of the 16 bits of a position [m], up to 6.5 m, and of a quaternion's component."""
 _SKILLS = {"MoveBase": "drive", "PickUp": "pick", "PutDownGeneral": "place", "PutDownForClearance": "place"}
-_GRIPPER_MOVES = ("close", "open")
-"""Phases that begin where the gripper closes on an object or lets it go."""
 _BASES = 48
 """Base poses of the map shown for a gripper pose at most, best first."""
 _STRIDE = 2
@@ -239,7 +237,7 @@ def _action(action: BoundAction, placer: MapPlacer, arrays: ArrayBlock) -> dict[
     robot, trajectory = action.scene.robot, action.trajectory
     states = [RobotState(*row) for row in zip(trajectory.base, trajectory.q, trajectory.finger_position, strict=True)]
     kept = [*states[:-1:_STRIDE], states[-1]]
-    contact = next((phase for phase in trajectory.phases if phase.name in _GRIPPER_MOVES), None)
+    contact = contact_of(action)
     return {
         "kind": _SKILLS.get(action.name, "other"),
         "name": action.name,
@@ -249,17 +247,16 @@ def _action(action: BoundAction, placer: MapPlacer, arrays: ArrayBlock) -> dict[
         "duration": round(trajectory.duration, 2),
         "path": arrays.add([tcp_pose(robot, state)[:3, 3] for state in kept]),
         "base_path": arrays.add(np.array([state.base for state in kept])),
-        "bases": None if contact is None else arrays.add(_bases(action, contact, placer)),
+        "bases": None if contact is None else arrays.add(_bases(contact, placer)),
     }
 
 
-def _bases(action: BoundAction, contact: Phase, placer: MapPlacer) -> NDArray[np.float64]:
+def _bases(contact: Contact, placer: MapPlacer) -> NDArray[np.float64]:
     """Base poses (k, 3) from which the map reaches the gripper's pose at a contact, and the planned one first."""
-    sample = action.trajectory.sample(contact.start)
-    T = tcp_pose(action.scene.robot, RobotState(sample.base, sample.q, sample.finger_position))
-    yaw, pitch = math.atan2(-T[0, 1], T[1, 1]), math.atan2(-T[2, 0], T[2, 2])
-    found, _ = placer.bases(np.array([(*T[:3, 3], yaw, pitch)]), _BASES)
-    return np.vstack((sample.base, found))
+    T = contact.tcp
+    pitch = math.atan2(-T[2, 0], T[2, 2])
+    found, _ = placer.bases(np.array([(*T[:3, 3], contact.yaw, pitch)]), _BASES)
+    return np.vstack((contact.base, found))
 
 
 def _choice(picture: ClearancePicture, arrays: ArrayBlock) -> dict[str, Any]:

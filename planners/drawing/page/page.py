@@ -9,15 +9,13 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
 from planners.drawing.page.content import page_text
 from planners.expert.report import Frame, Recording, Solve
 from planners.motion.arm import tcp_pose
-from planners.motion.mujoco_check import OBJECT, scene_model
+from planners.motion.mujoco_check import OBJECT, ModelPositions, scene_model
 from planners.motion.trajectory import CONTROL_STEP
-from planners.scene import HeldObject, RobotState, Scene
+from planners.scene import RobotState
 from planners.tamp.solution import Solution
 
 _SCRIPTS = ("matrix", "shapes", "renderer", "data", "marks", "scene", "camera", "timeline", "panel", "page")
@@ -100,49 +98,19 @@ def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
     """One frame for each control step; the scene of an action says where its objects stand."""
     start = 0.0
     for index, action in enumerate(plan.actions):
-        states = _States(model, action.scene)
-        trajectory = action.trajectory
+        scene, trajectory = action.scene, action.trajectory
+        positions = ModelPositions(model, scene, np.array(model.qpos0))
+        aside = [(one.held, scene.using(one.arm)) for one in scene.aside]
         for time in np.append(np.arange(0.0, trajectory.duration, CONTROL_STEP), trajectory.duration):
             sample = trajectory.sample(float(time))
-            held = sample.phase.touched if sample.phase.held else None
-            qpos = states.at(RobotState(sample.base, sample.q, sample.finger_position), held)
+            positions.move(np.array([*sample.base, *sample.q, sample.finger_position]))
+            state = RobotState(sample.base, sample.q, sample.finger_position)
+            in_hand = [(other, arm.robot, RobotState(state.base, arm.state.q, 0.0)) for other, arm in aside]
+            if sample.phase.held and sample.phase.touched is not None:
+                in_hand.append((sample.phase.touched, scene.robot, state))
+            for held, robot, holding in in_hand:
+                body = scene.body(held.name).at_pose(tcp_pose(robot, holding) @ held.T_tcp_object)
+                positions.put(body.name, body.position, body.quaternion)
             phase = f"{f'{action.name} {action.target}'.rstrip()}: {sample.phase.name}"
-            yield Frame(start + float(time), qpos, 0, index, phase)
+            yield Frame(start + float(time), positions.qpos.astype(np.float32), 0, index, phase)
         start += trajectory.duration
-
-
-class _States:
-    """The joint positions of the model during one action."""
-
-    def __init__(self, model: mujoco.MjModel, scene: Scene) -> None:
-        robot = scene.robot
-        self._robot = robot
-        joints = (*robot.drive_joints, *robot.finger_joints[:1])
-        self._columns = [int(model.joint(name).qposadr[0]) for name in joints]
-        self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
-        self._objects = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
-        self._qpos = np.array(model.qpos0)
-        for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-            self._qpos[model.joint(joint).qposadr[0]] = angle
-        self._aside = [(one.held, scene.using(one.arm)) for one in scene.aside]
-        for body in scene.objects:
-            self._put(body.name, body.position, body.quaternion)
-
-    def at(self, state: RobotState, held: HeldObject | None) -> NDArray[np.float32]:
-        """Those of a state of the robot; what is held stays where it is brought."""
-        self._qpos[self._columns] = (*state.base, *state.q, state.finger_position)
-        self._qpos[self._second_finger] = state.finger_position
-        if held is not None:
-            self._put_in_hand(held, self._robot, state)
-        for other, scene in self._aside:
-            self._put_in_hand(other, scene.robot, RobotState(state.base, scene.state.q, 0.0))
-        return self._qpos.astype(np.float32)
-
-    def _put_in_hand(self, held: HeldObject, robot: RobotSpec, state: RobotState) -> None:
-        T, quaternion = tcp_pose(robot, state) @ held.T_tcp_object, np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, T[:3, :3].ravel())
-        self._put(held.name, T[:3, 3], quaternion)
-
-    def _put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
-        start = self._objects[name]
-        self._qpos[start : start + 7] = (*position, *quaternion)

@@ -60,6 +60,13 @@ def test_the_report_believes_the_environment() -> None:
     assert "no: an object has fallen" in report_rows(report, is_success=False, lifted=True)["success"]
 
 
+def test_a_printed_report_has_a_cause_and_readable_numbers() -> None:
+    text = str(EpisodeReport(failure="no plan: blocked", planning_s=0.19320000000000004, sim_s=3712.04))
+    assert "result: no plan: blocked\n" in text
+    assert "planning: 0.19 s" in text
+    assert "simulated time: 3712.0 s" in text
+
+
 @pytest.mark.parametrize(
     "wrong", [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"], ["--robot", "r2"]]
 )

@@ -81,12 +81,10 @@ def test_a_dead_worker_is_forgiven_twice(dataset: Dataset, tmp_path: Path) -> No
     assert collect(JOB, dataset, Here(deaths={0: 2})) == [0, 2, 3, 5, 6]
     with pytest.raises(CollectionError, match="seed 0 ended 3 times"):
         collect(JOB, Dataset.open_for(JOB, tmp_path / "e"), Here(deaths={0: 3}))
-
-
-def test_no_room_in_a_worker_ends_the_collection_at_once(dataset: Dataset) -> None:
+    # No space in a worker ends the collection at once.
     full = Crash("Traceback ...\nOSError: [Errno 28] No space left on device", is_final=True)
     with pytest.raises(CollectionError, match=r"seed 1 .*No space left on device"):
-        collect(JOB, dataset, Here(deaths={1: 1}, end=full))
+        collect(JOB, Dataset.open_for(JOB, tmp_path / "f"), Here(deaths={1: 1}, end=full))
 
 
 def test_a_full_disk_says_so_and_leaves_nothing_half_written(dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,7 +97,7 @@ def test_a_full_disk_says_so_and_leaves_nothing_half_written(dataset: Dataset, m
     assert list(dataset.episodes_directory.iterdir()) == []
 
 
-def test_the_directory_of_another_job_is_refused(dataset: Dataset, tmp_path: Path) -> None:
+def test_the_directory_of_another_job_or_process_is_refused(dataset: Dataset, tmp_path: Path) -> None:
     Dataset.open_for(dataclasses.replace(JOB, episodes=9), dataset.directory)
     with pytest.raises(DatasetError, match="first_seed"):
         Dataset.open_for(dataclasses.replace(JOB, first_seed=7), dataset.directory)
@@ -107,6 +105,8 @@ def test_the_directory_of_another_job_is_refused(dataset: Dataset, tmp_path: Pat
     (tmp_path / "other" / "file").touch()
     with pytest.raises(DatasetError, match="other files"):
         Dataset.open_for(JOB, tmp_path / "other")
+    with dataset.locked(), pytest.raises(DatasetError, match="another process"), dataset.locked():
+        pass
 
 
 def test_a_changed_environment_is_named_and_its_episodes_are_not_mixed_with_old_ones(
@@ -136,11 +136,6 @@ def test_a_damaged_index_or_description_is_a_plain_error(dataset: Dataset, conte
     (dataset.directory / "dataset.json").write_text(content)
     with pytest.raises(DatasetError, match=r"dataset\.json"):
         assert dataset.task
-
-
-def test_two_collections_do_not_share_a_directory(dataset: Dataset) -> None:
-    with dataset.locked(), pytest.raises(DatasetError, match="another process"), dataset.locked():
-        pass
 
 
 def test_only_clean_successes_are_demonstrations(pick_episode: Episode, monkeypatch: pytest.MonkeyPatch) -> None:

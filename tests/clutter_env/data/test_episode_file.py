@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import shutil
 from pathlib import Path
@@ -58,6 +59,8 @@ def test_other_bytes_are_refused(pick_file: Path, tmp_path: Path) -> None:
     refused(tmp_path)
 
 
+ATTRIBUTES = ("seed", "options", "task", "provenance")
+INFOS = ("is_success", "num_fallen", "num_disturbed", "state", "skill", "phase", "contact_object", "keyframe")
 WRONG = {
     "text": "text",
     "a number": 3,
@@ -94,22 +97,16 @@ def test_wrong_datasets_are_refused(pick_file: Path, tmp_path: Path) -> None:
                 refused(path)
 
 
-@pytest.mark.parametrize("name", ["seed", "options", "task", "provenance"])
-def test_wrong_attributes_are_refused(pick_file: Path, tmp_path: Path, name: str) -> None:
+def test_wrong_attributes_and_other_numbers_of_steps_are_refused(pick_file: Path, tmp_path: Path) -> None:
     path = tmp_path / "wrong.hdf5"
-    for value in (None, "no JSON", "[]", 1.5j, np.zeros(3)):
+    for name, value in itertools.product(ATTRIBUTES, (None, "no JSON", "[]", 1.5j, np.zeros(3))):
         shutil.copy(pick_file, path)
         with h5py.File(path, "r+") as file:
             del file.attrs[name]
             if value is not None:
                 file.attrs[name] = value
         refused(path)
-
-
-def test_other_numbers_of_steps_are_refused(pick_file: Path, tmp_path: Path) -> None:
-    infos = ("is_success", "num_fallen", "num_disturbed", "state", "skill", "phase", "contact_object", "keyframe")
-    path = tmp_path / "short.hdf5"
-    for place in ("actions", "rewards", *(f"infos/{name}" for name in infos)):
+    for place in ("actions", "rewards", *(f"infos/{name}" for name in INFOS)):
         shutil.copy(pick_file, path)
         with h5py.File(path, "r+") as file:
             values = file[place][()]

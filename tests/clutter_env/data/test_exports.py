@@ -141,16 +141,12 @@ def test_images_are_those_that_the_environment_shows(seen: list[Episode]) -> Non
 
 
 @pytest.mark.usefixtures("needs_gl")
-def test_an_episode_with_images_is_kept_and_replays(seen: list[Episode], tmp_path: Path) -> None:
+def test_an_episode_with_images_is_kept_and_replays(seen: list[Episode], seen_dataset: Dataset, tmp_path: Path) -> None:
     write_episode(tmp_path / "episode.hdf5", seen[0])
     again = read_episode(tmp_path / "episode.hdf5")
     np.testing.assert_array_equal(again.observations["head_rgb"], seen[0].observations["head_rgb"])
     assert again.columns["observations/head_rgb"].about == "image head_rgb"
     assert replay(again).is_identical
-
-
-@pytest.mark.usefixtures("needs_gl")
-def test_a_collection_with_images_is_another_one(seen_dataset: Dataset) -> None:
     with pytest.raises(DatasetError, match="image_size"):
         Dataset.open_for(Job(TASK, "scripted", len(SEEDS)), seen_dataset.directory)
 
@@ -175,7 +171,12 @@ def test_minari_reads_images_and_labels(
     assert metadata["columns"]["actions"]["names"] == list(seen[0].columns["actions"].names)
 
 
-def test_robomimic_has_its_layout(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
+def test_hdf5_has_our_layout_or_that_of_robomimic(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
+    with h5py.File(export_hdf5(dataset, tmp_path / "all.hdf5"), "r") as file:
+        assert file.attrs["total_steps"] == sum(map(len, episodes))
+        for index, episode in enumerate(episodes):
+            np.testing.assert_array_equal(file[f"episode_{index}/infos/state"], episode.states)
+            assert list(file[f"episode_{index}/actions"].attrs["names"]) == list(episode.columns["actions"].names)
     path = export_hdf5(dataset, tmp_path / "demo.hdf5", robomimic=True)
     with h5py.File(path, "r") as file:
         assert json.loads(file["data"].attrs["env_args"])["env_kwargs"] == {"control_mode": "ee"}
@@ -189,15 +190,6 @@ def test_robomimic_has_its_layout(dataset: Dataset, episodes: list[Episode], tmp
             np.testing.assert_array_equal(demo["next_obs/objects"], episode.observations["objects"][1:])
             assert demo["dones"][:].sum() == demo["dones"][-1] == 1
             assert len(demo["states"]) == len(demo["rewards"]) == len(episode)
-
-
-def test_one_hdf5_file_has_all_episodes(dataset: Dataset, episodes: list[Episode], tmp_path: Path) -> None:
-    path = export_hdf5(dataset, tmp_path / "all.hdf5")
-    with h5py.File(path, "r") as file:
-        assert file.attrs["total_steps"] == sum(map(len, episodes))
-        for index, episode in enumerate(episodes):
-            np.testing.assert_array_equal(file[f"episode_{index}/infos/state"], episode.states)
-            assert list(file[f"episode_{index}/actions"].attrs["names"]) == list(episode.columns["actions"].names)
 
 
 def test_nothing_is_written_over(dataset: Dataset, tmp_path: Path) -> None:

@@ -32,13 +32,6 @@ def test_observations_have_the_hub_s_keys_and_episodes_end_with_their_result() -
     vector.close()
 
 
-def test_goal_environments_have_both_parts() -> None:
-    vector = make_env(cfg={"env_id": "clutter_env/Pick-v0"})["clutter_env/Pick-v0"][0]
-    observations, _ = vector.reset(seed=0)
-    assert observations["environment_state"].shape == (1, 6)
-    vector.close()
-
-
 def test_cameras_take_the_place_of_exact_poses() -> None:
     pytest.importorskip("OpenGL")
     vector = make_env(cfg={"obs_mode": "rgbd", "image_size": 32})["clutter_env/Retrieve-o15-v0"][0]

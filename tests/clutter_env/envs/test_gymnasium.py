@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import pickle
 import warnings
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +14,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import clutter_env
+from assets import FETCH
+from clutter_env.scene.layout import Layout
 
 IDS = [
     *(f"clutter_env/Retrieve-o{n}-v0" for n in clutter_env.OBJECT_COUNTS),
@@ -89,9 +92,12 @@ def test_vector_environments_reset_themselves(vector, mode: AutoresetMode) -> No
     envs.close()
 
 
-@pytest.mark.parametrize("env_id", ["clutter_env/Retrieve-o5-v0", *IDS[-2:]])
-def test_pickled_environments_go_on(env_id: str) -> None:
-    env = pickle.loads(pickle.dumps(gym.make(env_id)))  # taken before the first reset
+OWN = {"layout": Layout("bench", depth=0.5, width=0.9), "robot": replace(FETCH, name="my_fetch")}
+
+
+@pytest.mark.parametrize(("env_id", "keywords"), [(FEW[0], {}), (FEW[0], OWN), *((env_id, {}) for env_id in IDS[-2:])])
+def test_pickled_environments_go_on(env_id: str, keywords: dict) -> None:
+    env = pickle.loads(pickle.dumps(gym.make(env_id, **keywords)))  # taken before the first reset
     env.reset(seed=0)
     env.action_space.seed(1)
     for _ in range(30):

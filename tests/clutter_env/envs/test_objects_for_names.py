@@ -38,22 +38,6 @@ def same(mine: dict, theirs: dict) -> bool:
     return all(np.array_equal(mine[name], theirs[name]) for name in mine)
 
 
-@pytest.mark.parametrize("keywords", OBJECTS[1:])
-def test_saved_states_and_pickles_go_on(keywords: dict) -> None:
-    env = gym.make(ID, **keywords)
-    env.reset(seed=3)
-    env.action_space.seed(0)
-    for _ in range(20):
-        env.step(env.action_space.sample())
-    copy, other = pickle.loads(pickle.dumps(env)), gym.make(ID, **keywords)
-    other.reset(options={"state": env.unwrapped.save_state()})
-    for _ in range(10):
-        action = env.action_space.sample()
-        results = [which.step(action)[0] for which in (env, copy, other)]
-        assert same(results[0], results[1])
-        assert same(results[0], results[2])
-
-
 def test_states_of_another_layout_or_robot_are_refused(tmp_path: Path) -> None:
     made = {
         "layout 0.5": {"layout": BENCH},
@@ -94,16 +78,6 @@ def test_a_modified_robot_starts_and_moves_as_its_data_say(tmp_path: Path) -> No
     close[-1] = -1
     after, *_ = env.step(close)
     assert observation["gripper"][1] - after["gripper"][1] == pytest.approx(2 * 0.02 * 0.05, abs=1e-6)
-
-
-@pytest.mark.usefixtures("needs_gl")
-def test_own_layouts_are_rendered() -> None:
-    env = gym.make(ID, layout=replace(BENCH, boxes=(PILLAR,)), render_mode="rgb_array")
-    env.reset(seed=1)
-    picture = env.render()
-    assert picture.shape == (480, 480, 3)
-    assert picture.std() > 10
-    env.close()
 
 
 WRONG_LAYOUTS = [

@@ -16,10 +16,10 @@ from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics, nearest_home, shorter_turns, with_wrist_flipped
 from clutter_env.policies.motion.keep_out import KeepOutRegion, keep_out_of_drives
-from clutter_env.policies.motion.keyframe_planner import choose_free_joints
+from clutter_env.policies.motion.keyframe_planner import OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
-from clutter_env.policies.motion.network import KeyframeNetwork, network_input, phase_index
-from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
+from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.parsed_observation import parse_observation, planar_pose
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.weights import shipped_path
@@ -160,20 +160,17 @@ def test_of_two_arm_configurations_the_one_that_is_clear_of_an_object_is_chosen(
     ahead = np.eye(4)
     ahead[:3, 3] = 0.78, 0.0, 0.85
     contact = Contact("pick", "object_00", base, planar_pose(base) @ ahead)
-
-    def chosen(seen: ParsedObservation) -> Array:
-        return choose_free_joints(network, kinematics, contact, 0, seen)
-
-    np.testing.assert_allclose(chosen(seen), 0.0)
+    planner = OpenKeyframePlanner(network, FETCH)
+    np.testing.assert_allclose(planner.free_joints(contact, 0, seen), 0.0)
     # A small object in the elbow of that configuration before the descent, higher than the wrist ever is.
-    row = network_input(phase_index("pick", "approach"), ahead[None], seen.sizes(0), 0.18, np.zeros(2))
-    elbow = kinematics.links(network.predict(row).q)[0][0, 4].numpy().astype(float)
+    predicted = network.predict("pick", "approach", ahead[None], seen.sizes(0), 0.18, np.zeros(2))
+    elbow = kinematics.links(predicted.q)[0][0, 4].numpy().astype(float)
     T = np.linalg.inv(planar_pose(seen.base)) @ planar_pose(base)
     small = seen.objects[0].copy()
     small[_ROW["position"]] = T[:3, :3] @ elbow + T[:3, 3]
     small[_ROW["half_extents"]] = 0.01
     crowded = dataclasses.replace(seen, objects=np.stack((seen.objects[0], small)))
-    assert np.abs(chosen(crowded)).max() > 0.04
+    assert np.abs(planner.free_joints(contact, 0, crowded)).max() > 0.04
 
 
 def test_the_policy_of_the_package_takes_a_target_from_observations_alone(env: gym.Env[Any, Any]) -> None:

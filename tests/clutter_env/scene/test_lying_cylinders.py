@@ -1,4 +1,4 @@
-"""Lying cylinders: how they are placed, that they stay at rest, when they have toppled, their saved states."""
+"""Lying cylinders: how they are placed, that they stay at rest, when they have toppled."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from typing import Any
 import gymnasium as gym
 import mujoco
 import numpy as np
-import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH
-from clutter_env.errors import StateError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT
 from clutter_env.scene.obstruction import count_blockers, side_approaches
-from tests.clutter_env.simulation.sealed import opened, seal
 from tests.clutter_env.toppling import wake
 
 LYING = {"shape": "cylinder", "lying": True, "radius": 0.025, "height": 0.14}
@@ -92,26 +89,3 @@ def test_they_are_in_the_way_of_grasps_like_boxes_of_the_same_outline() -> None:
         found.append(count_blockers(side_approaches("fetch"), LAYOUTS["paper"], env.world.scene, FETCH.max_opening))
     assert found[0].tolist() == found[1].tolist()
     assert found[0][0] > 0
-
-
-def rewritten(state: bytes, change: Any) -> bytes:
-    """The state with its scene changed, sealed again."""
-    content = opened(state)
-    change(content["scene"])
-    return seal(content)
-
-
-def test_states_from_before_cylinders_could_lie_are_restored() -> None:
-    env = gym.make("clutter_env/Retrieve-o5-v0").unwrapped
-    env.reset(seed=2)
-    old = rewritten(env.save_state(), lambda scene: scene.pop("is_lying"))
-    env.reset(seed=3)
-    env.restore_state(old)
-    assert not env.world.scene.is_lying.any()
-
-
-def test_a_lying_box_in_a_state_is_refused() -> None:
-    env = lying_env()
-    env.reset(seed=2)
-    with pytest.raises(StateError, match="is_lying"):
-        env.restore_state(rewritten(env.save_state(), lambda scene: scene.update(is_lying=[True] * 10)))

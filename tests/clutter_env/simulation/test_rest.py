@@ -59,7 +59,7 @@ def test_measurements_are_new_only_when_something_has_changed() -> None:
     first = env.measurements
     env.step(np.zeros(env.action_size, np.float32))
     assert env.measurements is first, "all objects sleep"
-    assert env.world.measure_objects(held=1, is_touching=True).held == 1
+    assert env.world.measure_objects((1,), is_touching=True).held == 1
     env.data.qpos[env.world.index.object_qpos][2] = TABLE_HEIGHT - 0.1
     moved = env.world.measure()
     assert moved.is_off.tolist() == moved.is_fallen.tolist() == [True, False, False]

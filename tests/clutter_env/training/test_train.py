@@ -19,16 +19,15 @@ from clutter_env.data.episode_file import write_episode
 from clutter_env.envs.observation import OBJECT_FIELDS
 from clutter_env.errors import DatasetError, LearningError, UnknownTask
 from clutter_env.evaluation.score import held_out_seeds, play_scene
-from clutter_env.policies.cloning import ClonedPolicy
+from clutter_env.policies.cloning import ClonedPolicy, feature_vector
 from clutter_env.policies.experts import make_expert
-from clutter_env.policies.features import feature_vector
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.reinforcement import GRIPPER_SCALE, ScaledActions
-from clutter_env.policies.runs import differences, load_run
+from clutter_env.policies.runs import load_run
 from clutter_env.task import Task
 from clutter_env.training.cloning import Examples, clone
 from clutter_env.training.reinforcement import make_model, save_model
-from clutter_env.training.run import Run, runs_of_seeds
+from clutter_env.training.run import Run, differences, runs_of_seeds
 from clutter_env.training.settings import BC, PPO, SAC, TQC, DAgger, MaskablePPO, Settings
 from clutter_env.training.train import train, train_all
 
@@ -139,6 +138,8 @@ def test_an_algorithm_that_does_not_fit_is_refused(tmp_path: Path) -> None:
         train(Run(Task("clutter_env/Nothing-v0"), SHORT_SAC, tmp_path / "run"))
     with pytest.raises(LearningError, match="steps=0 is not valid"):
         SAC(steps=0)
+    with pytest.raises(LearningError, match="seeds=0"):
+        runs_of_seeds(Run(REACH, SHORT_SAC, tmp_path / "run"), 0)
     assert not (tmp_path / "run").exists()
 
 
@@ -214,17 +215,12 @@ def test_several_seeds_are_trained_in_parallel_and_resumed(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_a_run_that_crashes_is_named_after_the_others_have_ended(tmp_path: Path) -> None:
+def test_a_run_that_crashes_is_named_after_the_others_have_ended(demos: Path, tmp_path: Path) -> None:
     good = Run(REACH, SHORT_SAC, tmp_path / "a")
-    bad = Run(PICK, BC(demos=tmp_path / "nothing", **BRIEF), tmp_path / "b")
+    bad = Run(REACH, BC(demos=demos, **BRIEF), tmp_path / "b")  # of another task: seen once it is read
     with pytest.raises(LearningError, match="b: Traceback"):
         train_all([bad, good], workers=1)
     assert (tmp_path / "a" / "history.json").exists()
-
-
-def test_too_few_seeds_are_refused() -> None:
-    with pytest.raises(LearningError, match="seeds=0"):
-        runs_of_seeds(Run(REACH, SHORT_SAC, Path("none")), 0)
 
 
 def test_cloning_fits_what_a_network_can_say(tmp_path: Path) -> None:

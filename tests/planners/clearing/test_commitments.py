@@ -29,9 +29,7 @@ def problem(request: pytest.FixtureRequest) -> ClearingProblem:
     scene = random_scene(25, request.param)
     context = PlanningContext.of(scene.robot, scene, grasps="side")
     rng = np.random.default_rng(0)
-    return ClearingProblem(
-        context, context.grasps(), context.placements(), scene, scene.names[0], STRATEGIES["lookahead"], rng
-    )
+    return ClearingProblem(context.grasps(), context.placements(), scene, scene.names[0], STRATEGIES["lookahead"], rng)
 
 
 def for_targets(problem: ClearingProblem, count: int) -> list[ClearingProblem]:

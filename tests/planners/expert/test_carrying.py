@@ -11,6 +11,7 @@ import clutter_env
 from planners import ExpertConfig, Scene, Solution, TampExpert, solve
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
+from tests.planners.plans import play
 
 assert clutter_env
 
@@ -156,8 +157,7 @@ def test_what_is_carried_strikes_nothing_although_the_arm_lags() -> None:
     _, info = env.reset(seed=92099)
     expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False))
     expert.reset(info["target"])
-    while not expert.done:
-        env.step(expert.act())
+    play(env, expert)
     assert expert.report.clean
     assert np.array_equal(expert.report.deviations, ())
     env.close()

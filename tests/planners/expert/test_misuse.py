@@ -18,8 +18,11 @@ from planners import STRATEGIES, Infeasible, Planner, Scene, Solution, Strategy,
 from planners.cause import Cause
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.interfaces import controlled_env
+from planners.grasping.grasp_poses import UnknownGraspSet
 from planners.motion.tcp_following import TcpFollower
+from planners.placing.surfaces import UnknownSupport
 from planners.scene import UnknownObject
+from planners.strategies import UnknownStrategy
 
 assert clutter_env
 
@@ -43,29 +46,25 @@ def play(env: gymnasium.Env, expert: TampExpert, most: int = 4000) -> bool:
     return False
 
 
-@pytest.mark.parametrize("value", [-1, math.nan, "soon", None, True])
-def test_limits_and_tolerances_are_checked(value: Any) -> None:
-    for name in ("replans", "planning_s", "settle_s", "hold_s"):
-        with pytest.raises(ExpertError, match=f"{name}="):
-            ExpertConfig(**{name: value})
-    for name in ("displacement", "tilt", "slip", "base", "arm"):
-        with pytest.raises(ExpertError, match=f"{name}="):
-            MonitorConfig(**{name: value})
-
-
-def test_limits_may_be_infinite_and_waits_may_not(env: gymnasium.Env) -> None:
-    assert ExpertConfig(planning_s=math.inf, monitor=MonitorConfig(displacement=math.inf)).planning_s == math.inf
-    wrong: list[dict[str, Any]] = [
-        {"settle_s": math.inf},
-        {"hold_s": math.inf},
-        {"replans": 1.5},
-        {"monitor": 0.1},
-        {"with_floor": "yes"},
-        {"hold_aside": 1},
+def test_limits_and_tolerances_are_checked(env: gymnasium.Env) -> None:
+    """Limits may be infinite, waits may not."""
+    numbers = {
+        ExpertConfig: ("replans", "planning_s", "settle_s", "hold_s"),
+        MonitorConfig: MonitorConfig.__annotations__,
+    }
+    bad: list[tuple[Any, str, Any]] = [
+        (kind, name, value)
+        for kind, names in numbers.items()
+        for name in names
+        for value in (-1, math.nan, "soon", None, True)
     ]
-    for keywords in wrong:
-        with pytest.raises(ExpertError, match=next(iter(keywords))):
-            ExpertConfig(**keywords)
+    infinite = [("settle_s", math.inf), ("hold_s", math.inf)]
+    others = [("replans", 1.5), ("monitor", 0.1), ("with_floor", "yes"), ("hold_aside", 1)]
+    bad += [(ExpertConfig, name, value) for name, value in infinite + others]
+    for kind, name, value in bad:
+        with pytest.raises(ExpertError, match=f"{name}="):
+            kind(**{name: value})
+    assert ExpertConfig(planning_s=math.inf, monitor=MonitorConfig(displacement=math.inf)).planning_s == math.inf
     with pytest.raises(ExpertError, match="ExpertConfig"):
         TampExpert(env, config={"replans": 1})  # type: ignore[arg-type] # the wrong type is what is tested
 
@@ -126,15 +125,11 @@ def test_other_environments_are_refused_with_the_reason() -> None:
             TampExpert(foreign)
 
 
-@pytest.mark.parametrize("wrap", [lambda e: RescaleAction(e, np.float32(-2.0), np.float32(2.0)), ClipAction])
-def test_a_wrapper_that_changes_the_action_space_is_refused(env: gymnasium.Env, wrap: Any) -> None:
-    with pytest.raises(ExpertError, match=r"a wrapper changes the action space.*remove that wrapper"):
-        TampExpert(wrap(env))
-
-
-def test_other_wrappers_are_welcome(env: gymnasium.Env) -> None:
-    assert controlled_env(TimeLimit(env, 100)) is env.unwrapped
-    assert controlled_env(env.unwrapped) is env.unwrapped
+def test_a_wrapper_that_changes_the_action_space_is_refused_and_others_are_welcome(env: gymnasium.Env) -> None:
+    for wrapped in (RescaleAction(env, np.float32(-2.0), np.float32(2.0)), ClipAction(env)):
+        with pytest.raises(ExpertError, match=r"a wrapper changes the action space.*remove that wrapper"):
+            TampExpert(wrapped)
+    assert controlled_env(TimeLimit(env, 100)) is controlled_env(env.unwrapped) is env.unwrapped
 
 
 def test_an_unknown_control_mode_is_named(env: gymnasium.Env, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,30 +252,42 @@ def test_a_planner_object_is_used_and_gets_the_follower() -> None:
     ee.close()
 
 
-def test_a_refusal_of_the_planner_ends_the_episode_with_its_cause(env: gymnasium.Env) -> None:
-    class Refusing:
-        def solve(self, *_: Any) -> Infeasible:
-            return Infeasible(Cause.UNREACHABLE, "nothing is within reach")
+def test_what_a_planner_returns_is_the_cause_or_is_refused(env: gymnasium.Env) -> None:
+    class Answers:
+        def __init__(self, answer: Any) -> None:
+            self.answer = answer
+
+        def solve(self, *_: Any) -> Any:
+            return self.answer
 
     env.reset(seed=SEED)
-    expert = TampExpert(env, planner=Refusing())
+    expert = TampExpert(env, planner=Answers(Infeasible(Cause.UNREACHABLE, "nothing is within reach")))
     expert.reset()
     assert expert.done
     assert expert.report.failure == "unreachable: nothing is within reach"
+    with pytest.raises(ExpertError, match="returned None; it must return a Solution or an Infeasible"):
+        TampExpert(env, planner=Answers(None)).reset()
 
 
-def test_what_is_no_planner_is_refused(env: gymnasium.Env) -> None:
+def test_what_is_no_planner_or_not_for_it_is_refused(env: gymnasium.Env) -> None:
+    class Own:
+        """Another planner."""
+
+        solve = Planner.solve
+
     wrong: tuple[Any, ...] = ("lookahead", object(), Planner)
     for planner in wrong:
         with pytest.raises(ExpertError, match="method solve"):
             TampExpert(env, planner=planner)
-
-
-def test_a_planner_that_returns_no_result_is_named(env: gymnasium.Env) -> None:
-    class Silent:
-        def solve(self, *_: Any) -> None:
-            return None
-
-    env.reset(seed=SEED)
-    with pytest.raises(ExpertError, match="returned None; it must return a Solution or an Infeasible"):
-        TampExpert(env, planner=Silent()).reset()  # type: ignore[arg-type] # the wrong type is what is tested
+    with pytest.raises(ExpertError, match="supports='all' is for a Planner, not for Own"):
+        TampExpert(env, planner=Own(), supports="all")
+    with pytest.raises(ExpertError, match="canonical=True is for a Planner, not for Own"):
+        TampExpert(env, planner=Own(), canonical=True)
+    with pytest.raises(UnknownStrategy, match="lookahead"):
+        TampExpert(env, strategy="magic")
+    with pytest.raises(UnknownGraspSet, match="side, tilted, top, all"):
+        TampExpert(env, grasps="back")
+    expert = TampExpert(env, planner=Planner(FETCH), supports=("desk",))
+    env.reset(seed=0)
+    with pytest.raises(UnknownSupport, match="table_top, counter_left, counter_right"):
+        expert.reset()

@@ -9,12 +9,11 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.arm import tcp_pose
 from planners.motion.base import plan_base
 from planners.motion.path import NoPath, WholeBodyPath
-from planners.scene import HeldObject, RobotState
+from planners.scene import HeldObject
 from tests.planners.motion_scenes import mixed_scene
-from tests.planners.scenes import HEIGHT, cylinder, table_scene
+from tests.planners.scenes import cylinder, table_scene
 
 HOME = np.array(FETCH.home)
 HANGING = HeldObject("object_00", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1.0]]))
@@ -70,14 +69,3 @@ def test_standing_inside_an_obstacle_is_named(start: tuple[float, ...], goal: tu
     assert isinstance(found, NoPath)
     assert name in found.reason
     assert "static obstacle" in found.reason
-
-
-def test_a_held_object_is_part_of_the_robot() -> None:
-    """An object that hangs below the gripper hits what the empty gripper passes over."""
-    tcp = tcp_pose(FETCH, RobotState(np.zeros(3), HOME, 0.0))[:3, 3]
-    tall = cylinder("object_01", -0.25, 0.0, height=tcp[2] - 0.07 - HEIGHT)
-    world = CollisionWorld.from_scene(table_scene(cylinder("object_00", 0.2, 0.3), tall))
-    hanging = HeldObject("object_00", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.05], [0, 0, 0, 1.0]]))
-    above = np.array([-0.25 - tcp[0], -tcp[1], 0.0])
-    assert world.names_of(world.hits(above, HOME, 0.06, hanging)) == ("object_01",)
-    assert not world.hits(above, HOME, FETCH.max_opening)

@@ -93,11 +93,6 @@ def test_a_budget_that_is_none_is_refused(field: str, value: Any) -> None:
         replace(STRATEGIES["ngr"], **{field: value})
 
 
-def test_levels_grow_finer(in_hand: Scene) -> None:
-    sizes = [len(level) for level in placement_levels(in_hand.support, np.random.default_rng(0))]
-    assert sizes == [25, 81, 289, 1089]
-
-
 def test_farthest_within_reach_first_however_many_locations_there_are(
     in_hand: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

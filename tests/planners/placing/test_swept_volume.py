@@ -9,7 +9,7 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import BASE
-from planners.collision.hit_kernels import make_scratch, place_robot
+from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.drawing.choices import choices_of
@@ -38,15 +38,12 @@ def grasps(scene: Scene, name: str) -> list[GraspCandidate]:
 
 def points_of_robot(world: CollisionWorld, x: np.ndarray, opening: float, rng: np.random.Generator) -> np.ndarray:
     """Points (n, 3) inside the arm and the torso, from the poses of single solids."""
-    robot, nothing = world.robot, world.attached(None)
-    scratch = make_scratch(robot, nothing)
-    place_robot(robot, nothing, scratch, x[:3], x[3:], opening)
-    points = []
+    robot, (position, rotation), points = world.robot, place_along(world.query(opening), x[None]), []
     for i in np.flatnonzero(robot.link != BASE):
         inside = rng.uniform(-1, 1, (60, 3)) * robot.half[i]
         around = rng.normal(size=(60, 3))
         inside += robot.radius[i] * around / np.linalg.norm(around, axis=1, keepdims=True)
-        points.append(scratch.solids.position[i] + inside @ scratch.solids.rotation[i].T)
+        points.append(position[0, i] + inside @ rotation[0, i].T)
     return np.concatenate(points)
 
 

@@ -37,7 +37,7 @@ def test_whether_the_gripper_can_leave_a_grasp_is_worked_out_once_for_each_place
     other, own = (SCENE.body(name) for name in ("object_01", "object_00"))
     elsewhere = SCENE.with_body(other.at(other.position + [0.0, 0.0, 0.001]))
     moved = SCENE.with_body(own.at(own.position + [0.0, 0.0, 0.001]))
-    with patch.object(motion_layer, "can_leave", wraps=motion_layer.can_leave) as asked:
+    with patch.object(motion_layer, "planned_approach", wraps=motion_layer.planned_approach) as asked:
         layer = new_layer()
         answers = [layer.is_usable(scene, first) for scene in (SCENE, SCENE, elsewhere)]
         assert asked.call_count == 1

@@ -10,15 +10,14 @@ import pytest
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.contact_free import phases_of
-from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE
 from planners.motion.timing import round_corners
-from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join
+from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join, phases_of
 from planners.scene import SELF_BIT, Scene
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import BoundAction
 from planners.warming import warmup_scene
+from tests.planners.plans import assert_free
 from tests.planners.scenes import random_shelf
 
 TARGET = "object_00"
@@ -81,9 +80,7 @@ def test_the_shorter_motions_keep_the_limits_and_touch_nothing(plans: tuple[Solu
     assert (np.abs(changes[:, 2:]) <= np.array(FETCH.max_acceleration)[2:]).all()
     assert np.hypot(*rates[:, :2].T).max() <= np.hypot(*FETCH.max_velocity[:2])
     assert (np.abs(np.diff(whole.finger_position)) <= FETCH.max_finger_velocity * CONTROL_STEP + 1e-12).all()
-    for action in plans[1].actions:
-        checker = MujocoCollisionChecker(action.scene)
-        assert checker.deepest_penetration(action.trajectory).penetration <= TOLERANCE
+    assert_free(plans[1])
 
 
 def test_base_and_arm_move_together(plans: tuple[Solution, Solution]) -> None:

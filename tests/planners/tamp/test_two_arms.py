@@ -20,6 +20,7 @@ from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import HeldObject, RobotState, Scene
+from tests.planners.plans import assert_free, play
 
 BOTH = PR2.with_all_arms()
 
@@ -86,7 +87,7 @@ def test_an_object_held_aside_is_part_of_the_robot(scene: Scene) -> None:
     aside, name = loaded.using("left"), scene.names[0]
     world, empty = CollisionWorld.from_scene(aside), CollisionWorld.from_scene(scene.using("left"))
     base, home = np.array([-3.0, 0.4, 0.8]), np.array(aside.robot.home)
-    position, rotation = place_along(world.robot, world.attached(None), np.append(base, home)[None], 0.05)
+    position, rotation = place_along(world.query(0.05), np.append(base, home)[None])
     at_home = RobotState(base, np.array(loaded.robot.home), 0.0)
     pose = tcp_pose(loaded.robot, at_home) @ loaded.held.T_tcp_object  # type: ignore[union-attr]  # held_by fills it
     row = len(empty.robot.link)
@@ -191,9 +192,8 @@ def test_plans_of_two_arms_are_free_of_penetration_in_mujoco(hold_aside: bool) -
         scene, target = scene_of(seed)
         found = Planner(BOTH, grasps="side", hold_aside=hold_aside).solve(scene, target)
         assert isinstance(found, Solution), found
-        for action in found.actions:
-            assert MujocoCollisionChecker(action.scene).accepts(action.trajectory)
-            arms.add(action.scene.robot.arm_name)
+        arms |= {action.scene.robot.arm_name for action in found.actions}
+        assert_free(found)
         assert_continuous(found)
         last = found.actions[-1]
         assert last.target == target
@@ -225,10 +225,6 @@ def test_an_episode_in_which_both_arms_act_succeeds(hold_aside: bool, cleared: i
     assert {action.scene.robot.arm_name for action in solution.actions} == {"left", "right"}
     with pytest.raises(ExpertError, match="several arms"):
         execute(solution, env.unwrapped.model, env.unwrapped.data)
-    over = expert.done
-    while not over:
-        _, _, terminated, truncated, info = env.step(expert.act())
-        over = terminated or truncated or expert.done
-    assert info["is_success"], expert.report
+    assert play(env, expert)["is_success"], expert.report
     held = env.unwrapped.measurements.all_held
     assert sum(slot >= 0 for slot in held) == 1 + hold_aside
