@@ -203,6 +203,29 @@ def test_a_sleeping_body_does_not_move_and_quaternions_are_of_unit_length() -> N
     assert snapshot(env) == before
 
 
+@pytest.mark.parametrize("place", ["object", "object turning", "joint", "base", "force", "controller", "fingers"])
+def test_motion_that_cannot_occur_is_refused(place: str) -> None:
+    """Such a state diverged in the next step, or its forces carried the target up."""
+    env = made("clutter_env/Retrieve-o5-v0")
+    content, before = opened(env.save_state()), snapshot(env)
+    wake(env, content["physics"])
+    velocities, drive = 1 + int(env.model.nq), env.world.index.drive_dof
+    parts, numbers = content["memory"], content["physics"]["integration"]
+    entry, value = {
+        "object": (velocities + env.world.index.object_dof.start, 30.0),
+        "object turning": (velocities + env.world.index.object_dof.start + 5, -3e3),
+        "joint": (velocities + int(drive[-1]), 300.0),
+        "base": (velocities + int(drive[0]), -30.0),
+        "force": (len(numbers) - env.model.neq - 4, 5.0),  # up, on the last object
+        "controller": (0, 40.0),
+        "fingers": (0, 0.3),
+    }[place]
+    {"controller": parts["velocity"], "fingers": parts["fingers"]}.get(place, numbers)[entry] = value
+    with pytest.raises(StateError, match="velocit|forces|fingers"):
+        env.restore_state(seal(content))
+    assert snapshot(env) == before
+
+
 def test_bytes_that_cannot_be_decoded_are_refused() -> None:
     env = made("clutter_env/Retrieve-o5-v0")
     before = snapshot(env)
