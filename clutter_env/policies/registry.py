@@ -170,7 +170,7 @@ def policy_files(name: str) -> dict[str, str]:
     for directory in run_directories(name):
         files += sorted(path for path in directory.iterdir() if path.is_file() and path.suffix not in _LOGS)
     module, _, attribute = name.partition(":")
-    if attribute.endswith(".zip"):
+    if attribute.endswith(".zip") and Path(attribute).is_file():
         files.append(Path(attribute))
     elif attribute and module in sys.modules and (source := getattr(sys.modules[module], "__file__", None)):
         files.append(Path(source))

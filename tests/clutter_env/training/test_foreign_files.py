@@ -19,12 +19,11 @@ from stable_baselines3 import SAC as SB3_SAC
 
 from clutter_env.cli.main import main
 from clutter_env.errors import UnknownTask
-from clutter_env.evaluation.compare import Comparison
 from clutter_env.evaluation.evaluate import evaluate
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.score import play_scene
 from clutter_env.policies.protocol import PolicyError, begin_episode
-from clutter_env.policies.registry import load_policy
+from clutter_env.policies.registry import load_policy, policy_files
 from clutter_env.task import Task
 from clutter_env.training.run import Run
 from clutter_env.training.settings import BC, SAC, Keyframes, Settings
@@ -32,6 +31,8 @@ from clutter_env.training.train import train
 
 REACH, PICK = Task("clutter_env/Reach-v0"), Task("clutter_env/Pick-v0")
 SKILL = Task("clutter_env/Skill-o5-v0", {"simulation": "kinematic"})
+REACH_SCENES = SceneSet(env_id=REACH.env_id, count=1)
+REFUSAL = r"executes code that is in it; .* --trust"
 
 
 class Executes:
@@ -109,20 +110,28 @@ def model(tmp_path: Path) -> str:
 
 
 def test_a_model_of_others_is_loaded_only_if_it_is_trusted_and_only_where_it_plays(model: str, tmp_path: Path) -> None:
-    scenes, proof = SceneSet(env_id=REACH.env_id, count=1), tmp_path / "executed"
-    for refused in (
-        lambda: load_policy(model, 0),
-        lambda: evaluate(model, scenes),
-        lambda: Comparison([scenes], [model]),
-        lambda: main(["play", "--policy", model]),
-    ):
-        with pytest.raises((PolicyError, SystemExit), match="executes code that is in it; .* --trust"):
-            refused()
+    proof = tmp_path / "executed"
+    with pytest.raises(SystemExit, match=REFUSAL):
+        main(["play", "--policy", model])
     assert not proof.exists()
-    Comparison([scenes], [model], trust=True)
-    (score,) = evaluate(model, scenes, trust=True).scores
+    (score,) = evaluate(model, REACH_SCENES, trust=True).scores
     assert score.steps == 100
     assert proof.read_text()
+    assert str(os.getpid()) not in proof.read_text().split()
+
+
+@pytest.mark.slow
+def test_every_command_asks_for_trust_and_no_model_of_others_is_loaded_where_scores_are_made(
+    model: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    proof = tmp_path / "executed"
+    words = ["--envs", REACH.env_id, "--scenes", "1", "--out", str(tmp_path / "out"), "--policies", model]
+    for command in (["evaluate", "--policy", model], ["compare", *words]):
+        with pytest.raises(SystemExit, match=REFUSAL):
+            main(command)
+    assert not proof.exists()
+    main(["compare", *words, "--trust"])
+    assert "executes code that is in it" in capfd.readouterr().err
     assert str(os.getpid()) not in proof.read_text().split()
 
 
@@ -137,6 +146,8 @@ def test_a_model_of_others_acts_where_its_spaces_fit(
     policy: Any = load_policy(f"dqn:{tmp_path / 'dqn.zip'}", 0, trust=True)
     assert policy.acts_by_skills
     assert play_scene(0, env, policy).steps > 0
+    assert list(policy_files(f"dqn:{tmp_path / 'dqn.zip'}")) == ["dqn.zip"]
+    assert not policy_files("dqn:absent.zip")
     for name, said in ((f"bc:{tmp_path / 'dqn.zip'}", "maskable_ppo"), ("dqn:absent.zip", "there is no file")):
         with pytest.raises(PolicyError, match=said):
             load_policy(name, 0, trust=True)
