@@ -145,6 +145,7 @@ class PolicyTraits:
 
 
 def policy_place(policy: Any) -> str:
+    """The class of a policy and its file, or what the policy itself says."""
     if place := getattr(policy, "place", ""):
         return str(place)
     kind = type(policy)
