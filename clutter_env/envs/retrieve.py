@@ -73,7 +73,11 @@ class RetrieveEnv(BaseEnv):
         return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._monitor.lift)
 
     def _is_success(self) -> bool:
-        return self._monitor.lifted and not self.world.is_unstable and (self.config.success == "lifted" or self._monitor.is_clean)
+        return (
+            self._monitor.lifted
+            and not self.world.is_unstable
+            and (self.config.success == "lifted" or self._monitor.is_clean)
+        )
 
     def _is_over(self) -> bool:
         is_spoilt = self.config.terminate_on_fallen and self._monitor.num_fallen > 0

@@ -228,7 +228,7 @@ _LARGEST_SPEED = 20.0
 what it strikes flies off at twice its speed at most. A faster body passes through the thinnest object in a physics step.
 """
 _LARGEST_TURNS = _LARGEST_SPEED / 0.01, _LARGEST_SPEED / 0.1
-"""[rad/s] of an object, whose rim has that speed at the smallest radius of 1 cm, and of a joint, at a lever of 10 cm."""
+"""[rad/s] of an object, whose rim has that speed at the smallest radius, 1 cm, and of a joint, at a lever of 10 cm."""
 
 
 @dataclass(frozen=True)

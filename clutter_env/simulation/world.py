@@ -275,9 +275,7 @@ class World:
     def _touches_only(self, slot: int, geoms: set[int], pairs: NDArray[np.int32]) -> bool:
         """Whether an object touches none but these geoms."""
         geom = self.index.object_geoms.start + slot
-        return all(
-            (one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs.tolist()
-        )
+        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs.tolist())
 
     def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
         """The geoms of both fingers and of the body that carries them."""

@@ -221,7 +221,7 @@ def test_motion_that_cannot_occur_is_refused(place: str) -> None:
         "fingers": (0, 0.3),
     }[place]
     {"controller": parts["velocity"], "fingers": parts["fingers"]}.get(place, numbers)[entry] = value
-    with pytest.raises(StateError, match="velocit|forces|fingers"):
+    with pytest.raises(StateError, match=r"velocit|forces|fingers"):
         env.restore_state(seal(content))
     assert snapshot(env) == before
 
