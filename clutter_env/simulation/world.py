@@ -117,7 +117,7 @@ class World:
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
         self.furniture_force = 0.0
-        self._contacts: list[NDArray[np.int32]] = []  # pairs (k, 2) of geoms after each part of the last control step
+        self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
         self._last: tuple[bytes, Measurements] | None = None
 
@@ -188,14 +188,13 @@ class World:
         An object at rest in the gripper or on the arm is about to sleep; asleep it would stay in the air when the robot
         lets go of it.
         """
-        data, pairs = self.data, self.data.contact.geom
+        data, kind_of, pairs = self.data, self._kinds, self.data.contact.geom.tolist()
         self._contacts.append(pairs)
-        kinds = self._kinds[pairs].sum(axis=1)
-        is_furniture = kinds == _ROBOT + _FURNITURE
-        if is_furniture.any():
-            force = sum(float(np.linalg.norm(self._force(row))) for row in np.flatnonzero(is_furniture).tolist())
-            self.furniture_force = max(self.furniture_force, force)
-        if (kinds == _ROBOT + _OBJECT).any():
+        kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
+        if _ROBOT + _FURNITURE in kinds:
+            rows = (row for row, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE)
+            self.furniture_force = max(self.furniture_force, sum(float(np.linalg.norm(self._force(row))) for row in rows))
+        if _ROBOT + _OBJECT in kinds:
             island = data.tree_island[self._robot_tree]
             data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
 
@@ -272,10 +271,10 @@ class World:
         right, left = np.linalg.norm(forces, axis=1).tolist()
         return min(right, left) >= LEAST_GRIP_FORCE and float(forces[0] @ forces[1]) <= _OPPOSITE * right * left
 
-    def _touches_only(self, slot: int, geoms: set[int], pairs: NDArray[np.int32]) -> bool:
+    def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""
         geom = self.index.object_geoms.start + slot
-        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs.tolist())
+        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs)
 
     def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
         """The geoms of both fingers and of the body that carries them."""
@@ -283,7 +282,7 @@ class World:
         bodies = {*fingers.tolist(), *self.model.body_parentid[fingers].tolist()}
         return set(np.flatnonzero(np.isin(self.model.geom_bodyid, list(bodies))).tolist())
 
-    def _kinds_of_geoms(self) -> NDArray[np.int8]:
+    def _kinds_of_geoms(self) -> list[int]:
         """The kind of each geom, 0 of the floor."""
         model, root = self.model, self.model.body_rootid
         kinds = np.zeros(model.ngeom, np.int8)
@@ -291,7 +290,7 @@ class World:
         kinds[is_static & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))] = _FURNITURE
         kinds[root[model.geom_bodyid] == root[self.index.base_body]] = _ROBOT
         kinds[self.index.object_geoms] = _OBJECT
-        return kinds
+        return kinds.tolist()
 
 
 def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
