@@ -192,18 +192,18 @@ class World:
         self._contacts.append(pairs)
         kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
         if _ROBOT + _FURNITURE in kinds:
-            rows = (row for row, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE)
-            self.furniture_force = max(self.furniture_force, sum(float(np.linalg.norm(self._force(row))) for row in rows))
+            on_furniture = [kind == _ROBOT + _FURNITURE for kind in kinds]
+            force = float(np.linalg.norm(self._forces()[on_furniture], axis=1).sum())
+            self.furniture_force = max(self.furniture_force, force)
         if _ROBOT + _OBJECT in kinds:
             island = data.tree_island[self._robot_tree]
             data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
 
-    def _force(self, row: int) -> NDArray[np.float64]:
-        """The normal force (3,) [N] of a contact on the second of its geoms."""
-        contact = self.data.contact[row]
-        if contact.efc_address < 0:
-            return np.zeros(3)
-        return contact.frame[:3] * self.data.efc_force[contact.efc_address]
+    def _forces(self) -> NDArray[np.float64]:
+        """The normal forces (k, 3) [N] of the contacts on the second of their geoms; 0 where the solver has none."""
+        contact = self.data.contact
+        sizes = np.append(self.data.efc_force, 0.0)[contact.efc_address]
+        return contact.frame[:, :3] * sizes[:, None]
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
@@ -263,13 +263,14 @@ class World:
 
     def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
         """Whether two pads press on an object from opposite sides."""
-        forces = np.zeros((2, 3))
-        for row, (one, other) in enumerate(self.data.contact.geom.tolist()):
-            for pad, force in zip(pads, forces, strict=True):
-                if pad in (one, other) and slot in (self._slot_of_geom[one], self._slot_of_geom[other]):
-                    force += self._force(row) * (1 if pad == one else -1)
-        right, left = np.linalg.norm(forces, axis=1).tolist()
-        return min(right, left) >= LEAST_GRIP_FORCE and float(forces[0] @ forces[1]) <= _OPPOSITE * right * left
+        geom, pressed = self.index.object_geoms.start + slot, np.zeros((2, 3))
+        for (one, other), force in zip(self.data.contact.geom.tolist(), self._forces(), strict=True):
+            if one == geom and other in pads:
+                pressed[pads.index(other)] -= force
+            elif other == geom and one in pads:
+                pressed[pads.index(one)] += force
+        right, left = (math.hypot(*force) for force in pressed.tolist())
+        return min(right, left) >= LEAST_GRIP_FORCE and float(pressed[0] @ pressed[1]) <= _OPPOSITE * right * left
 
     def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""
