@@ -1,6 +1,6 @@
 """Confirm the scores of a results file: its recorded actions are played again in fresh environments.
 
-    clutter-env verify outputs/evaluate/side-15-v1_lookahead.json
+    clutter-env verify outputs/evaluate/side-15-v2_lookahead.json
     clutter-env verify results.json --policy my_module:MyPolicy --scenes 50
 
 A replay proves the scores, and not who made them. With --policy the policy itself also plays fresh scenes of the kind.

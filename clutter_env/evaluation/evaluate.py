@@ -288,11 +288,19 @@ def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
 
 def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
-    return environment_digest(_judging_env(scenes, (*control_modes, "joint")[0]))
+    env = _make_judging_env(scenes, (*control_modes, "joint")[0])  # anew: resets change the time limit
+    try:
+        return environment_digest(env)
+    finally:
+        env.close()
 
 
 @lru_cache(maxsize=4)
 def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
+    return _make_judging_env(scenes, control_mode)
+
+
+def _make_judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
     if control_mode not in ("joint", "ee", "skill"):
         raise LearningError(f"no recording of an episode: control mode {control_mode!r}")
     return scenes.scenes[0].make(**({} if control_mode == "skill" else {"control_mode": control_mode}))
