@@ -48,6 +48,8 @@ class Arguments:
     """Number of processes."""
     ray: str = ""
     """Address of Ray ("auto", "local", …): play there instead of in processes of this machine."""
+    trust: bool = False
+    """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     seed: int = 0
     """Random seed of the random policies and of the bootstrap."""
     out: Path = Path("outputs/compare")
@@ -71,6 +73,7 @@ def run(arguments: Arguments) -> None:
         runs=arguments.runs,
         seed=arguments.seed,
         feasibility=arguments.feasibility,
+        trust=arguments.trust,
     )
     records = ResultRecords(arguments.out / "results.jsonl")
     with progress_bar(total=comparison.num_episodes, unit="episode") as bar:
