@@ -1,6 +1,6 @@
 """Confirm the scores of a results file: its recorded actions are played again in fresh environments.
 
-    clutter-env verify outputs/evaluate/side-15-v1_lookahead.json
+    clutter-env verify outputs/evaluate/side-15-v2_lookahead.json
     clutter-env verify results.json --policy my_module:MyPolicy --scenes 50
 
 A replay proves the scores, and not who made them. With --policy the policy itself also plays fresh scenes of the kind.
@@ -25,6 +25,8 @@ class Arguments:
     """Also run this policy on fresh scenes; a name as for `clutter-env evaluate`."""
     scenes: int = 20
     """Number of fresh scenes."""
+    trust: bool = False
+    """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     workers: int = 2
     """Number of processes."""
     json: Path | None = None
@@ -44,7 +46,9 @@ def run(arguments: Arguments) -> int:
         found = verify(arguments.file, arguments.workers, bar.update)
     if arguments.policy:
         with progress_bar(total=arguments.scenes, unit="episode") as bar:
-            fresh = play_fresh(arguments.file, arguments.policy, arguments.scenes, arguments.workers, bar.update)
+            fresh = play_fresh(
+                arguments.file, arguments.policy, arguments.scenes, arguments.workers, bar.update, arguments.trust
+            )
         found = replace(found, fresh=fresh)
     said = f"{found.clean} clean successes in {found.episodes} episodes"
     if found.not_comparable:

@@ -16,9 +16,17 @@ class RetrieveEnv(BaseEnv):
     """A mobile manipulator before a cluttered table; the target must be lifted 0.10 m and held there for 0.5 s.
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
-    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). The info of `reset` and of every step
-    has `is_success`, `lifted`, `target`, `held`, `num_fallen`, `num_disturbed` and `num_cleared`; see `success`.
-    With `success="clean"` the task is done only if nothing has fallen or been disturbed, with "lifted" in any case.
+    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). With `success="clean"` the task is
+    done only if nothing has fallen or been disturbed and the robot has not pressed hard on the furniture, with "lifted"
+    in any case; see `success`. The info of `reset` and of every step has:
+
+    - `is_success`, `lifted` (bool): the task is done; the target is lifted, whatever else has happened.
+    - `target`, `held` (str): names of the target and of what is held, "" without it.
+    - `num_fallen`, `num_disturbed`, `num_cleared` (int): numbers of objects since reset.
+    - `furniture_force` (float): [N] largest force of the robot on furniture since reset.
+    - `unstable` (bool): MuJoCo has warned since reset; the episode is truncated.
+    - `ik_failures` (int): failures of differential inverse kinematics since reset, 0 in "joint" mode.
+
     The episode ends with success, when the target has fallen off the table, or, with `terminate_on_fallen`, when an
     object has fallen.
 
@@ -65,7 +73,11 @@ class RetrieveEnv(BaseEnv):
         return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._monitor.lift)
 
     def _is_success(self) -> bool:
-        return self._monitor.lifted and (self.config.success == "lifted" or self._monitor.is_clean)
+        return (
+            self._monitor.lifted
+            and not self.world.is_unstable
+            and (self.config.success == "lifted" or self._monitor.is_clean)
+        )
 
     def _is_over(self) -> bool:
         is_spoilt = self.config.terminate_on_fallen and self._monitor.num_fallen > 0

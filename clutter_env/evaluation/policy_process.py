@@ -44,7 +44,7 @@ class PolicyProcess:
         PolicyCrashed: its code raised an exception.
     """
 
-    def __init__(self, policy: str, seed: int, feasibility: str) -> None:
+    def __init__(self, policy: str, seed: int, feasibility: str, trust: bool = False) -> None:
         # Not one of multiprocessing's own processes: those of a worker of loky's cannot start any.
         key = secrets.token_bytes(32)
         with Listener(authkey=key) as listener:
@@ -56,7 +56,7 @@ class PolicyProcess:
             )
             assert self._process.stdin is not None
             with self._process.stdin as stdin:
-                stdin.write(pickle.dumps((listener.address, key, policy, seed, feasibility)))
+                stdin.write(pickle.dumps((listener.address, key, policy, seed, feasibility, trust)))
             self._connection = self._accept(listener)
         self.done, self.failure = False, ""
         self.traits = PolicyTraits(**self._receive())
@@ -127,14 +127,14 @@ class PolicyProcess:
 def serve() -> None:
     """Answer as the process of a policy, until the other side closes the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    address, key, name, seed, feasibility = pickle.load(sys.stdin.buffer)
+    address, key, *policy = pickle.load(sys.stdin.buffer)
     connection = Client(address, authkey=key)
     host: _Host | None = None
     call, argument = "load", None
     while True:
         try:
             if host is None:
-                host = _Host(name, seed, feasibility)
+                host = _Host(*policy)
             value = host.answer(call, argument)
             answer = {"value": value, "done": host.is_done, "failure": host.failure}
             content = json.dumps(answer)
@@ -152,8 +152,8 @@ def serve() -> None:
 class _Host:
     """The policy inside its process."""
 
-    def __init__(self, name: str, seed: int, feasibility: str) -> None:
-        self._policy, self._feasibility = load_policy(name, seed), feasibility
+    def __init__(self, name: str, seed: int, feasibility: str, trust: bool) -> None:
+        self._policy, self._feasibility = load_policy(name, seed, trust), feasibility
         self._env: gym.Env[Any, Any] | None = None
         self._env_of: Any = None
 

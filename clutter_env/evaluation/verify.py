@@ -96,7 +96,12 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
 
 
 def play_fresh(
-    path: Path, policy: str, count: int, workers: int = 1, tick: Callable[[], object] = lambda: None
+    path: Path,
+    policy: str,
+    count: int,
+    workers: int = 1,
+    tick: Callable[[], object] = lambda: None,
+    trust: bool = False,
 ) -> Interval:
     """Success of the policy itself on fresh scenes of the same kind, seeds after those of the suites.
 
@@ -112,7 +117,7 @@ def play_fresh(
         count=count,
         first_seed=FRESH_SEED,
     )
-    scores = evaluate(policy, fresh, workers=workers, tick=tick).scores
+    scores = evaluate(policy, fresh, trust=trust, workers=workers, tick=tick).scores
     return wilson(sum(score.clean for score in scores), count)
 
 

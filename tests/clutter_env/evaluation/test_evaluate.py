@@ -52,7 +52,7 @@ class Old(Patient):
     def reset(self, env, info):
         self.left = 7
 """
-TWO = SceneSet("side-15-v1", count=2)
+TWO = SceneSet("side-15-v2", count=2)
 REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
 O15 = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=2)
 
@@ -100,7 +100,7 @@ def test_the_command_writes_one_results_file_the_same_twice(folder: Path) -> Non
     times = one.pop("wall_s"), other.pop("wall_s")
     assert all(len(entry) == 2 and min(entry) > 0 for entry in times)
     assert one == other
-    assert one["suite_sha256"] == suite("side-15-v1").digest
+    assert one["suite_sha256"] == suite("side-15-v2").digest
     assert [entry["steps"] for entry in one["episodes"]] == [7, 7]
     assert {entry["failure"] for entry in one["episodes"]} == {"gave up"}
     assert one["summary"]["clean"]["mean"] == one["crashes"] == 0
@@ -116,7 +116,7 @@ def test_an_exception_of_a_policy_ends_the_command_with_its_traceback(policy: st
     assert "my_policies" in str(ended.traceback[-1].path)
     if policy == "Broken":
         (note,) = ended.value.__notes__
-        assert "scene 0 of side-15-v1 (seed " in note
+        assert "scene 0 of side-15-v2 (seed " in note
         assert "--count-crashes" in note
 
 
@@ -160,7 +160,7 @@ def test_a_full_disk_does_not_lose_the_table(
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(SystemExit, match="No space left"):
         main(["evaluate", "--policy", "my_policies:Patient", "--scenes", "1", "--workers", "1"])
-    assert "| side-15-v1 | my_policies:Patient | 1 × 1 |" in capsys.readouterr().out
+    assert "| side-15-v2 | my_policies:Patient | 1 × 1 |" in capsys.readouterr().out
     assert not list(folder.glob("outputs/evaluate/*"))
 
 
@@ -197,8 +197,8 @@ def test_playing_measures_what_happened() -> None:
     assert (good.clean, good.failure) == (True, "")
     assert (idle.steps, idle.moved, idle.failure) == (30, 0, "time limit")
     assert idle.sim_s == pytest.approx(1.5)
-    scene = replace(suite("side-15-v1").test[0], max_steps=5)
-    played = play_scene(scene, scene.make(control_mode="ee"), Idle())
+    first, second = suite("side-15-v2").test[:2]
+    played = play_scene(replace(second, max_steps=5), first.make(control_mode="ee"), Idle())
     assert (played.steps, played.failure, played.clean, played.lifted) == (5, "time limit", False, False)
 
 
@@ -212,13 +212,13 @@ def test_the_direct_approach_lifts_without_success_and_is_counted_apart() -> Non
 
 
 def test_random_actions_are_a_function_of_seed_and_scene() -> None:
-    scene = replace(suite("side-15-v1").test[0], max_steps=40)
+    scene = replace(suite("side-15-v2").test[0], max_steps=40)
     one, other = (play_scene(scene, scene.make(), load_policy("random", seed=3)) for _ in range(2))
     assert replace(one, wall_s=other.wall_s) == other
 
 
 def test_results_count_both_kinds_of_success_by_lower_bound_and_have_a_digest() -> None:
-    scenes = SceneSet("side-15-v1")
+    scenes = SceneSet("side-15-v2")
     scores = [
         Score(scene.seed, k % 2 == 0, k % 3 != 1, 10, 0.5, 0, 0, 0, 0, 0, "", 1.0)
         for k, scene in enumerate(scenes.scenes)
@@ -243,18 +243,18 @@ def test_results_count_both_kinds_of_success_by_lower_bound_and_have_a_digest() 
 
 def test_sets_of_scenes_have_names_and_know_their_kind() -> None:
     assert (O15.name, O15.family, O15.num_objects) == ("o15 obstructed", "retrieve", 15)
-    shelf = SceneSet("shelf-10-v2", "validation", count=3)
-    assert (shelf.name, shelf.num_objects, len(shelf.scenes)) == ("shelf-10-v2 (validation)", 10, 3)
+    shelf = SceneSet("shelf-10-v3", "validation", count=3)
+    assert (shelf.name, shelf.num_objects, len(shelf.scenes)) == ("shelf-10-v3 (validation)", 10, 3)
     with pytest.raises(LearningError, match="name one of them"):
         SceneSet()
     with pytest.raises(LearningError, match="from 1 to 100"):
-        SceneSet("shelf-10-v2", count=101)
+        SceneSet("shelf-10-v3", count=101)
     with pytest.raises(SuiteError, match="splits: test, validation"):
-        SceneSet("side-15-v1", "train")
+        SceneSet("side-15-v2", "train")
 
 
 def test_skills_play_the_scenes_of_suites_and_environments() -> None:
-    for scene in (suite("shelf-10-v2").test[0], O15.scenes[0]):
+    for scene in (suite("shelf-10-v3").test[0], O15.scenes[0]):
         played, plain = skill_scene(scene, "none"), scene.make()
         env = played.make()
         _, info = played.reset(env)

@@ -16,7 +16,7 @@ from clutter_env.evaluation.tables import results
 from clutter_env.evaluation.verify import verify
 from clutter_env.reporting.files import write_json
 
-SCENES = SceneSet("side-15-v1", count=1)
+SCENES = SceneSet("side-15-v2", count=1)
 
 CHEATS = '''
 import gc
