@@ -9,9 +9,10 @@ from types import MappingProxyType
 
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.evaluate import Evaluation, ResultRecords, evaluate, lower_bounds
+from clutter_env.evaluation.policy_process import PolicyProcess
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import Row, summarise
-from clutter_env.policies.registry import load_policy, policy_families
+from clutter_env.policies.registry import BUILT_IN, load_policy, policy_families
 from clutter_env.policies.runs import load_run, run_directories, run_task
 from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
@@ -35,6 +36,7 @@ class Comparison:
 
     Raises:
         PolicyError: an unknown policy, with the known ones.
+        PolicyCrashed: the code of a policy raised an exception.
         LearningError: a directory without a training run; a policy or run that plays none of the scenes.
         SuiteError: no such suite or split.
     """
@@ -47,7 +49,10 @@ class Comparison:
 
     def __post_init__(self) -> None:
         for name in self.policies:
-            load_policy(name, self.seed)
+            if name in BUILT_IN or run_directories(name):
+                load_policy(name, self.seed)
+            else:  # other people's code does not run in the process that makes the tables
+                PolicyProcess(name, self.seed, self.feasibility).close()
         playing = {name for scenes in self.scene_sets for name in self.contenders(scenes)}
         idle = [name for name in (*self.policies, *map(str, self.runs)) if name not in playing]
         if idle:

@@ -20,7 +20,7 @@ from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeyframeNetwork
 from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
-from clutter_env.policies.protocol import PolicyError, begin_episode
+from clutter_env.policies.protocol import PolicyError, PublicInfo, begin_episode
 from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps
 from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
@@ -129,8 +129,9 @@ def test_weights_for_a_users_own_robot_and_layout_are_loaded_again(tmp_path: Pat
     begin_episode(policy, env.reset(seed=0)[1], env)
     for changed in ({"layout": replace(bench, width=1.2)}, {"robot": replace(robot, max_loaded_yaw_rate=0.2)}):
         other = gym.make("clutter_env/Retrieve-o1-v0", **{"layout": bench, "robot": robot, **changed})
+        other.reset(seed=0)
         with pytest.raises(PolicyError, match=r"'mine \(of your own\)' and layout 'bench \(of your own\)'"):
-            policy.check(other)
+            policy.check(PublicInfo.of(other))
 
 
 def test_a_pair_of_runs_is_one_policy_that_plays(tmp_path: Path) -> None:
