@@ -107,10 +107,9 @@ def test_an_exception_of_a_policy_ends_the_command_or_is_counted(capsys: pytest.
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 1
-    assert re.search(
-        r'(?s)Broken on scene 0 of side-15-v1 \(seed \d+\); --count-crashes.*my_policies\.py", line \d+, in act.*by design',
-        capsys.readouterr().err,
-    )
+    said = capsys.readouterr().err
+    assert re.search(r"Broken on scene 0 of side-15-v1 \(seed \d+\); --count-crashes", said)
+    assert re.search(r'(?s)my_policies\.py", line \d+, in act.*by design', said)
     main([*words, "--count-crashes"])
     assert "1 episodes, counted as failures, ended with an exception" in capsys.readouterr().out
 
