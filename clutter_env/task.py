@@ -30,11 +30,12 @@ class Task:
         Raises:
             UnknownTask: no such environment, or it cannot be made with these keyword arguments.
         """
+        # Tasks also come from files of others, and of "module:name" Gymnasium would import the module.
+        if self.env_id not in gym.registry:
+            known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
+            raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}")
         try:
             return gym.make(self.env_id, **{**self.keywords, **more})
-        except gym.error.UnregisteredEnv:
-            known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
-            raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}") from None
         except ConfigError as problem:
             raise UnknownTask(f"{self.env_id}: {problem}") from problem
 

@@ -20,7 +20,7 @@ from assets import FETCH, RobotSpec
 from clutter_env.cli.main import COMMANDS, read
 from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
-from clutter_env.envs.reward import DENSE_SCALES
+from clutter_env.envs.reward import EVENT_SCALES, POTENTIAL_SCALES
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.object_sets import SHAPE_SETS, capacity
 from planners import STRATEGIES, Cause, Solution
@@ -203,7 +203,7 @@ def test_action_tables_have_every_index_and_the_robots_limits(mode: str) -> None
 
 def test_tables_of_keywords_layouts_rewards_and_robots_are_complete() -> None:
     table = {cells[0].strip("`"): float(cells[-1]) for cells in rows("docs/retrieve.md", "## Reward")}
-    assert table == dict(DENSE_SCALES)
+    assert table == POTENTIAL_SCALES | EVENT_SCALES
     keywords = {name for cells in rows("docs/retrieve.md", "## Keyword") for name in re.findall(r"`(\w+)`", cells[0])}
     assert keywords == set(EnvConfig.__dataclass_fields__)
     layouts = {cells[0].strip("`"): cells for cells in rows("docs/environments/layouts.md", "# Layouts")}

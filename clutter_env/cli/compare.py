@@ -1,6 +1,6 @@
 """Compare expert strategies, learned policies and controls on the same scenes.
 
-    clutter-env compare --suites side-15-v1 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
+    clutter-env compare --suites side-15-v2 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
 
 The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their
@@ -48,6 +48,8 @@ class Arguments:
     """Number of processes."""
     ray: str = ""
     """Address of Ray ("auto", "local", …): play there instead of in processes of this machine."""
+    trust: bool = False
+    """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     seed: int = 0
     """Random seed of the random policies and of the bootstrap."""
     out: Path = Path("outputs/compare")
@@ -71,6 +73,7 @@ def run(arguments: Arguments) -> None:
         runs=arguments.runs,
         seed=arguments.seed,
         feasibility=arguments.feasibility,
+        trust=arguments.trust,
     )
     records = ResultRecords(arguments.out / "results.jsonl")
     with progress_bar(total=comparison.num_episodes, unit="episode") as bar:

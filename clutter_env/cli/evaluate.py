@@ -1,7 +1,7 @@
 """Play a suite of scenes with a policy and write one results file.
 
-    clutter-env evaluate --suite side-15-v1 --policy lookahead
-    clutter-env evaluate --suite side-15-v1 --policy my_module:MyPolicy --split validation
+    clutter-env evaluate --suite side-15-v2 --policy lookahead
+    clutter-env evaluate --suite side-15-v2 --policy my_module:MyPolicy --split validation
 
 A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md.
 """
@@ -17,13 +17,13 @@ from typing import Literal
 class Arguments:
     """Evaluate a policy on a suite."""
 
-    suite: str = "side-15-v1"
+    suite: str = "side-15-v2"
     """Name of the suite."""
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
     grasps; keyframes (learned decisions and motions), planned-decisions, planned-motions, each also …-all and …-shelf;
     greedy, random-skills, direct-approach, scripted, random; for other scenes reach and pick; the directory of a
-    training run; or module:Class."""
+    training run; module:Class; or, with --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
@@ -38,6 +38,8 @@ class Arguments:
     """Random seed of the built-in random policies."""
     feasibility: Literal["oracle", "none"] = "oracle"
     """For policies that act by skills: whether skills without a free grasp are refused, or tried all the same."""
+    trust: bool = False
+    """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     json: Path | None = None
     """The results file; outputs/evaluate/SUITE_POLICY.json if not given."""
 
@@ -57,6 +59,7 @@ def run(arguments: Arguments) -> None:
             scenes,
             seed=arguments.seed,
             feasibility=arguments.feasibility,
+            trust=arguments.trust,
             workers=arguments.workers,
             ray=arguments.ray,
             count_crashes=arguments.count_crashes,

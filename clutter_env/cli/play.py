@@ -26,6 +26,8 @@ class Arguments:
     """Table and surroundings; empty for the paper's table alone."""
     obstructed: bool = True
     """Only targets that no side grasp reaches without moving something."""
+    trust: bool = False
+    """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     film: Path | None = None
     """Write a film to this file, its ending is added; without it, a window, or on a machine without a display a film in
     outputs/play."""
@@ -48,10 +50,13 @@ def run(arguments: Arguments) -> None:
         raise UsageError(f"--objects {arguments.objects} is not valid; valid numbers: {valid}")
     env_id, path = f"clutter_env/Retrieve-o{arguments.objects}-v0", arguments.film
     if path is None and not has_display():
-        path = Path("outputs/play") / f"{arguments.policy.replace(':', '.')}-{arguments.objects}-{arguments.seed}"
+        path = (
+            Path("outputs/play")
+            / f"{arguments.policy.replace(':', '.').replace('/', '.')}-{arguments.objects}-{arguments.seed}"
+        )
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
     scene: Any = SeededScene(env_id, {name: value for name, value in keywords.items() if value}, arguments.seed)
-    policy = load_policy(arguments.policy, seed=0)
+    policy = load_policy(arguments.policy, seed=0, trust=arguments.trust)
     if acts_by_skills(policy):
         scene = skill_scene(scene, "oracle")
     env = scene.make(render_mode="human" if path is None else "rgb_array", **env_keywords(policy))

@@ -1,6 +1,6 @@
 """Confirm the scores of a results file: its recorded actions are played again in fresh environments.
 
-    clutter-env verify outputs/evaluate/side-15-v1_lookahead.json
+    clutter-env verify outputs/evaluate/side-15-v2_lookahead.json
     clutter-env verify results.json --policy my_module:MyPolicy --scenes 50
 
 A replay proves the scores, and not who made them. With --policy the policy itself also plays fresh scenes of the kind.
@@ -27,6 +27,8 @@ class Arguments:
     """Number of fresh scenes."""
     first_seed: int | None = None
     """Seed of the first fresh scene; drawn at random if not given, so that no policy can know the scenes."""
+    trust: bool = False
+    """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     workers: int = 2
     """Number of processes."""
     json: Path | None = None
@@ -48,7 +50,9 @@ def run(arguments: Arguments) -> int:
     seed = secrets.choice(FRESH_SEEDS) if arguments.first_seed is None else arguments.first_seed
     if arguments.policy:
         with progress_bar(total=arguments.scenes, unit="episode") as bar:
-            fresh = play_fresh(arguments.file, arguments.policy, arguments.scenes, seed, arguments.workers, bar.update)
+            fresh = play_fresh(
+                arguments.file, arguments.policy, arguments.scenes, seed, arguments.workers, bar.update, arguments.trust
+            )
         other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
         found = replace(found, fresh=fresh_success(fresh), differences=found.differences + other)
     said = f"{found.clean} clean successes in {found.episodes} episodes of {found.scenes}"

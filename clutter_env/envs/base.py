@@ -303,8 +303,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         control = ControlState(
             memory.numbers("target", (size,)),
             memory.numbers("velocity", (size,)),
-            tuple(memory.numbers("fingers", (grippers,)).tolist()),
+            tuple(memory.numbers("fingers", (grippers,), 0.0, 1.001 * self.robot.max_finger_position).tolist()),
         )
+        if (np.abs(control.velocity) > 2 * world.controller.max_velocity).any():  # of the base, each axis of the world
+            raise StateError("memory: velocity of the state must be at most twice what the robot's joints reach")
         gripped = Fields(memory["grip"], "memory grip", [entry.name for entry in fields(Grip)])
         grip = Grip(
             held=tuple(gripped.integers("held", grippers, -1, scene.num_objects - 1).tolist()),

@@ -16,9 +16,17 @@ class RetrieveEnv(BaseEnv):
     """A mobile manipulator before a cluttered table; the target must be lifted 0.10 m and held there for 0.5 s.
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
-    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). The info of `reset` and of every step
-    has `is_success`, `lifted`, `target`, `held`, `num_fallen`, `num_disturbed` and `num_cleared`; see `success`.
-    With `success="clean"` the task is done only if nothing has fallen or been disturbed, with "lifted" in any case.
+    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). With `success="clean"` the task is
+    done only if nothing has fallen or been disturbed and the robot has not pressed hard on the furniture, with "lifted"
+    in any case; see `success`. The info of `reset` and of every step has:
+
+    - `is_success`, `lifted` (bool): the task is done; the target is lifted, whatever else has happened.
+    - `target`, `held` (str): names of the target and of what is held, "" without it.
+    - `num_fallen`, `num_disturbed`, `num_cleared` (int): numbers of objects since reset.
+    - `furniture_force` (float): [N] largest force of the robot on furniture since reset.
+    - `unstable` (bool): MuJoCo has warned since reset; the episode is truncated.
+    - `ik_failures` (int): failures of differential inverse kinematics since reset, 0 in "joint" mode.
+
     The episode ends with success, when the target has fallen off the table, or, with `terminate_on_fallen`, when an
     object has fallen.
 
@@ -32,8 +40,8 @@ class RetrieveEnv(BaseEnv):
 
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
-        self._potential, self._way = 0.0, Way()
         super().__init__(EnvConfig.from_keywords(keywords))
+        self._potential, self._way = 0.0, Way(self.robot.full_name, self.layout)
 
     @property
     def object_names(self) -> tuple[str, ...]:
@@ -54,27 +62,33 @@ class RetrieveEnv(BaseEnv):
         self._potential = self._measure_potential()
 
     def _advance(self) -> tuple[float, bool]:
-        monitor, is_success = self._monitor, self._is_success()
-        is_spoilt = self.config.terminate_on_fallen and monitor.num_fallen > 0
-        is_over = is_success or monitor.is_target_lost or is_spoilt
+        is_success, is_over = self._is_success(), self._is_over()
         if self.config.reward_mode == "sparse":
             return float(is_success), is_over
-        before, self._potential = self._potential, 0.0 if is_over else self._measure_potential()
-        return dense_reward(before, self._potential, event_terms(monitor, is_success)), is_over
+        before, self._potential = self._potential, self._measure_potential()
+        return dense_reward(before, self._potential, event_terms(self._monitor, is_success, is_over)), is_over
 
     def _observe(self) -> dict[str, Any]:
         hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
         return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._monitor.lift)
 
     def _is_success(self) -> bool:
-        return self._monitor.lifted and (self.config.success == "lifted" or self._monitor.is_clean)
+        return (
+            self._monitor.lifted
+            and not self.world.is_unstable
+            and (self.config.success == "lifted" or self._monitor.is_clean)
+        )
+
+    def _is_over(self) -> bool:
+        is_spoilt = self.config.terminate_on_fallen and self._monitor.num_fallen > 0
+        return self._is_success() or self._monitor.is_target_lost or is_spoilt
 
     def _recall(self, bookkeeping: None) -> None:  # noqa: ARG002  the task remembers nothing
         self._potential = self._measure_potential()
 
     def _measure_potential(self) -> float:
-        """The potential of the present state; 0 with the sparse reward, which has none."""
-        if self.config.reward_mode == "sparse":
+        """The potential of the present state, 0 if it is terminal; 0 with the sparse reward, which has none."""
+        if self.config.reward_mode == "sparse" or self._is_over():
             return 0.0
-        in_the_way = self._way.count(self.world, self.layout, self.measurements, self.target_slot)
-        return potential(potential_terms(self.world, self.measurements, self._monitor, self.target_slot, in_the_way))
+        clearances = self._way.clearances(self.world, self.measurements)
+        return potential(potential_terms(self.world, self.measurements, self._monitor, clearances))

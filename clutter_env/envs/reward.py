@@ -1,8 +1,23 @@
-"""Reward of the retrieval task: a bonus for success, penalties for disturbing, and shaping by a potential.
+"""Reward of the retrieval task: a large reward for success, penalties, and shaping by a potential of the state.
 
-The potential of a state says how near the target is to being lifted: what is still in its way, and the gripper's reach,
-grasp and lift. The shaping is γ Φ(after) - Φ(before) with γ = `DISCOUNT` and Φ = 0 once the episode has ended (Ng,
-Harada and Russell 1999): it changes no optimal policy, and no cycle of states pays.
+The potential Φ of a state says how near the target is to being lifted, between 0 and `MOST`, and is 0 once the episode
+has ended. A step from s to s' earns the events of the step and γ Φ(s') - Φ(s), γ = `DISCOUNT` (Ng, Harada and Russell
+1999, theorem 1). Time limit and divergence truncate an episode and do not end it: Φ is not 0 there, as a learner goes
+on with its estimate of the value of that state. Φ is a function of what `save_state` keeps.
+
+What an episode of T steps from the state s_0 earns, the penalties left out, which only lower it:
+
+- Discounted by γ, shaping adds up to γ^T Φ(s_T) - Φ(s_0). Clean success at step T: γ^(T-1) S - Φ(s_0) with S = 100. No
+  success within L >= T steps: at most γ^L MOST - Φ(s_0), which is less because MOST < S, whatever was done: hovering,
+  oscillating, dropping and picking again, idling.
+- Undiscounted, shaping adds up to Φ(s_T) - Φ(s_0) - (1 - γ) Σ Φ(s_t), t = 1 … T. Clean success: at least
+  S - Φ(s_0) - (1 - γ) (T - 1) MOST. No success: at most MOST - Φ(s_0). The first is larger for
+  T <= 1 + (S - MOST) / (MOST (1 - γ)) = 14,186 steps; the longest time limit is 13,600 steps, of 60 objects.
+- A detour that returns to its state earns (γ^k - 1) Φ <= 0 in k steps with γ, and -(1 - γ) Σ Φ <= 0 undiscounted.
+- An end without success costs as much as success earns; undiscounted that is more than all the shaping that could
+  still be lost within the time limit, so ending early never pays.
+
+A smaller discount than γ gives none of this: it prefers what raises Φ soon.
 """
 
 from __future__ import annotations
@@ -15,28 +30,30 @@ from types import MappingProxyType
 import numpy as np
 
 from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor
-from clutter_env.scene.layout import Layout
-from clutter_env.scene.obstruction import UNREACHABLE, count_blockers, robots_with_approaches, side_approaches
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout
+from clutter_env.scene.obstruction import estimate_clearances, robots_with_approaches, side_approaches
+from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
 DISCOUNT = 0.99
 """The discount that the dense reward is made for."""
-_FAR_AWAY = 100.0
-"""[m]"""
 REACH_SCALE = 5.0
 """[1/m] The reaching term falls to a quarter at 0.2 m."""
+_AWAY = 100.0
+"""[m] from the table: where an object is in nobody's way."""
+_DECIMALS = 4
+"""Poses are rounded to 0.1 mm and 0.1 mrad, so that objects in the way are not counted again for jitter."""
 
-POTENTIAL_SCALES: Mapping[str, float] = MappingProxyType({"way": 0.25, "reach": 0.05, "grasp": 0.05, "lift": 0.15})
-"""Worth of each term of the potential, each between 0 and 1.
-
-Together at most a half: with a discount of 1, shaping costs at most 0.005 in a step, so that an episode of 1900 steps
-that ends in success still earns more than any that does not."""
-EVENT_SCALES: Mapping[str, float] = MappingProxyType({"success": 10.0, "disturbed": -3.0, "lost": -10.0})
+POTENTIAL_SCALES: Mapping[str, float] = MappingProxyType({"way": 0.35, "reach": 0.07, "grasp": 0.07, "lift": 0.21})
+"""Worth of each term of the potential, each between 0 and 1."""
+EVENT_SCALES: Mapping[str, float] = MappingProxyType({"success": 100.0, "disturbed": -10.0, "failure": -100.0})
 """Worth of the events of a step."""
+MOST = math.fsum(POTENTIAL_SCALES.values())
+"""The largest potential."""
 
 
 def dense_reward(before: float, after: float, events: Mapping[str, float]) -> float:
-    """The reward of a step: shaping, and the events in between times their scales.
+    """The reward of a step: shaping, and the events times their scales.
 
     Args:
         before: `potential` of the state before the step.
@@ -46,13 +63,22 @@ def dense_reward(before: float, after: float, events: Mapping[str, float]) -> fl
     return DISCOUNT * after - before + sum(EVENT_SCALES[name] * value for name, value in events.items())
 
 
+def event_terms(monitor: SuccessMonitor, is_success: bool, is_over: bool) -> dict[str, float]:
+    """Events of a step: success (0 or 1), objects newly disturbed or fallen, an end without success (0 or 1)."""
+    return {
+        "success": float(is_success),
+        "disturbed": float(monitor.newly_disturbed),
+        "failure": float(is_over and not is_success),
+    }
+
+
 def potential(terms: Mapping[str, float]) -> float:
     """The potential of a state with these `potential_terms`."""
     return sum(scale * terms[name] for name, scale in POTENTIAL_SCALES.items())
 
 
 def potential_terms(
-    world: World, measurements: Measurements, monitor: SuccessMonitor, target: int, in_the_way: int
+    world: World, measurements: Measurements, monitor: SuccessMonitor, clearances: float
 ) -> dict[str, float]:
     """The terms of a state's potential, each between 0 and 1: see the table in `docs/retrieve.md`.
 
@@ -60,59 +86,55 @@ def potential_terms(
         world: the world, its kinematics settled.
         measurements: its measurements.
         monitor: its success monitor.
-        target: the target's slot.
-        in_the_way: number of objects in the way of the best side grasp of the target.
+        clearances: from `Way.clearances`.
     """
     assert world.scene is not None
+    target = world.scene.target
     # From the TCP to the point on the target's axis where a side grasp holds it.
     x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - measurements.poses[target, :3])
     distance = math.hypot(x, y, z + float(world.scene.standing_extents[target, 2]) - world.robot.grasp_height)
-    is_held = float(target in measurements.grip.held)
-    is_carried = float(monitor.is_target_carried)
     return {
-        "way": 1.0 / (1 + in_the_way),
+        "way": 1.0 / (1.0 + clearances),
         "reach": 1.0 - math.tanh(REACH_SCALE * distance),
-        "grasp": is_held,
-        "lift": is_carried * min(max(monitor.lift / LIFT_HEIGHT, 0.0), 1.0),
+        "grasp": float(target in measurements.grip.held),
+        "lift": monitor.is_target_carried * min(max(monitor.lift / LIFT_HEIGHT, 0.0), 1.0),
     }
 
 
 class Way:
-    """Counts the objects in the way of the best side grasp of the target, by the geometric test of resets.
+    """What is in the way of the target; it keeps the last estimate, which takes longer than a step."""
 
-    None are once the target is held, and for a robot without a table of side approaches. What is held, has toppled or
-    is off the table is in nobody's way. Poses are rounded to 0.1 mm and 0.1 mrad, and counted again only when
-    one of them has changed.
-    """
+    def __init__(self, robot: str, layout: Layout) -> None:
+        """Begin for a robot of that full name; for one without a table of side approaches nothing is in the way."""
+        self._approaches = side_approaches(robot) if robot in robots_with_approaches() else None
+        self._layout = layout
+        self._measured: Measurements | None = None
+        self._scene: TableScene | None = None
+        self._poses, self._clearances = b"", 0.0
 
-    def __init__(self) -> None:
-        self._last, self._count = (b"", -1), 0
+    def clearances(self, world: World, measurements: Measurements) -> float:
+        """`estimate_clearances` in the present state; 0 once the target is held.
 
-    def count(self, world: World, layout: Layout, measurements: Measurements, target: int) -> int:
-        """The number in the present state."""
-        scene, robot, held = world.scene, world.robot.full_name, measurements.grip.held
+        What is held or off the table is in nobody's way. What has toppled is, as if it stood where it lies: toppling is
+        no clearance. A target that has toppled is out of reach of a side grasp.
+        """
+        scene, held = world.scene, measurements.grip.held
         assert scene is not None
-        if target in held or robot not in robots_with_approaches():
-            return 0
-        is_away = measurements.is_fallen.copy()
-        is_away[[slot for slot in held if slot >= 0]] = True
-        turns = 2 * np.arctan2(measurements.poses[:, 6], measurements.poses[:, 3])
-        rounded = np.round(np.column_stack((measurements.poses[:, :2], turns)), 4)
-        rounded[is_away] = _FAR_AWAY
-        state = rounded.tobytes(), id(scene)
-        if state != self._last:
-            yaws = np.where(scene.is_lying, scene.yaws, rounded[:, 2])
-            now = replace(scene, positions=rounded[:, :2], yaws=yaws)
-            blockers = count_blockers(side_approaches(robot), layout, now, world.robot.max_opening, only=target)
-            self._count = scene.num_objects if blockers[target] == UNREACHABLE else int(blockers[target])
-            self._last = state
-        return self._count
-
-
-def event_terms(monitor: SuccessMonitor, is_success: bool) -> dict[str, float]:
-    """Events of a step: success (0 or 1), objects newly disturbed or fallen, target lost (0 or 1)."""
-    return {
-        "success": float(is_success),
-        "disturbed": float(monitor.newly_disturbed),
-        "lost": float(monitor.is_target_lost),
-    }
+        if self._approaches is None or scene.target in held:
+            return 0.0
+        if measurements.is_fallen[scene.target]:
+            return 2.0 * scene.num_objects
+        if measurements is self._measured and scene is self._scene:
+            return self._clearances
+        w, x, y, z = measurements.poses[:, 3:].T
+        axis = np.where(scene.is_lying, (x * z + w * y, y * z - w * x), (0.5 - y * y - z * z, x * y + w * z))
+        poses = np.column_stack((measurements.poses[:, :3], np.arctan2(axis[1], axis[0]))).round(_DECIMALS)
+        poses[measurements.is_off] = poses[[slot for slot in held if slot >= 0]] = _AWAY
+        if scene is not self._scene or poses.tobytes() != self._poses:
+            levels = np.array(self._layout.levels)
+            heights = poses[:, 2] - TABLE_HEIGHT - scene.standing_extents[:, 2]
+            nearest = levels[np.abs(heights[:, None] - levels).argmin(axis=1)]
+            now = replace(scene, positions=poses[:, :2], yaws=poses[:, 3], levels=nearest)
+            self._clearances = estimate_clearances(self._approaches, self._layout, now, world.robot.max_opening)
+        self._measured, self._scene, self._poses = measurements, scene, poses.tobytes()
+        return self._clearances

@@ -1,7 +1,8 @@
 """Success of the retrieval task: has the target been lifted, and was everything else left alone?
 
 An object may travel only in the air, in the gripper. It is held while both fingers press on it from opposite sides, and
-carried while it is held and touches nothing else. What counts, for each object and since reset:
+carried while it is held and has touched nothing else in any part of the control step. What counts, for each object and
+since reset:
 
 - fallen: it has toppled or left its support, and is not carried. A lying cylinder has toppled when it stands up.
 - disturbed: the path that it has moved while not carried is longer than `DISTURBED_PATH`. The path is measured in

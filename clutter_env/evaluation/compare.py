@@ -12,7 +12,7 @@ from clutter_env.evaluation.evaluate import Evaluation, ResultRecords, evaluate,
 from clutter_env.evaluation.policy_process import PolicyProcess
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import Row, summarise
-from clutter_env.policies.registry import BUILT_IN, load_policy, policy_families
+from clutter_env.policies.registry import load_policy, policy_families
 from clutter_env.policies.runs import load_run, run_directories, run_task
 from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
@@ -33,6 +33,7 @@ class Comparison:
         runs: directories of training runs; each plays the sets of its family with as many objects.
         seed: of the built-in random policies and of the bootstrap.
         feasibility: of the Skill environment, for policies that act by skills.
+        trust: whether files of Stable-Baselines3 are loaded, see `load_policy`.
 
     Raises:
         PolicyError: an unknown policy, with the known ones.
@@ -46,13 +47,14 @@ class Comparison:
     runs: Sequence[Path] = ()
     seed: int = 0
     feasibility: str = "oracle"
+    trust: bool = False
 
     def __post_init__(self) -> None:
         for name in self.policies:
-            if name in BUILT_IN or run_directories(name):
+            if ":" in name:  # code of others, which stays out of the process that scores
+                PolicyProcess(name, self.seed, self.feasibility, self.trust).close()
+            else:
                 load_policy(name, self.seed)
-            else:  # other people's code does not run in the process that makes the tables
-                PolicyProcess(name, self.seed, self.feasibility).close()
         playing = {name for scenes in self.scene_sets for name in self.contenders(scenes)}
         idle = [name for name in (*self.policies, *map(str, self.runs)) if name not in playing]
         if idle:
@@ -106,6 +108,7 @@ def compare(
                 scenes,
                 seed=comparison.seed,
                 feasibility=comparison.feasibility,
+                trust=comparison.trust,
                 workers=workers,
                 ray=ray,
                 count_crashes=count_crashes,

@@ -82,6 +82,7 @@ class _Job:
     scenes: SceneSet
     seed: int = 0
     feasibility: str = ""
+    trust: bool = False
 
     def place(self, index: int) -> str:
         return f"{self.policy} on scene {index} of {self.scenes.name} (seed {self.scenes.scenes[index].seed})"
@@ -93,6 +94,7 @@ def evaluate(
     *,
     seed: int = 0,
     feasibility: str = "oracle",
+    trust: bool = False,
     workers: int = 1,
     ray: str = "",
     count_crashes: bool = False,
@@ -110,6 +112,7 @@ def evaluate(
         scenes: to be played.
         seed: of the built-in random policies.
         feasibility: of the Skill environment, for policies that act by skills: "oracle" or "none".
+        trust: whether a file of Stable-Baselines3 is loaded, see `load_policy`.
         workers: number of processes that score, each with one for the policy.
         ray: address of Ray; "" for processes of this machine.
         count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
@@ -123,7 +126,7 @@ def evaluate(
             exception in this process is not caught.
         OSError: the scores cannot be written; those written before stay.
     """
-    job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility)
+    job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust)
     todo: list[tuple[int, PolicyTraits]] = []
     stream = run_jobs(partial(_play_in_worker, job), _traits_first(todo), workers, ray=ray)
     env: gym.Env[Any, Any] | None = None
@@ -283,7 +286,7 @@ def _process(job: _Job) -> PolicyProcess:
 
 @lru_cache(maxsize=1)
 def _made_process(job: _Job) -> PolicyProcess:
-    return PolicyProcess(job.policy, job.seed, job.feasibility)
+    return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust)
 
 
 @lru_cache(maxsize=1)
@@ -310,11 +313,19 @@ def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
 
 def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
-    return environment_digest(_judging_env(scenes, (*control_modes, "joint")[0]))
+    env = _make_judging_env(scenes, (*control_modes, "joint")[0])  # anew: resets change the time limit
+    try:
+        return environment_digest(env)
+    finally:
+        env.close()
 
 
 @lru_cache(maxsize=4)
 def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
+    return _make_judging_env(scenes, control_mode)
+
+
+def _make_judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
     return scenes.scenes[0].make(**({} if scenes.family == "skill" else {"control_mode": control_mode}))
 
 
@@ -371,11 +382,13 @@ class ResultRecords:
 
 
 def _key(job: _Job, index: int, made_with: Mapping[str, Any]) -> str:
-    """Identify a result; a run that was trained further, or a changed suite or environment, is played again."""
+    """Identify a result; a run that was trained further, a changed file, suite or environment is played again."""
     scenes = job.scenes
     where = f"{scenes.suite} {suite(scenes.suite).digest} {scenes.split}" if scenes.suite else scenes.env_id
     if not scenes.suite:
         where += f" {scenes.layout} {scenes.obstructed} from {scenes.first_seed}"
     steps = "".join(f" after {load_run(run)['steps']}" for run in run_directories(job.policy))
+    if ":" in job.policy:  # a module or a model of others
+        steps = "".join(f" of {digest[:16]}" for digest in policy_files(job.policy).values())
     environment = hashlib.sha256(json.dumps(made_with["environment"], sort_keys=True).encode()).hexdigest()[:16]
     return f"{where} {index}: {job.policy}{steps}, seed {job.seed}, {job.feasibility}, environment {environment}"

@@ -142,6 +142,7 @@ def play_fresh(
     first_seed: int,
     workers: int = 1,
     tick: Callable[[], object] = lambda: None,
+    trust: bool = False,
 ) -> Evaluation:
     """The policy itself on fresh scenes of the same kind; a suite's lower bounds do not choose among them.
 
@@ -156,7 +157,7 @@ def play_fresh(
         count=count,
         first_seed=first_seed,
     )
-    return evaluate(policy, fresh, workers=workers, tick=tick)
+    return evaluate(policy, fresh, trust=trust, workers=workers, tick=tick)
 
 
 def fresh_success(evaluation: Evaluation) -> Interval:

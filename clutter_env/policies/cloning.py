@@ -6,7 +6,6 @@ Features are one vector: goals relative to the gripper, the target first among t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,9 @@ from numpy.typing import NDArray
 from torch import nn
 
 from clutter_env.envs.observation import OBSERVATION_LAYOUT, entry_slices
-from clutter_env.errors import DatasetError
-from clutter_env.reporting.files import write_atomically
+from clutter_env.policies.weights import damage_refused, read_arrays, tensors, write_arrays
 
-POLICY_FILE = "policy.pt"
+POLICY_FILE = "policy.npz"
 
 _NEAR_SCALES = (10.0, 50.0)
 """[1/m] of the squashed copies of an offset."""
@@ -74,25 +72,20 @@ class ClonedPolicy(nn.Module):
         Raises:
             OSError: the disk is full or cannot be written.
         """
-        content = BytesIO()  # torch itself would raise a RuntimeError when the disk is full
-        torch.save({"shape": self.shape, "weights": self.state_dict(), "provenance": dict(provenance or {})}, content)
-        write_atomically(path, content.getvalue())
+        weights = {name: value.numpy() for name, value in self.state_dict().items()}
+        write_arrays(path, weights, {"shape": self.shape, "provenance": dict(provenance or {})})
 
     @classmethod
     def load(cls, path: Path) -> ClonedPolicy:
         """The policy that `save` wrote.
 
         Raises:
-            DatasetError: there is no such file, it is damaged, or it holds something else.
+            PolicyError: there is no such file, it is damaged, or it holds something else.
         """
-        if not path.exists():
-            raise DatasetError(f"there is no policy at {path}")
-        try:
-            content = torch.load(path, weights_only=True)
-            policy = cls(*content["shape"])
-            policy.load_state_dict(content["weights"])
-        except Exception as problem:  # torch raises many kinds for a damaged file: pickle's, zip's, its own
-            raise DatasetError(f"{path} holds no cloned policy, or it is damaged: {problem}") from problem
+        arrays, about = read_arrays(path)
+        with damage_refused(path):
+            policy = cls(*about["shape"])
+            policy.load_state_dict(tensors(arrays))
         return policy
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
+import logging
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
 from clutter_env.task import family
 
+_log = logging.getLogger(__name__)
 _LOGS = (".jsonl", ".png")
 """Files of a training run that are no part of its policy."""
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
@@ -44,17 +46,19 @@ BUILT_IN = (*EXPERTS, *_SHIPPED, *_BASELINES)
 """Names of the built-in policies."""
 
 
-def load_policy(name: str, seed: int) -> AnyPolicy:
+def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
     """A policy by its name.
 
     Args:
         name: one of `BUILT_IN`; the directory of a training run, or those of learned decisions and learned motions with
-            a "+" between; or "module:Class" of a class without arguments; modules are also looked for in the current
-            directory.
+            a "+" between; "module:Class" of a class without arguments; modules are also looked for in the current
+            directory; or "ALGORITHM:FILE.zip" of a model that Stable-Baselines3 saved.
         seed: of the built-in random policies.
+        trust: whether a file of Stable-Baselines3 is loaded, which executes code that is in it. Nothing else that is
+            loaded executes code, but for a module that is named.
 
     Raises:
-        PolicyError: there is no such policy, or it lacks the methods of the protocol.
+        PolicyError: there is no such policy, it lacks the methods of the protocol, or it needs `trust`.
     """
     if name in EXPERTS:
         return make_expert(name)
@@ -73,8 +77,17 @@ def load_policy(name: str, seed: int) -> AnyPolicy:
     module, _, attribute = name.partition(":")
     if not attribute:
         raise PolicyError(
-            f"no policy {name!r}; give module:Class, the directory of a training run, or one of {', '.join(BUILT_IN)}"
+            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, or one of "
+            f"{', '.join(BUILT_IN)}"
         )
+    if attribute.endswith(".zip"):
+        executes = f"{attribute} is a file of Stable-Baselines3, and loading it executes code that is in it"
+        if not trust:
+            raise PolicyError(f"{executes}; if you trust those who made it: --trust, or load_policy(..., trust=True)")
+        _log.warning("%s", executes)
+        from clutter_env.policies.reinforcement import ZipPolicy  # needs torch
+
+        return ZipPolicy(module, Path(attribute))
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -165,7 +178,8 @@ class PolicyTraits:
 def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     """SHA-256 of the files that a policy is made of, by their names; none of one that has no files.
 
-    They are the weights of the package, the files of a training run, or the file of the user's own module.
+    They are the weights of the package, the files of a training run, a model of Stable-Baselines3, or the file of
+    the user's own module.
 
     Args:
         name: see `load_policy`.
@@ -181,7 +195,9 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     for directory in run_directories(name):
         files += sorted(path for path in directory.iterdir() if path.is_file() and path.suffix not in _LOGS)
     module, _, attribute = name.partition(":")
-    if attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():
+    if attribute.endswith(".zip") and Path(attribute).is_file():
+        files.append(Path(attribute))
+    elif attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():
         files.append(source)
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
@@ -253,17 +269,17 @@ class RunPolicy:
     @cached_property
     def _policy(self) -> Policy:
         from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy  # these need torch
-        from clutter_env.policies.reinforcement import ModelPolicy, load_model
+        from clutter_env.policies.reinforcement import ModelPolicy, load_network
 
         if self._algorithm in CLONERS:
             return ClonedPolicy.load(self._directory / POLICY_FILE)
-        return ModelPolicy(self._algorithm, load_model(self._algorithm, self._directory))
+        return ModelPolicy(self._algorithm, load_network(self._algorithm, self._directory))
 
     def check(self, public: PublicInfo) -> None:
         """Note what is public.
 
         Raises:
-            LearningError: the directory holds no trained policy, a damaged one, or one of version 0.1.
+            PolicyError: the directory holds no trained policy, a damaged one, or one of version 0.1.
         """
         check_public(self._policy, public)
 

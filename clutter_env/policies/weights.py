@@ -1,13 +1,15 @@
 """Files of trained weights: what they were trained for and with, and the ones that come with the package.
 
-A file is an .npz with an array for each parameter, and the entry "about": `WeightsInfo` as JSON text.
+A file is an .npz with an array for each parameter, and the entry "about" with JSON text. Nothing is pickled: a file
+cannot execute code.
 """
 
 from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +19,7 @@ from zipfile import BadZipFile
 import gymnasium as gym
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 import assets
@@ -100,12 +103,7 @@ def save_weights(path: Path, network: nn.Module, info: WeightsInfo) -> None:
     Raises:
         OSError: the disk is full or cannot be written.
     """
-    content = BytesIO()
-    arrays: dict[str, Any] = {name: value.numpy() for name, value in network.state_dict().items()}
-    arrays[_ABOUT] = np.array(json_text(asdict(info)))
-    np.savez_compressed(content, **arrays)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, content.getvalue())
+    write_arrays(path, {name: value.numpy() for name, value in network.state_dict().items()}, asdict(info))
 
 
 def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], WeightsInfo]:
@@ -114,15 +112,71 @@ def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], Weight
     Raises:
         PolicyError: there is no such file, it holds no weights, or those of another kind.
     """
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
-        info = WeightsInfo(**json.loads(str(arrays.pop(_ABOUT))))
-        weights = {name: torch.from_numpy(value) for name, value in arrays.items()}
-    except KeyError:
-        raise PolicyError(f"{path} does not say what its weights are for: version 0.1 wrote it; train again") from None
-    except (OSError, ValueError, TypeError, EOFError, BadZipFile, zlib.error) as problem:
-        raise PolicyError(f"{path} holds no weights of this package: {problem}") from problem
+    arrays, about = read_arrays(path)
+    with damage_refused(path):
+        info, weights = WeightsInfo(**about), tensors(arrays)
     if info.kind != kind:
         raise PolicyError(f"{path} holds {info.kind}, not {kind}")
     return weights, info
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
+    """Write arrays of numbers, and what is to be known of them; missing directories are made.
+
+    Raises:
+        OSError: the disk is full or cannot be written; an old file stays.
+    """
+    content = BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **{**arrays, _ABOUT: np.array(json_text(about))})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, content.getvalue())
+
+
+def has_arrays(path: Path) -> bool:
+    """Whether there is a file of `write_arrays`; raises `PolicyError` if there is one of version 0.1 in its place."""
+    for old in (path.with_suffix(ending) for ending in (".zip", ".pt")):
+        if old.exists() and not path.exists():
+            raise PolicyError(
+                f"{old} is of version 0.1 and is not loaded: such files can execute code. Train again, into another "
+                "directory"
+            )
+    return path.exists()
+
+
+def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """What `write_arrays` wrote.
+
+    Raises:
+        PolicyError: there is no such file, it is damaged, or it holds something else.
+    """
+    if not has_arrays(path):
+        raise PolicyError(f"there is no {path.name} in {path.parent}")
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            arrays = {name: content[name] for name in content.files}
+        return arrays, dict(json.loads(str(arrays.pop(_ABOUT))))
+    except KeyError:
+        raise PolicyError(f"{path} does not say what its weights are for: version 0.1 wrote it; train again") from None
+    except _DAMAGED as problem:
+        raise PolicyError(f"{path} is damaged, or holds no weights of this package: {problem}") from problem
+
+
+def tensors(arrays: Mapping[str, NDArray[Any]], part: str = "") -> dict[str, torch.Tensor]:
+    """The arrays whose names begin with `part`, by the rest of their names."""
+    names = [name for name in arrays if name.startswith(part)]
+    return {name.removeprefix(part): torch.from_numpy(arrays[name]) for name in names}
+
+
+@contextmanager
+def damage_refused(path: Path) -> Iterator[None]:
+    """Turn what is raised when the content of a file does not fit into a `PolicyError` that names the file."""
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, RuntimeError) as problem:
+        raise PolicyError(
+            f"{path} is damaged, or another version of this package wrote it; train again ({problem})"
+        ) from problem
+
+
+_DAMAGED = (OSError, ValueError, TypeError, EOFError, NotImplementedError, MemoryError, BadZipFile, zlib.error)
+"""What reading a damaged archive raises, from a compression method that does not exist to an enormous shape."""

@@ -131,7 +131,7 @@ def side_approaches(robot: str) -> SideApproaches:
 
 
 def count_blockers(
-    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float, only: int | None = None
+    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float
 ) -> NDArray[np.int64]:
     """The fewest objects in the way of any reachable side grasp, for every object: (n,), or `UNREACHABLE`.
 
@@ -140,8 +140,47 @@ def count_blockers(
         layout: the table and its surroundings.
         scene: what stands where.
         max_opening: [m] of the gripper.
-        only: the object to be grasped; the others are then given as unreachable.
     """
+    own, hits = _in_the_way(approaches, layout, scene, max_opening, np.arange(scene.num_objects))
+    fewest = np.full(scene.num_objects, scene.num_objects)
+    np.minimum.at(fewest, own, hits.sum(axis=1))
+    return np.where(np.isin(np.arange(scene.num_objects), own), fewest, UNREACHABLE)
+
+
+def estimate_clearances(approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float) -> float:
+    """Estimate how many objects must be moved before a side grasp reaches the target, by the same test.
+
+    The objects in the way of its best grasp count, those in the way of their own best grasps, and so on; each object
+    once. To these is added the mean number of objects in the way over all reachable grasps of the target, to which
+    objects beside the best grasp contribute. With no reachable grasp it is as if all objects were in the way.
+
+    Args:
+        approaches: of the robot.
+        layout: the table and its surroundings.
+        scene: what stands where.
+        max_opening: [m] of the gripper.
+    """
+    is_counted = np.zeros(scene.num_objects, np.bool_)
+    waiting, mean = [scene.target], float(scene.num_objects)
+    while waiting:
+        grasped = waiting.pop(0)
+        _, hits = _in_the_way(approaches, layout, scene, max_opening, np.array([grasped]))
+        if grasped == scene.target:
+            if not len(hits):
+                return 2.0 * scene.num_objects
+            mean = float(hits.sum(axis=1).mean())
+        hits = hits[~hits[:, scene.target]] & ~is_counted  # the target is still there when the others are moved
+        if len(hits):
+            found = hits[hits.sum(axis=1).argmin()]
+            is_counted |= found
+            waiting += np.flatnonzero(found).tolist()
+    return float(np.count_nonzero(is_counted)) + mean
+
+
+def _in_the_way(
+    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float, grasped: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """All reachable side grasps of these objects: the slot (k,) of what is grasped, and what is in the way (k, n)."""
     yaws, opening, is_offered = _grasps(approaches.margins, scene, max_opening)
     approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
     depth = _half_extent(scene, approach)
@@ -149,8 +188,7 @@ def count_blockers(
     heights = 2 * scene.standing_extents[:, 2]
     is_high = heights - approaches.pad_half_height >= approaches.grasp_height
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
-    if only is not None:
-        is_offered[np.arange(scene.num_objects) != only] = False
+    is_offered &= np.isin(np.arange(scene.num_objects), grasped)[:, None]
     own, direction = np.nonzero(is_offered)
     grasps = tcp[own, direction], approach[own, direction], opening[own, direction]
     hits = _hits(approaches, scene, *grasps)
@@ -158,9 +196,7 @@ def count_blockers(
         hits |= _hits_on_drive(approaches, layout, scene, own, *grasps)
     hits &= scene.levels[own, None] == scene.levels
     hits[np.arange(len(own)), own] = False
-    fewest = np.full(scene.num_objects, scene.num_objects)
-    np.minimum.at(fewest, own, hits.sum(axis=1))
-    return np.where(is_offered.any(axis=1), fewest, UNREACHABLE)
+    return own, hits
 
 
 def _grasps(margins: PlannerMargins, scene: TableScene, max_opening: float) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -223,8 +223,11 @@ _SLEEPING_OVERLAP = 1e-5
 """[m] by which bodies that fell asleep apart from each other may overlap; scenes of the user's own have up to 1e-6."""
 _LARGEST_POSITION = 1e3
 """[m] or [rad], far outside any scene."""
-_LARGEST_VELOCITY = 1e6
-"""[m/s] or [rad/s]: its square is still a number that MuJoCo accepts."""
+_LARGEST_SPEED = 20.0
+"""[m/s] of an object, the base or the torso. A fall from the table ends at 4 m/s, and random actions at full speed gave
+objects at most 3.4 m/s; a body with 20 m/s moves by twice the thinnest object's width in a physics step."""
+_LARGEST_TURNS = _LARGEST_SPEED / 0.01, _LARGEST_SPEED / 0.1
+"""[rad/s] of an object, whose rim has that speed at the smallest radius, 1 cm, and of a joint, at a lever of 10 cm."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +264,10 @@ def read_physics(world: World, value: object) -> PhysicsState:
     _check_range("time", parts[mujoco.mjtState.mjSTATE_TIME], 0.0, _LARGEST)
     _check_range("positions", parts[mujoco.mjtState.mjSTATE_QPOS], -_LARGEST_POSITION, _LARGEST_POSITION)
     velocities = parts[mujoco.mjtState.mjSTATE_QVEL]
-    _check_range("velocities", velocities, -_LARGEST_VELOCITY, _LARGEST_VELOCITY)
+    largest = _largest_velocities(model)
+    _check_range("velocities as shares of the largest that occur", velocities / largest, -1.0, 1.0)
+    for part in (mujoco.mjtState.mjSTATE_QFRC_APPLIED, mujoco.mjtState.mjSTATE_XFRC_APPLIED):
+        _check_range("applied forces", parts[part], 0.0, 0.0)  # the environment applies none
     if not np.isin(parts[mujoco.mjtState.mjSTATE_EQ_ACTIVE], (0, 1)).all():
         raise StateError("physics: the flags of active constraints in the state must be 0 or 1")
     free = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
@@ -322,6 +328,15 @@ def _split(model: mujoco.MjModel, integration: NDArray[np.float64]) -> dict[mujo
     """The components of an integration state."""
     ends = np.cumsum([mujoco.mj_stateSize(model, part) for part in _COMPONENTS])
     return dict(zip(_COMPONENTS, np.split(integration, ends[:-1]), strict=True))
+
+
+def _largest_velocities(model: mujoco.MjModel) -> NDArray[np.float64]:
+    """The largest velocity (nv,) that each degree of freedom can have."""
+    kinds = model.jnt_type[model.dof_jntid]
+    is_slide, is_hinge = (kinds == int(kind) for kind in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE))
+    is_turn = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid] >= 3  # of a free joint
+    turning = np.where(is_hinge, _LARGEST_TURNS[1], _LARGEST_TURNS[0])
+    return np.where(is_slide | ~(is_hinge | is_turn), _LARGEST_SPEED, turning)
 
 
 def _check_range(what: str, values: NDArray[np.float64], lowest: float, highest: float) -> None:

@@ -51,7 +51,7 @@ class Grip:
 
     Attributes:
         held: slot of the object that both fingers press from opposite sides, -1 for none.
-        is_carried: whether it touches nothing but the gripper.
+        is_carried: whether it has touched nothing but the gripper, in any part of the control step.
         is_touching: whether any finger touches anything.
     """
 
@@ -117,6 +117,7 @@ class World:
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
         self.furniture_force = 0.0
+        self._contacts: list[NDArray[np.int32]] = []  # pairs (k, 2) of geoms after each part of the last control step
         self.scene: TableScene | None = None
         self._last: tuple[bytes, Measurements] | None = None
 
@@ -148,6 +149,7 @@ class World:
         data.qpos[index.still_qpos] = self.robot.still_configuration
         self.controller.reset(data)
         self.furniture_force = 0.0
+        self._contacts = []
         mujoco.mj_forward(model, data)
 
     @property
@@ -170,6 +172,7 @@ class World:
         """
         model, data, grip = self.model, self.data, measurements.grip
         data.eq_active[self.index.finger_couplings] = grip.is_touching
+        self._contacts = []
         for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
             data.ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
@@ -185,8 +188,9 @@ class World:
         An object at rest in the gripper or on the arm is about to sleep; asleep it would stay in the air when the robot
         lets go of it.
         """
-        data = self.data
-        kinds = self._kinds[data.contact.geom].sum(axis=1)
+        data, pairs = self.data, self.data.contact.geom
+        self._contacts.append(pairs)
+        kinds = self._kinds[pairs].sum(axis=1)
         is_furniture = kinds == _ROBOT + _FURNITURE
         if is_furniture.any():
             force = sum(float(np.linalg.norm(self._force(row))) for row in np.flatnonzero(is_furniture).tolist())
@@ -238,7 +242,11 @@ class World:
         return height - side - half_z * abs(down_z)
 
     def _measure_grip(self) -> Grip:
-        """What the grippers hold and touch, from the contacts of the last physics step."""
+        """What the grippers hold and touch, from the contacts of the last physics step.
+
+        Those after the other parts of the control step say whether what is held is carried: an object that vibrates in
+        the grip touches the table in between.
+        """
         nothing = (-1,) * len(self._grippers)
         if not self.data.ncon:
             return Grip(nothing, (False,) * len(nothing), False)
@@ -251,7 +259,7 @@ class World:
             is_touching |= bool(right or left)
             slot = next((slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads)), -1)
             held.append(slot)
-            is_carried.append(slot >= 0 and self._touches_only(slot, gripper, pairs))
+            is_carried.append(slot >= 0 and all(self._touches_only(slot, gripper, pairs) for pairs in self._contacts))
         return Grip(tuple(held), tuple(is_carried), is_touching)
 
     def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
@@ -264,13 +272,10 @@ class World:
         right, left = np.linalg.norm(forces, axis=1).tolist()
         return min(right, left) >= LEAST_GRIP_FORCE and float(forces[0] @ forces[1]) <= _OPPOSITE * right * left
 
-    def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
+    def _touches_only(self, slot: int, geoms: set[int], pairs: NDArray[np.int32]) -> bool:
         """Whether an object touches none but these geoms."""
-        slot_of = self._slot_of_geom
-        return all(
-            (slot_of[one] != slot or other in geoms) and (slot_of[other] != slot or one in geoms)
-            for one, other in pairs
-        )
+        geom = self.index.object_geoms.start + slot
+        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs.tolist())
 
     def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
         """The geoms of both fingers and of the body that carries them."""

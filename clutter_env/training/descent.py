@@ -39,7 +39,7 @@ class ExampleArrays:
             path.parent.mkdir(parents=True, exist_ok=True)
             with written_atomically(path) as part, part.open("wb") as file:
                 np.savez_compressed(file, **vars(collect()))
-        with np.load(path) as content:
+        with np.load(path, allow_pickle=False) as content:
             return cls(**{field.name: content[field.name] for field in fields(cls)})
 
 

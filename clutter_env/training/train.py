@@ -34,6 +34,7 @@ def train(run: Run, resume: bool = False) -> Trained:
     Raises:
         LearningError: see `Run.check`; nothing is written then. Or the disk is full or cannot be written; the last
             complete checkpoint stays.
+        PolicyError: the checkpoint from which to go on is damaged, or of version 0.1.
     """
     started, started_cpu = time.perf_counter(), time.process_time()
     run.check(resume)

@@ -26,6 +26,8 @@ def test_an_object_that_is_carried_away_does_not_count_against_success() -> None
     info = cheat.take_target()
     assert info["is_success"]
     assert (info["num_cleared"], info["num_disturbed"], info["furniture_force"]) == (1, 0, 0.0)
+    cheat.env.data.warning.number[0] = 1
+    assert not cheat.env.info["is_success"], "the simulation has diverged"
 
 
 @pytest.mark.parametrize("script", CHEATS.values(), ids=CHEATS)

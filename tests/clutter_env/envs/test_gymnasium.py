@@ -30,6 +30,8 @@ INFO_TYPES = {
     "num_fallen": int,
     "num_disturbed": int,
     "num_cleared": int,
+    "furniture_force": float,
+    "unstable": bool,
     "ik_failures": int,
 }
 

@@ -1,133 +1,156 @@
-"""The dense reward: staying below the mark never pays, nor does disturbing."""
+"""The dense reward: from reset on, finishing earns more than anything else, and every clearance shows."""
 
 from __future__ import annotations
 
 import itertools
+import math
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+import clutter_env
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.envs.reward import DENSE_SCALES, POTENTIAL_TERMS, dense_reward, potential
-from clutter_env.envs.success import HOLD_STEPS
-from clutter_env.policies.scripted import direct_approach
+from clutter_env.envs.reward import DISCOUNT, EVENT_SCALES, MOST, Way, dense_reward
+from planners import TampExpert
+from tests.clutter_env.envs.cheats import cylinder
 from tests.clutter_env.envs.side_grasp import SideGrasp, reset_to_free_target
+from tests.clutter_env.simulation.test_saved_state import pushing_actions
 
-DISCOUNTS = (0.95, 0.99, 1.0)
-LIMIT = gym.spec("clutter_env/Retrieve-o60-v0").max_episode_steps
-NOTHING = {"success": 0.0, "disturbed": 0.0, "lost": 0.0}
-FULL = {"reach": 1.0, "grasp": 1.0, "lift": 1.0}
+NOTHING = dict.fromkeys(EVENT_SCALES, 0.0)
+LONGEST = gym.spec("clutter_env/Retrieve-o60-v0").max_episode_steps
 
 
-def discounted(rewards: list[float] | np.ndarray, discount: float) -> float:
+ROUNDING = 1e-12
+"""Of the return of a long episode; 100 γ^2900 is as small."""
+
+
+def discounted(rewards: np.ndarray | list[float], discount: float) -> float:
     return float(np.sum(np.asarray(rewards) * discount ** np.arange(len(rewards))))
 
 
-def approach(steps: int) -> list[float]:
-    """Potentials while the gripper comes near and takes the target."""
-    reach = [potential({"reach": share, "grasp": 0.0, "lift": 0.0}) for share in np.linspace(0, 1, steps)]
-    lift = [potential({"reach": 1.0, "grasp": 1.0, "lift": share}) for share in np.linspace(0, 0.98, 10)]
-    return reach + lift
+def rewards_of(potentials: np.ndarray, last: str = "") -> np.ndarray:
+    """The rewards of a stream of potentials, the last step with an event."""
+    rewards = dense_reward(potentials[:-1], potentials[1:], NOTHING)
+    rewards[-1] += EVENT_SCALES.get(last, 0.0)
+    return rewards
 
 
-def rewards_of(potentials: list[float], events: dict[int, dict[str, float]]) -> list[float]:
-    """The rewards of a stream of potentials, with events at some of its steps."""
-    return [
-        dense_reward(before, after, {**NOTHING, **events.get(step, {})})
-        for step, (before, after) in enumerate(itertools.pairwise(potentials))
-    ]
+def never_finishing(start: float, limit: int, rng: np.random.Generator) -> list[np.ndarray]:
+    """Potentials of hovering, oscillating, dropping, idling, rising ever more, anything, and of the best last step."""
+    up, time = np.full(limit, MOST), np.arange(limit)
+    kinds = [up, up * (time % 2), up * (time % 40 > 9), np.full(limit, start), np.sort(rng.uniform(0, MOST, limit))]
+    kinds += [rng.uniform(0, MOST, limit), up * (time == limit - 1)]
+    return [np.concatenate(([start], kind)) for kind in kinds]
 
 
-def finishing(steps: int) -> list[float]:
-    """The rewards of an episode that takes the target after an approach of so many steps, and holds it."""
-    potentials = approach(steps) + [potential(FULL)] * HOLD_STEPS
-    return rewards_of(potentials, {len(potentials) - 2: {"success": 1.0}})
+@pytest.mark.parametrize("discount", [DISCOUNT, 1.0])
+@pytest.mark.parametrize("steps", [15, 1500, LONGEST])
+def test_finishing_late_and_near_the_target_all_along_earns_more_than_never_finishing(
+    discount: float, steps: int
+) -> None:
+    rng = np.random.default_rng(steps)
+    for start in (0.0, 0.1, MOST):
+        finished = discounted(rewards_of(np.array([start, *[MOST] * (steps - 1), 0.0]), "success"), discount)
+        for limit in (steps, LONGEST):
+            for potentials in never_finishing(start, limit, rng):
+                going_on = discounted(rewards_of(potentials), discount)
+                assert going_on < finished + ROUNDING * (steps == LONGEST)
+                ended = discounted(rewards_of(np.append(potentials[:-1], 0.0), "failure"), discount)
+                assert ended < going_on + ROUNDING * (limit == LONGEST)
 
 
-def hovering(steps: int, horizon: int, rng: np.random.Generator) -> list[list[float]]:
-    """Episodes that take the target as `finishing` does and then never finish: the streams of their rewards."""
-    arrive = approach(steps)
-    rest = max(horizon - len(arrive) + 1, 1)
-    high = np.full(rest, potential({**FULL, "lift": 0.999}))
-    low = potential({"reach": 1.0, "grasp": 0.0, "lift": 0.0})
-    period = np.arange(rest)
-    kinds = [high, np.where(period % 2, high, low), np.where(period % 10 == 9, low, potential(FULL))]
-    kinds += [rng.uniform(0.0, potential(FULL), rest), np.maximum.accumulate(rng.uniform(arrive[-1], 1.0, rest))]
-    return [rewards_of([*arrive, *kind], {}) for kind in kinds]
+def test_no_time_limit_is_longer_than_the_proof_allows() -> None:
+    limits = [scene.max_steps for name in clutter_env.suite_names() for scene in clutter_env.suite(name)]
+    limits += [clutter_env.time_limit(count) for count in range(1, 61)]
+    assert (1 - DISCOUNT) * (max(limits) - 1) * MOST + MOST < EVENT_SCALES["success"] == -EVENT_SCALES["failure"]
 
 
-@pytest.mark.parametrize("discount", DISCOUNTS)
-@pytest.mark.parametrize("steps", [5, 100, 800])
-def test_no_policy_that_stays_below_the_mark_earns_more_than_finishing(discount: float, steps: int) -> None:
-    rng = np.random.default_rng(0)
-    finished = discounted(finishing(steps), discount)
-    for horizon in (steps + 20, 1000, LIMIT):
-        for stream in hovering(steps, horizon, rng):
-            assert discounted(stream, discount) < finished + 1e-12
+# What is in the way.
 
 
-@pytest.mark.parametrize("discount", DISCOUNTS)
-@pytest.mark.parametrize("reach", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("clearing", [50, 300, LIMIT // 2])
-def test_bulldozing_earns_less_than_clearing_first(discount: float, reach: float, clearing: int) -> None:
-    """From the same state on: the clean episode moves away from the target, clears, and takes the target much later."""
-    start = potential({"reach": reach, "grasp": 0.0, "lift": 0.0})
-    away = [start] + [0.0] * clearing + approach(40) + [potential(FULL)] * HOLD_STEPS
-    clean = discounted(rewards_of(away, {len(away) - 2: {"success": 1.0}}), discount)
-    for steps in (1, 5, 20):
-        potentials = [start, *(value for value in approach(steps) if value > start)] + [potential(FULL)] * HOLD_STEPS
-        for disturbed_at in range(len(potentials) - 1):
-            for objects in (1, 3):
-                rewards = rewards_of(potentials, {disturbed_at: {"disturbed": objects}})
-                assert discounted(rewards, discount) < clean
+def clearances(env: RetrieveEnv) -> float:
+    return Way(env.robot.full_name, env.layout).clearances(env.world, env.measurements)
 
 
-def test_the_potential_is_at_most_one_and_less_than_a_disturbance_costs() -> None:
-    assert potential(FULL) == pytest.approx(1.0)
-    assert -DENSE_SCALES["disturbed"] * min(DISCOUNTS) ** (HOLD_STEPS + 1) > potential(FULL)
-    assert set(DENSE_SCALES) == {*POTENTIAL_TERMS, *NOTHING}
+def test_an_object_before_the_target_counts_and_so_does_one_before_that_object() -> None:
+    env = RetrieveEnv(num_objects=8, reward_mode="dense")
+    counts = []
+    for line in ([], [0.05], [0.05, -0.1]):
+        beside = [(0.28, -0.4), (0.28, -0.2), (0.28, 0.0)]
+        objects = [cylinder(0.2, -0.3), *(cylinder(x, y) for x, y in [*beside, *((x, -0.3) for x in line)])]
+        env.reset(seed=0, options={"objects": objects, "target": "object_00"})
+        counts.append(clearances(env))
+        assert counts[-1] == env._way.clearances(env.world, env.measurements), "made anew for every scene"
+    assert counts[0] < counts[1] < counts[2]
 
 
-# In the environment.
+def test_toppling_is_no_clearance() -> None:
+    env = RetrieveEnv(num_objects=15, reward_mode="dense")
+    env.reset(seed=4)
+    standing, positions = clearances(env), env.data.qpos[env.world.index.object_qpos].copy()
+    for slot in range(15):
+        poses = positions.reshape(15, 7).copy()
+        poses[slot, 2:] = 0.79, math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0
+        env.data.qpos[env.world.index.object_qpos] = poses.ravel()
+        env.measurements = env.world.measure()
+        assert env.measurements.is_fallen.tolist() == [other == slot for other in range(15)]
+        assert clearances(env) >= standing
 
 
-def grasp(lift: float, steps: int) -> tuple[list[float], dict]:
-    """Rewards of a scripted grasp that lifts so far [m] and stays for so many steps, and the last info."""
-    env = RetrieveEnv(num_objects=5, control_mode="ee", reward_mode="dense")
-    reset_to_free_target(env)
-    script = SideGrasp(env, lift=lift, drive=0.0)
-    script.run()
-    while len(script.record) < steps:
-        script.step()
-    ended = next((index for index, result in enumerate(script.record) if result[2]), len(script.record) - 1)
-    return [result[1] for result in script.record[: ended + 1]], script.record[ended][4]
+@pytest.mark.slow
+def test_nine_of_ten_clearances_of_the_expert_show() -> None:
+    shown = []
+    for scene in itertools.islice(clutter_env.suite("side-25-v2"), 12):
+        env = scene.make(reward_mode="dense")
+        _, info = scene.reset(env)
+        expert = TampExpert(env, grasps="side")
+        expert.reset()
+        counts, is_over = [clearances(env.unwrapped)], False
+        while not (is_over or expert.done):
+            cleared = info["num_cleared"]
+            *_, is_over, _, info = env.step(expert.act())
+            if info["num_cleared"] > cleared:
+                counts.append(clearances(env.unwrapped))
+        shown += [after < before for before, after in itertools.pairwise(counts)]
+    assert len(shown) > 15
+    assert np.mean(shown) >= 0.9
 
 
-def test_hovering_in_physics_earns_less_than_finishing() -> None:
-    finished, info = grasp(0.155, 0)
-    assert info["is_success"]
-    below, info = grasp(0.09, 1000)
-    assert not info["is_success"]
-    assert info["held"] == info["target"]
-    assert len(below) == 1000
-    for discount in DISCOUNTS:
-        assert discounted(below, discount) < discounted(finished, discount)
-    assert sum(below) < 1.0 < 10.0 < sum(finished)
+@pytest.mark.parametrize("terminate_on_fallen", [False, True])
+def test_rewards_of_a_restored_state_are_the_same_bit_for_bit(terminate_on_fallen: bool) -> None:
+    env, other = (
+        RetrieveEnv(num_objects=15, control_mode="ee", reward_mode="dense", terminate_on_fallen=terminate_on_fallen)
+        for _ in range(2)
+    )
+    env.reset(seed=4)
+    other.reset(seed=5)
+    rewards, again = [], []
+    for step, action in enumerate(pushing_actions(env, 180, 4)):
+        if step % 30 == 0:
+            other.restore_state(env.save_state())
+        rewards.append(env.step(action)[1])
+        again.append(other.step(action)[1])
+    assert env.info["num_disturbed"] > 2, "the scenario must move objects"
+    assert rewards == again
 
 
-def test_the_rewards_of_a_bulldozer_add_up_to_its_last_potential_and_its_penalties() -> None:
-    env = RetrieveEnv(num_objects=15, control_mode="ee", reward_mode="dense")
-    disturbed = 0
-    for seed in range(3):
-        env.reset(seed=seed)
-        before, total, is_over, steps = env._measure_potential(), 0.0, False, 0
-        while not is_over and steps < 120:
-            _, reward, is_over, _, info = env.step(direct_approach(env)[1])
-            total += reward
-            steps += 1
-        judge = env._monitor
-        events = 10.0 * info["is_success"] - 10.0 * judge.is_target_lost + DENSE_SCALES["disturbed"] * judge._num_spoilt
-        assert total == pytest.approx(env._measure_potential() - before + events, abs=1e-9)
-        disturbed += judge._num_spoilt
-    assert disturbed > 3
+def test_in_physics_a_target_held_too_low_earns_less_than_one_that_is_lifted() -> None:
+    returns = []
+    for lift, least in ((0.155, 0), (0.09, 320)):
+        env = RetrieveEnv(num_objects=5, control_mode="ee", reward_mode="dense")
+        reset_to_free_target(env)
+        start = env._potential
+        script = SideGrasp(env, lift=lift, drive=0.0)
+        script.run()
+        while len(script.record) < least:
+            script.step()
+        ended = next((i for i, result in enumerate(script.record) if result[2]), len(script.record) - 1)
+        record, discounts = script.record[: ended + 1], DISCOUNT ** np.arange(ended + 2)
+        rewards = [result[1] for result in record]
+        assert record[-1][4]["held"] == record[-1][4]["target"]
+        rest = EVENT_SCALES["success"] * discounts[ended] if lift > 0.1 else discounts[ended + 1] * env._potential
+        assert discounted(rewards, DISCOUNT) == pytest.approx(rest - start, abs=1e-12)
+        returns.append((discounted(rewards, DISCOUNT), sum(rewards)))
+    assert returns[0] > returns[1]
+    assert returns[0][1] > 90 > 0 > returns[1][1]

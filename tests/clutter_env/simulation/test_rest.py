@@ -10,6 +10,7 @@ import pytest
 
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.simulation.world import Grip
 from tests.clutter_env.toppling import topple_objects
 
 
@@ -59,7 +60,7 @@ def test_measurements_are_new_only_when_something_has_changed() -> None:
     first = env.measurements
     env.step(np.zeros(env.action_size, np.float32))
     assert env.measurements is first, "all objects sleep"
-    assert env.world.measure_objects((1,), is_touching=True).held == 1
+    assert env.world.measure_objects(Grip((1,), (False,), True)).held == 1
     env.data.qpos[env.world.index.object_qpos][2] = TABLE_HEIGHT - 0.1
     moved = env.world.measure()
     assert moved.is_off.tolist() == moved.is_fallen.tolist() == [True, False, False]

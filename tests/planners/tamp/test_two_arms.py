@@ -226,5 +226,5 @@ def test_an_episode_in_which_both_arms_act_succeeds(hold_aside: bool, cleared: i
     with pytest.raises(ExpertError, match="several arms"):
         execute(solution, env.unwrapped.model, env.unwrapped.data)
     assert play(env, expert)["is_success"], expert.report
-    held = env.unwrapped.measurements.all_held
+    held = env.unwrapped.measurements.grip.held
     assert sum(slot >= 0 for slot in held) == 1 + hold_aside
