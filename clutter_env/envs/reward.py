@@ -15,7 +15,7 @@ What an episode of T steps from the state s_0 earns, the penalties left out, whi
   T <= 1 + (S - MOST) / (MOST (1 - γ)) = 14,186 steps; the longest time limit is 13,600 steps, of 60 objects.
 - A detour that returns to its state earns (γ^k - 1) Φ <= 0 in k steps with γ, and -(1 - γ) Σ Φ <= 0 undiscounted.
 - An end without success costs as much as success earns; undiscounted that is more than all the shaping that could
-  still be lost within the time limit, so ending early never pays.
+  still be lost within the time limit: to end an episode early saves nothing.
 
 A smaller discount than γ gives none of this: it prefers what raises Φ soon.
 """
