@@ -14,7 +14,7 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def run_jobs(
     workers: int,
     limit_s: float | None = None,
     ray: str = "",
-) -> Iterator[tuple[J, R | Crash | Killed]]:
+) -> Generator[tuple[J, R | Crash | Killed], None, None]:
     """Apply a function to jobs, `workers` at a time; pairs of job and result in the order in which jobs end.
 
     The next job is taken from the iterable only when a worker is free and all results so far have been yielded, so
@@ -92,7 +92,7 @@ def run_jobs(
 
 def _results(
     function: Callable[[J], R], waiting: Iterator[J | None], workers: int, limit_s: float, ray: str
-) -> Iterator[tuple[J, R | Crash | Killed]]:
+) -> Generator[tuple[J, R | Crash | Killed], None, None]:
     backend = _RayTasks(workers, ray) if ray else _LocalProcesses()
     running: dict[Future[Any], tuple[J, float]] = {}
     try:

@@ -68,7 +68,7 @@ class SuiteScene:
         index: of the scene in its split.
         env_id: of the environment.
         keywords: keyword arguments of `gymnasium.make`.
-        max_steps: control steps after which an episode is over.
+        max_steps: control steps after which an episode is over, see docs/suites.md.
         seed, options: of the reset.
         target: name of the target.
         floor_side: for side grasps.
@@ -118,11 +118,19 @@ class SuiteScene:
         return gym.make(self.env_id, max_episode_steps=self.max_steps, **{**self.keywords, **keywords})
 
     def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
-        """Start the episode of this scene in an environment that `make` returned; observation and info.
+        """Start the episode of this scene, with its time limit; observation and info.
+
+        Args:
+            env: that `make` of this or another scene of the suite returned.
 
         Raises:
-            SuiteError: the first state is not the one that the suite was made with; the message says what differs.
+            SuiteError: the first state is not the one that the suite was made with, and the message says what differs;
+                or the environment has no time limit.
         """
+        if not env.set_wrapper_attr("_max_episode_steps", self.max_steps, force=False):
+            raise SuiteError("the environment has no time limit; use the one that the `make` of a scene returns")
+        if env.spec is not None:
+            env.spec.max_episode_steps = self.max_steps
         observation, info = env.reset(seed=self.seed, options=dict(self.options))
         self.check(env)
         return observation, info
@@ -147,7 +155,7 @@ class Suite:
     """A fixed set of scenes; iterating over it yields those of the test split.
 
     Attributes:
-        name: with its version, as in "side-15-v1".
+        name: with its version, as in "side-15-v2".
         about: what the scenes have in common.
         digest: SHA-256 of the content of its file.
         made_with: versions of the packages that it was made with.
@@ -189,17 +197,21 @@ def suite(name: str) -> Suite:
 
     Example:
         >>> import clutter_env
-        >>> scene = clutter_env.suite("side-15-v1").test[0]
+        >>> scene = clutter_env.suite("side-15-v2").test[0]
         >>> env = scene.make()
         >>> observation, info = scene.reset(env)
         >>> info["target"] == scene.target
         True
 
     Raises:
-        SuiteError: no suite of that name, the message lists them; or its file has been changed, or is not valid.
+        SuiteError: no suite of that name, the message lists them, and names the version that has replaced it; or its
+            file has been changed, or is not valid.
     """
-    if not isinstance(name, str) or name not in suite_names():
-        raise SuiteError(f"no suite {name!r}; suites: {', '.join(suite_names())}")
+    names = suite_names()
+    if not isinstance(name, str) or name not in names:
+        stem = str(name).rpartition("-v")[0]
+        newer = "".join(f" {known!r} has replaced it;" for known in names if known.rpartition("-v")[0] == stem)
+        raise SuiteError(f"no suite {name!r};{newer} suites: {', '.join(names)}")
     return _read_suite(name)
 
 
@@ -256,7 +268,7 @@ def _scene(content: Mapping[str, Any], split: str, index: int, entry: Mapping[st
         index=index,
         env_id=_entry(content, "env_id", str),
         keywords=MappingProxyType(_entry(content, "keywords", dict)),
-        max_steps=_entry(content, "max_steps", int),
+        max_steps=_entry(entry, "max_steps", int),
         seed=_entry(entry, "seed", int),
         options=MappingProxyType(_entry(content, "options", dict)),
         target=_entry(entry, "target", str),

@@ -26,7 +26,7 @@ from clutter_env.scene.layout import TABLE_HEIGHT
 from planners import TampExpert
 
 DISCOUNTS = (0.95, 0.99, 1.0)
-SCENES = {"side-15-v1": 50}
+SCENES = {"side-15-v2": 50}
 """Scenes of each suite, the first ones of its test split; `OTHER_SCENES` of those not named."""
 OTHER_SCENES = 8
 FINISHING = "finishing"

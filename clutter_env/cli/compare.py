@@ -1,6 +1,6 @@
 """Compare expert strategies, learned policies and controls on the same scenes.
 
-    clutter-env compare --suites side-15-v1 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
+    clutter-env compare --suites side-15-v2 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
 
 The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their

@@ -1,7 +1,7 @@
 """Play a suite of scenes with a policy and write one results file.
 
-    clutter-env evaluate --suite side-15-v1 --policy lookahead
-    clutter-env evaluate --suite side-15-v1 --policy my_module:MyPolicy --split validation
+    clutter-env evaluate --suite side-15-v2 --policy lookahead
+    clutter-env evaluate --suite side-15-v2 --policy my_module:MyPolicy --split validation
 
 A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md.
 """
@@ -17,7 +17,7 @@ from typing import Literal
 class Arguments:
     """Evaluate a policy on a suite."""
 
-    suite: str = "side-15-v1"
+    suite: str = "side-15-v2"
     """Name of the suite."""
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all

@@ -1,6 +1,6 @@
 """Confirm the scores of a results file: its recorded actions are played again in fresh environments.
 
-    clutter-env verify outputs/evaluate/side-15-v1_lookahead.json
+    clutter-env verify outputs/evaluate/side-15-v2_lookahead.json
     clutter-env verify results.json --policy my_module:MyPolicy --scenes 50
 
 A replay proves the scores, and not who made them. With --policy the policy itself also plays fresh scenes of the kind.
@@ -25,6 +25,8 @@ class Arguments:
     """Also run this policy on fresh scenes; a name as for `clutter-env evaluate`."""
     scenes: int = 20
     """Number of fresh scenes."""
+    first_seed: int | None = None
+    """Seed of the first fresh scene; drawn at random if not given, so that no policy can know the scenes."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
     workers: int = 2
@@ -35,31 +37,39 @@ class Arguments:
 
 def run(arguments: Arguments) -> int:
     """Replay, compare, say what differs; 1 if the scores are not confirmed."""
+    import secrets
     from dataclasses import replace
 
-    from clutter_env.evaluation.verify import play_fresh, read_results, verify
+    from clutter_env.evaluation.verify import FRESH_SEEDS, fresh_success, play_fresh, read_results, verify
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
     count = len(read_results(arguments.file)["episodes"])
     with progress_bar(total=count, unit="episode") as bar:
         found = verify(arguments.file, arguments.workers, bar.update)
+    seed = secrets.choice(FRESH_SEEDS) if arguments.first_seed is None else arguments.first_seed
     if arguments.policy:
         with progress_bar(total=arguments.scenes, unit="episode") as bar:
             fresh = play_fresh(
-                arguments.file, arguments.policy, arguments.scenes, arguments.workers, bar.update, arguments.trust
+                arguments.file, arguments.policy, arguments.scenes, seed, arguments.workers, bar.update, arguments.trust
             )
-        found = replace(found, fresh=fresh)
-    said = f"{found.clean} clean successes in {found.episodes} episodes"
+        other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
+        found = replace(found, fresh=fresh_success(fresh), differences=found.differences + other)
+    said = f"{found.clean} clean successes in {found.episodes} episodes of {found.scenes}"
     if found.not_comparable:
-        print("not comparable on this machine:", *found.not_comparable, sep="\n  ")
+        _show("not comparable on this machine:", *found.not_comparable)
     if found.differences:
-        print(f"NOT confirmed: {said}", *found.differences, sep="\n  ")
+        _show(f"NOT confirmed: {said}", *found.differences)
     elif not found.not_comparable:
-        print(f"confirmed: {said}, by replay of the recorded actions")
-    print(f"claimed: policy {found.policy}; its files are {found.weights}")
+        _show(f"confirmed: {said}, by replay of the recorded actions")
+    _show(f"claimed: policy {found.policy}, of the {found.track} track; its files are {found.weights}")
     if found.fresh is not None:
-        print(f"{arguments.policy} on {arguments.scenes} fresh scenes: clean success {found.fresh}")
+        _show(f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}")
     if arguments.json is not None:
         write_json(arguments.json, found)
     return 0 if found.is_confirmed else 1
+
+
+def _show(*lines: str) -> None:
+    """Print lines, in which text from the file cannot move the cursor of a terminal."""
+    print(*("".join(sign if sign.isprintable() else "?" for sign in line) for line in lines), sep="\n  ")

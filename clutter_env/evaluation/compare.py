@@ -37,6 +37,7 @@ class Comparison:
 
     Raises:
         PolicyError: an unknown policy, with the known ones.
+        PolicyCrashed: the code of a policy raised an exception.
         LearningError: a directory without a training run; a policy or run that plays none of the scenes.
         SuiteError: no such suite or split.
     """

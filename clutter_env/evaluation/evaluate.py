@@ -39,11 +39,6 @@ class Played(NamedTuple):
     score: Score
     recording: Recording | None
 
-    @property
-    def actions_digest(self) -> str:
-        """SHA-256 of the recorded actions, "" of a crash."""
-        return "" if self.recording is None else hashlib.sha256(self.recording.actions.tobytes()).hexdigest()
-
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -131,40 +126,56 @@ def evaluate(
             exception in this process is not caught.
         OSError: the scores cannot be written; those written before stay.
     """
-    name = policy if isinstance(policy, str) else type(policy).__name__
-    job, process = _Job(name, scenes, seed, feasibility, trust), None
-    if isinstance(policy, str):
-        process = PolicyProcess(policy, seed, feasibility, trust)
-        traits = process.traits
-        process.close()
-    else:
-        traits = PolicyTraits.of(policy)
-    floors = lower_bounds(scenes, traits.grasps) if scenes.suite else ()
-    env = scene_for(scenes.scenes[0], traits.acts_by_skills, feasibility).make(**traits.env_keywords)
-
-    def play(missing: Iterable[int]) -> Iterator[tuple[int, Played]]:
-        if not isinstance(policy, str):
-            yield from _play_here(job, missing, env, policy, traits, count_crashes)
-            return
-        for index, result in run_jobs(partial(_play_in_worker, job), missing, workers, ray=ray):
-            if isinstance(result, PolicyCrashed) and count_crashes:
-                result = Played(Score.of_crash(scenes.scenes[index].seed, str(result).strip().splitlines()[-1]), None)
-            elif isinstance(result, PolicyCrashed):
-                raise PolicyCrashed(f"{job.place(index)}; {_HINT}\n\n{result}")
-            elif isinstance(result, ClutterEnvError):
-                raise result
-            elif isinstance(result, Crash | Killed):
-                raise PolicyCrashed(f"{job.place(index)}\n\n{_text(result)}")
-            yield index, result
-
+    job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust)
+    todo: list[tuple[int, PolicyTraits]] = []
+    stream = run_jobs(partial(_play_in_worker, job), _traits_first(todo), workers, ray=ray)
+    env: gym.Env[Any, Any] | None = None
     try:
+        traits = _checked(next(stream)[1], job.policy) if isinstance(policy, str) else PolicyTraits.of(policy)
+        assert isinstance(traits, PolicyTraits)
+        floors = lower_bounds(scenes, traits.grasps) if scenes.suite else ()
+        env = scene_for(scenes.scenes[0], traits.acts_by_skills, feasibility).make(**traits.env_keywords)
+
+        def play(missing: Iterable[int]) -> Iterator[tuple[int, Played]]:
+            if not isinstance(policy, str):
+                yield from _play_here(job, missing, env, policy, traits, count_crashes)
+                return
+            todo.extend((index, traits) for index in missing)
+            for _ in range(len(todo)):
+                (index, _), result = next(stream)
+                if isinstance(result, PolicyCrashed) and count_crashes:
+                    cause = str(result).strip().rpartition("\n")[2]
+                    result = Played(Score.of_crash(scenes.scenes[index].seed, cause), None)
+                yield index, _checked(result, job.place(index))
+
         made_with = provenance(env)
         played = _complete(job, made_with, records, play, tick)
     finally:
-        env.close()
+        stream.close()
+        if env is not None:
+            env.close()
     judge = judged_in(scenes, [episode.recording.control_mode for episode in played if episode.recording])
-    files = policy_files(name)
-    return Evaluation(name, scenes, seed, feasibility, traits, files, tuple(played), floors, made_with, judge)
+    files = policy_files(job.policy, traits.file)
+    return Evaluation(job.policy, scenes, seed, feasibility, traits, files, tuple(played), floors, made_with, judge)
+
+
+def _traits_first(todo: Sequence[tuple[int, PolicyTraits]]) -> Iterator[tuple[int, PolicyTraits | None] | None]:
+    """The jobs of the workers: what the policy is, then the scenes, which are known once that has been answered."""
+    yield -1, None
+    while not todo:
+        yield None
+    yield from todo
+
+
+def _checked(result: Any, place: str) -> Any:
+    """The result of a worker; a failure is raised."""
+    if isinstance(result, PolicyCrashed):
+        raise PolicyCrashed(f"{place}; {_HINT}\n\n{result}")
+    if isinstance(result, ClutterEnvError):
+        raise result
+    if isinstance(result, Crash | Killed):
+        raise PolicyCrashed(f"{place}\n\n{_text(result)}")
+    return result
 
 
 def lower_bounds(
@@ -238,41 +249,50 @@ def _play_here(
     for (index, recording), score in run_jobs(partial(_replay_job, job.scenes), recordings(), 1):
         if isinstance(score, Crash | Killed):
             raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {_text(score)}")
-        yield index, Played(score, recording)
+        yield index, Played(score, recording.cut(score.steps))
     yield from crashed
 
 
-def _play_in_worker(job: _Job, index: int) -> Played | ClutterEnvError | PolicyCrashed:
-    """Play a scene and score the replay of what was recorded."""
+def _play_in_worker(
+    job: _Job, task: tuple[int, PolicyTraits | None]
+) -> PolicyTraits | Played | ClutterEnvError | PolicyCrashed:
+    """Say what the policy is; or play a scene, and score the replay of what was recorded."""
+    index, traits = task
     try:
         process = _process(job)
-        scene, traits = job.scenes.scenes[index], process.traits
+        if traits is None:
+            return process.traits
+        if process.traits != traits:
+            raise PolicyCrashed(f"the policy was {traits}, and in another process is {process.traits}")
+        scene = job.scenes.scenes[index]
         if traits.track == "privileged":
             recording = process.play(job.scenes, index)
         else:
-            env = _seen_env(job)
+            env = _seen_env(job.scenes, traits.acts_by_skills, job.feasibility, json.dumps(traits.env_keywords))
             played = scene_for(scene, traits.acts_by_skills, job.feasibility)
             recording = Recording.of(scene, env, play_scene(played, env, process))
-        return Played(replay(job.scenes, index, recording), recording)
-    except ClutterEnvError as problem:
+        score = replay(job.scenes, index, recording)
+        return Played(score, recording.cut(score.steps))
+    except (ClutterEnvError, PolicyCrashed) as problem:
         return problem
-    except PolicyCrashed as problem:
-        _process.cache_clear()  # it may have died
-        return problem
+
+
+def _process(job: _Job) -> PolicyProcess:
+    """The policy of a worker, made once for all scenes of a set, and again after a crash."""
+    if _made_process(job).has_ended:
+        _made_process.cache_clear()
+    return _made_process(job)
 
 
 @lru_cache(maxsize=1)
-def _process(job: _Job) -> PolicyProcess:
-    """The policy of a worker, made once for all scenes of a set."""
+def _made_process(job: _Job) -> PolicyProcess:
     return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust)
 
 
 @lru_cache(maxsize=1)
-def _seen_env(job: _Job) -> gym.Env[Any, Any]:
+def _seen_env(scenes: SceneSet, acts_by_skills: bool, feasibility: str, keywords: str) -> gym.Env[Any, Any]:
     """The environment whose observations the policy of a worker receives."""
-    traits = _process(job).traits
-    scene = scene_for(job.scenes.scenes[0], traits.acts_by_skills, job.feasibility)
-    return scene.make(**traits.env_keywords)
+    return scene_for(scenes.scenes[0], acts_by_skills, feasibility).make(**json.loads(keywords))
 
 
 def _replay_job(scenes: SceneSet, job: tuple[int, Recording]) -> Score:
@@ -286,19 +306,27 @@ def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
         SuiteError: the first state is not the one that the suite was made with.
         LearningError: the recording is not one of such a scene.
     """
+    if (recording.control_mode == "skill") != (scenes.family == "skill"):
+        raise LearningError(f"no recording of an episode of {scenes.name}: control mode {recording.control_mode!r}")
     return recording.replay(scenes.scenes[index], _judging_env(scenes, recording.control_mode))
 
 
 def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
-    return environment_digest(_judging_env(scenes, (*control_modes, "joint")[0]))
+    env = _make_judging_env(scenes, (*control_modes, "joint")[0])  # anew: resets change the time limit
+    try:
+        return environment_digest(env)
+    finally:
+        env.close()
 
 
 @lru_cache(maxsize=4)
 def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
-    if control_mode not in ("joint", "ee", "skill"):
-        raise LearningError(f"no recording of an episode: control mode {control_mode!r}")
-    return scenes.scenes[0].make(**({} if control_mode == "skill" else {"control_mode": control_mode}))
+    return _make_judging_env(scenes, control_mode)
+
+
+def _make_judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
+    return scenes.scenes[0].make(**({} if scenes.family == "skill" else {"control_mode": control_mode}))
 
 
 def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:

@@ -3,23 +3,26 @@
 One of the observations track receives observations and public information, and answers with actions. One of the
 privileged track plays in an environment of its own, and answers with the recording of the episode. What comes back is
 JSON: nothing that a policy returns is executed or unpickled.
+
+The process is no sandbox: a policy has the rights of the user who runs it.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
-import secrets
 import signal
+import struct
 import subprocess
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Mapping
-from functools import cached_property
-from multiprocessing.connection import Client, Connection, Listener
-from typing import Any
+from contextlib import suppress
+from typing import Any, BinaryIO
 
 import gymnasium as gym
 import numpy as np
@@ -28,8 +31,18 @@ from clutter_env.errors import LearningError
 from clutter_env.evaluation.recording import Recording
 from clutter_env.evaluation.scenes import SceneSet, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, play_scene
+from clutter_env.parallel import POLL_INTERVAL
 from clutter_env.policies.protocol import PolicyError, PublicInfo, check_public
 from clutter_env.policies.registry import PolicyTraits, load_policy
+
+ANSWER_LIMIT = 3600.0
+"""[s] of wall time after which a policy that does not answer counts as crashed. An answer is an action, or of the
+privileged track a whole episode. The limit ends what hangs; it is too long to decide any result."""
+_MOST_BYTES = 2**26
+"""Longest answer that is read."""
+_MOST_NUMBERS = 10_000
+"""Of an action; the largest robot has 19."""
+_LENGTH = struct.Struct("!Q")
 
 
 class PolicyProcess:
@@ -38,6 +51,7 @@ class PolicyProcess:
     Attributes:
         traits: what the policy is: its track, the environment that it wants, whether it acts by skills.
         done, failure: of the policy, after its last action.
+        has_ended: after an exception of the policy, the end of its process, or `close`.
 
     Raises:
         PolicyError: there is no such policy.
@@ -45,21 +59,23 @@ class PolicyProcess:
     """
 
     def __init__(self, policy: str, seed: int, feasibility: str, trust: bool = False) -> None:
-        # Not one of multiprocessing's own processes: those of a worker of loky's cannot start any.
-        key = secrets.token_bytes(32)
-        with Listener(authkey=key) as listener:
-            start = f"from {__name__} import serve; serve()"
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", start],
-                stdin=subprocess.PIPE,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            )
-            assert self._process.stdin is not None
-            with self._process.stdin as stdin:
-                stdin.write(pickle.dumps((listener.address, key, policy, seed, feasibility, trust)))
-            self._connection = self._accept(listener)
-        self.done, self.failure = False, ""
-        self.traits = PolicyTraits(**self._receive())
+        # Not one of multiprocessing's own processes: those of a worker of loky's cannot start any. In a session of its
+        # own, it does not get the terminal's Ctrl-C, and ends together with the processes that it has started.
+        self._process = subprocess.Popen(
+            [sys.executable, "-X", "faulthandler", "-c", f"from {__name__} import serve; serve()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )
+        self.done, self.failure, self.has_ended, self._deadline = False, "", False, math.inf
+        threading.Thread(target=self._watch, daemon=True).start()
+        values = self._ask("load", (os.getpid(), policy, seed, feasibility, trust))
+        try:
+            self.traits = PolicyTraits.read(values)
+        except PolicyError:
+            self.close()
+            raise
 
     def check(self, public: PublicInfo) -> None:
         """Send the public information of the next episode."""
@@ -73,80 +89,141 @@ class PolicyProcess:
         """The next action."""
         return self._ask("act", observation)
 
-    @property
-    def place(self) -> str:
-        """The policy's class and its file."""
-        return self.traits.place
-
     def play(self, scenes: SceneSet, index: int) -> Recording:
         """The recording of an episode of a privileged policy, in an environment of its own."""
+        started = time.perf_counter()
         answer = self._ask("play", (scenes, index))
         try:
-            return Recording.from_json(answer)
-        except LearningError as problem:
-            raise PolicyCrashed(f"{self.place} gave {problem}") from None
+            return Recording.from_json({**answer, "wall_s": time.perf_counter() - started})
+        except (LearningError, TypeError) as problem:
+            raise self._crash(f"{self.traits.place} gave {problem}") from None
 
     def close(self) -> None:
-        """End the process."""
-        self._connection.close()
-        self._process.kill()
+        """End the process, and those that it has started."""
+        self.has_ended = True
+        self._end()
         self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            with suppress(OSError):
+                stream.close()
 
-    def _accept(self, listener: Listener) -> Connection:
-        """The connection to the process; a process that dies before it connects is no reason to wait for ever."""
-        accepted: list[Connection] = []
-        waiting = threading.Thread(target=lambda: accepted.append(listener.accept()), daemon=True)
-        waiting.start()
-        while waiting.is_alive() and self._process.poll() is None:
-            waiting.join(0.05)
-        waiting.join(0.5)
-        if not accepted:
-            raise PolicyCrashed(f"the policy's process ended with exit code {self._process.poll()}")
-        return accepted[0]
+    def _watch(self) -> None:
+        """End a process that is late, and what is left of one that has died: its forks keep the answers' pipe open."""
+        while self._process.poll() is None:
+            time.sleep(POLL_INTERVAL)
+            if time.monotonic() > self._deadline:
+                self._end()
+        if hasattr(os, "killpg"):
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def _end(self) -> None:
+        if self._process.returncode is None:  # otherwise its number may be that of another one by now
+            if hasattr(os, "killpg"):
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.kill()
 
     def _ask(self, call: str, argument: Any) -> Any:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._deadline = time.monotonic() + ANSWER_LIMIT
         try:
-            self._connection.send_bytes(pickle.dumps((call, argument)))
-        except OSError:
-            raise PolicyCrashed("the policy's process has ended") from None
-        return self._receive()
+            _send(self._process.stdin, pickle.dumps((call, argument)))
+            answer = json.loads(_receive(self._process.stdout))
+            if "refusal" in answer:
+                self.close()
+                raise PolicyError(str(answer["refusal"]))
+            if "crash" in answer:
+                raise self._crash(str(answer["crash"]))
+            self.done, self.failure = bool(answer["done"]), str(answer["failure"])
+            return answer["value"]
+        except (OSError, EOFError):
+            raise self._crash(self._how_it_ended()) from None
+        except (ValueError, KeyError, TypeError, RecursionError) as problem:
+            if isinstance(problem, PolicyError):
+                raise
+            raise self._crash(f"the policy's process answered with something else than an answer: {problem}") from None
+        finally:
+            self._deadline = math.inf
 
-    def _receive(self) -> Any:
+    def _crash(self, text: str) -> PolicyCrashed:
+        self.close()
+        return PolicyCrashed(text)
+
+    def _how_it_ended(self) -> str:
+        if time.monotonic() > self._deadline:
+            return f"the policy gave no answer within {ANSWER_LIMIT:.0f} s"
         try:
-            answer = json.loads(self._connection.recv_bytes())
-        except (EOFError, OSError):
-            raise PolicyCrashed(f"the policy's process ended with exit code {self._process.wait(1.0)}") from None
-        if "refusal" in answer:
-            raise PolicyError(answer["refusal"])
-        if "crash" in answer:
-            raise PolicyCrashed(answer["crash"])
-        self.done, self.failure = answer["done"], answer["failure"]
-        return answer["value"]
+            code = self._process.wait(POLL_INTERVAL)
+        except subprocess.TimeoutExpired:
+            return "the policy's process closed the file of its answers, and goes on running"
+        by = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        return f"the policy's process {by}"
 
 
 def serve() -> None:
     """Answer as the process of a policy, until the other side closes the connection."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    address, key, *policy = pickle.load(sys.stdin.buffer)
-    connection = Client(address, authkey=key)
+    calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb", 0)
+    # What a policy prints is shown on the error stream; nothing that it reads or prints is part of a call or an answer.
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
     host: _Host | None = None
-    call, argument = "load", None
     while True:
         try:
+            call, argument = pickle.loads(_receive(calls))
+        except (EOFError, OSError):
+            _end_own_group()
+        try:
             if host is None:
-                host = _Host(*policy)
-            value = host.answer(call, argument)
-            answer = {"value": value, "done": host.is_done, "failure": host.failure}
+                parent, *arguments = argument
+                threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+                host, argument = _Host(*arguments), None
+            answer = {"value": host.answer(call, argument), "done": host.is_done, "failure": host.failure}
             content = json.dumps(answer)
         except PolicyError as problem:
             content = json.dumps({"refusal": str(problem)})
-        except Exception:
+        except BaseException:  # sys.exit() too is told with its traceback
             content = json.dumps({"crash": traceback.format_exc()})
         try:
-            connection.send_bytes(content.encode())
-            call, argument = pickle.loads(connection.recv_bytes())
-        except (EOFError, OSError):
-            os._exit(0)  # the evaluation has ended; threads that the policy started do not keep the process alive
+            _send(answers, content.encode())
+        except OSError:
+            _end_own_group()
+
+
+def _send(stream: Any, content: bytes) -> None:
+    data = memoryview(_LENGTH.pack(len(content)) + content)
+    while data:
+        data = data[stream.write(data) :]
+    stream.flush()
+
+
+def _receive(stream: BinaryIO | Any) -> bytes:
+    (length,) = _LENGTH.unpack(_read(stream, _LENGTH.size))
+    if length > _MOST_BYTES:
+        raise ValueError(f"{length} bytes")
+    return _read(stream, length)
+
+
+def _read(stream: BinaryIO | Any, count: int) -> bytes:
+    content = stream.read(count)
+    if len(content) < count:
+        raise EOFError
+    return bytes(content)
+
+
+def _end_own_group() -> None:
+    if hasattr(os, "killpg"):
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
+
+
+def _end_with(parent: int) -> None:
+    """End when the evaluation has been killed, also in the middle of an action."""
+    while os.getppid() == parent:
+        time.sleep(POLL_INTERVAL)
+    _end_own_group()
 
 
 class _Host:
@@ -154,6 +231,7 @@ class _Host:
 
     def __init__(self, name: str, seed: int, feasibility: str, trust: bool) -> None:
         self._policy, self._feasibility = load_policy(name, seed, trust), feasibility
+        self._traits = PolicyTraits.of(self._policy)
         self._env: gym.Env[Any, Any] | None = None
         self._env_of: Any = None
 
@@ -164,10 +242,6 @@ class _Host:
     @property
     def failure(self) -> str:
         return str(getattr(self._policy, "failure", ""))
-
-    @cached_property
-    def _traits(self) -> PolicyTraits:
-        return PolicyTraits.of(self._policy)
 
     def answer(self, call: str, argument: Any) -> Any:
         policy: Any = self._policy
@@ -180,8 +254,8 @@ class _Host:
             return None
         if call == "act":
             action = np.asarray(policy.act(argument))
-            if action.dtype.kind not in "fiub":
-                raise TypeError(f"act() returned no numbers: {action!r}")
+            if action.dtype.kind not in "fiub" or action.size > _MOST_NUMBERS:
+                raise TypeError(f"act() returned no action but {action.dtype} numbers of shape {action.shape}")
             return action.tolist()
         return self._play(*argument).to_json()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import hashlib
+import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.scenes import Scene
+from clutter_env.evaluation.scenes import SKILLS, Scene
 from clutter_env.evaluation.score import Score, play_scene
 
-_MOST_BYTES = 2**26
+_MOST_BYTES = 2**24
 """A longer recording is refused before it fills the memory; 200,000 actions of the largest robot are shorter."""
+CONTROL_MODES = ("joint", "ee", "skill")
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,17 @@ class Recording:
         Raises:
             SuiteError: the first state is not the one that the suite was made with.
         """
-        score = play_scene(scene, env, _Playback(self))
-        return replace(score, skills=self.skills, refused=self.refused, wall_s=self.wall_s)
+        score = replace(play_scene(scene, env, _Playback(self)), wall_s=self.wall_s)
+        return score if self.control_mode == "skill" else replace(score, skills=self.skills, refused=self.refused)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the actions."""
+        return hashlib.sha256(self.actions.tobytes()).hexdigest()
+
+    def cut(self, steps: int) -> Recording:
+        """The recording without actions after the end of the episode, of which they are no part."""
+        return replace(self, actions=self.actions[:steps])
 
     def to_json(self) -> dict[str, Any]:
         """JSON values; the actions are compressed."""
@@ -86,6 +98,12 @@ class Recording:
         """
         try:
             shape = tuple(int(size) for size in values["shape"])
+            mode, counts = values["control_mode"], (int(values["skills"]), int(values["refused"]))
+            if mode not in CONTROL_MODES or len(shape) not in (1, 2) or not 0 <= min(shape) <= max(shape) < _MOST_BYTES:
+                raise ValueError(f"control mode {mode!r}, actions of shape {shape}")
+            most = math.inf if mode == "skill" else SKILLS  # a Skill environment counts them again in the replay
+            if not (0 <= counts[1] <= counts[0] <= most and 0 <= float(values["wall_s"]) < math.inf):
+                raise ValueError(f"{counts[0]} skills of at most {most}, {counts[1]} refused, {values['wall_s']} s")
             stream = zlib.decompressobj()
             content = stream.decompress(base64.b64decode(values["actions"], validate=True), _MOST_BYTES)
             if len(content) != 4 * int(np.prod(shape)) or not stream.eof:
@@ -93,9 +111,8 @@ class Recording:
             actions = np.frombuffer(content, np.float32).reshape(shape[::-1]).T
             if not np.isfinite(actions).all():
                 raise ValueError("an action is not finite")
-            counts = int(values["skills"]), int(values["refused"])
-            return cls(str(values["control_mode"]), actions, *counts, str(values["ending"]), float(values["wall_s"]))
-        except (KeyError, TypeError, ValueError, zlib.error) as problem:
+            return cls(mode, actions, *counts, str(values["ending"]), float(values["wall_s"]))
+        except (KeyError, TypeError, ValueError, OverflowError, zlib.error) as problem:
             raise LearningError(f"no recording of an episode: {problem}") from problem
 
 

@@ -14,7 +14,7 @@ from clutter_env.suites import Floor, SuiteScene, suite
 from clutter_env.task import HELD_OUT, Task, family
 
 SKILLS = 20
-"""Skills in an episode of a policy that acts by skills; policies of two levels have twice as many picks and places."""
+"""Skills in an episode of a policy that acts by skills; one of two levels has as many picks, and as many places."""
 _SKILL_ENV = "clutter_env/Skill-o15-v0"
 """The Skill environment; the number of objects is given beside it."""
 
@@ -62,7 +62,7 @@ class SceneSet:
 
     Raises:
         LearningError: neither a suite nor an environment is named, or both; fewer than one scene, or more than there
-            are.
+            are; a negative seed.
     """
 
     suite: str = ""
@@ -81,10 +81,12 @@ class SceneSet:
             raise LearningError("say how many scenes of the environment are played")
         if self.count is not None and (self.count < 1 or (most is not None and self.count > most)):
             raise LearningError(f"scenes={self.count} is not valid; it must be from 1 to {most or 'any number'}")
+        if self.first_seed < 0:
+            raise LearningError(f"first_seed={self.first_seed} is not valid; seeds are not negative")
 
     @property
     def name(self) -> str:
-        """As in a table: "side-15-v1", "side-15-v1 (validation)", "o15", "o15 obstructed 2", "reach"."""
+        """As in a table: "side-15-v2", "side-15-v2 (validation)", "o15", "o15 obstructed 2", "reach"."""
         if self.suite:
             return self.suite if self.split == "test" else f"{self.suite} ({self.split})"
         name = self.env_id.rpartition("/")[2].removesuffix("-v0")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -13,12 +13,11 @@ import numpy as np
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ActionError
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
-from clutter_env.policies.registry import policy_place
+from clutter_env.policies.registry import PolicyTraits
 from clutter_env.task import HELD_OUT
 
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""
-_CRASHED = "crashed: "
 
 Watch = Callable[[gym.Env[Any, Any], AnyPolicy], None]
 """Called with the environment and the policy after the reset and after every step of an episode."""
@@ -62,15 +61,18 @@ class Score:
     failure: str
     wall_s: float
 
+    CRASHED: ClassVar[str] = "crashed: "
+    """With which the failure of an episode begins that an exception of the policy has ended."""
+
     @classmethod
     def of_crash(cls, seed: int, cause: str) -> Score:
         """The score of a policy that raised an exception: a failed episode."""
-        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0.0, 0, 0, f"{_CRASHED}{cause}", 0.0)
+        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0.0, 0, 0, f"{cls.CRASHED}{one_line(cause)}", 0.0)
 
     @property
     def is_crash(self) -> bool:
         """Whether the policy raised an exception."""
-        return self.failure.startswith(_CRASHED)
+        return self.failure.startswith(self.CRASHED)
 
 
 def play_scene(
@@ -106,7 +108,7 @@ def play_scene(
         try:
             observation, _, terminated, truncated, info = env.step(action)
         except ActionError as problem:  # the traceback shows nothing of the policy's own code
-            raise PolicyCrashed(f"{policy_place(policy)} returned no valid action: {problem}") from problem
+            raise PolicyCrashed(f"{_place(policy)} returned no valid action: {problem}") from problem
         steps += 1
         # A lifted target is a success or can never become one.
         is_over = terminated or truncated or steps == max_steps or (is_retrieval and bool(info["lifted"]))
@@ -118,7 +120,7 @@ def play_scene(
     elif info["lifted"]:
         failure = "not clean"
     elif not is_over:
-        failure = str(getattr(policy, "failure", "")) or "gave up"
+        failure = one_line(getattr(policy, "failure", "")) or "gave up"
     elif target >= 0 and physics_env.measurements.is_off[target]:
         failure = "target lost"
     elif not terminated:
@@ -141,6 +143,18 @@ def play_scene(
         failure=failure,
         wall_s=time.perf_counter() - started,
     )
+
+
+def one_line(text: Any) -> str:
+    """What a policy says of itself, fit for a table: one line, at most 200 printable characters."""
+    words = " ".join(str(text).split())
+    return "".join(sign if sign.isprintable() and sign != "|" else "?" for sign in words[:200])
+
+
+def _place(policy: Any) -> str:
+    """The class of a policy, here or in its process, and its file."""
+    traits = getattr(policy, "traits", None)
+    return (traits if isinstance(traits, PolicyTraits) else PolicyTraits.of(policy)).place
 
 
 def held_out_seeds(count: int, first: int = HELD_OUT) -> range:

@@ -136,7 +136,12 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
         "layout": scenes.layout,
         "first_seed": scenes.first_seed,
         "episodes": [
-            {"index": index, "floor": count, "actions": played.actions_digest, **score_values(played.score)}
+            {
+                "index": index,
+                "floor": count,
+                "actions": played.recording.digest if played.recording else "",
+                **{name: value for name, value in asdict(played.score).items() if name != "wall_s"},
+            }
             for index, (played, count) in enumerate(zip(episodes, counts, strict=True))
         ],
     }
@@ -150,11 +155,6 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
         **played,
         "recordings": [None if played.recording is None else played.recording.to_json() for played in episodes],
     }
-
-
-def score_values(score: Score) -> dict[str, Any]:
-    """What a replay must give again: a score without its wall time."""
-    return {name: value for name, value in asdict(score).items() if name != "wall_s"}
 
 
 def markdown(rows: Sequence[Row]) -> str:

@@ -1,31 +1,40 @@
-"""Verification of a results file: its recorded actions are played again, and must give the scores that it claims."""
+"""Verification of a results file: its recorded actions are played again, and must give what the file says."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from clutter_env.errors import LearningError
-from clutter_env.evaluation.evaluate import Played, evaluate, judged_in, replay
-from clutter_env.evaluation.recording import Recording
-from clutter_env.evaluation.scenes import SceneSet
-from clutter_env.evaluation.score import Score
-from clutter_env.evaluation.tables import FORMAT, score_values
-from clutter_env.parallel import Crash, Killed, run_jobs
-from clutter_env.policies.registry import policy_files
-from clutter_env.provenance import differences, provenance
-from clutter_env.reporting.intervals import Interval, wilson
-from clutter_env.suites import content_digest, suite
+import gymnasium as gym
 
-_PLAYED = (
-    *("scenes", "suite", "suite_sha256", "split", "env_id", "obstructed", "layout", "first_seed"),
-    *("policy", "track", "weights", "seed", "feasibility", "grasps", "environment", "judged_in", "episodes"),
-)
-"""Entries of a results file that its digest covers."""
+from clutter_env.errors import ClutterEnvError, LearningError
+from clutter_env.evaluation.evaluate import Evaluation, Played, evaluate, judged_in, lower_bounds, replay
+from clutter_env.evaluation.recording import CONTROL_MODES, Recording
+from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.score import PolicyCrashed, Score
+from clutter_env.evaluation.tables import FORMAT, results
+from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy, policy_files
+from clutter_env.policies.runs import run_directories
+from clutter_env.provenance import differences, provenance
+from clutter_env.reporting.files import json_text
+from clutter_env.reporting.intervals import Interval, wilson
+
+_TYPES: Mapping[str, type | tuple[type, ...]] = {
+    **dict.fromkeys(("suite", "split", "env_id", "layout", "policy", "track", "grasps", "feasibility"), str),
+    **dict.fromkeys(("environment", "judged_in", "provenance", "weights", "summary"), dict),
+    **dict.fromkeys(("first_seed", "seed", "obstructed"), int),
+    **dict.fromkeys(("episodes", "recordings"), list),
+}
+"""Entries of a results file that are used before they are compared."""
+_CLAIMED = ("provenance", "recordings")
+"""Entries that a replay does not give again."""
+_CLOSE = 1e-9
+"""Relative difference of means and intervals, which processors may round differently."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +42,9 @@ class Verification:
     """What was found in a results file.
 
     Attributes:
-        policy: that the file names. A replay proves the scores, not who made them: policy, track and weights are
-            claims until the policy itself has been run.
+        policy, track: that the file names. A replay proves the scores, not who made them: policy, track and weights
+            are claims until the policy itself has been run.
+        scenes: name of the scenes.
         episodes: number of episodes.
         clean: claimed successes.
         differences: one sentence for everything in the file that is not as a replay gives it; empty if all is.
@@ -44,6 +54,8 @@ class Verification:
     """
 
     policy: str
+    track: str
+    scenes: str
     episodes: int
     clean: int
     differences: tuple[str, ...]
@@ -60,6 +72,8 @@ class Verification:
 def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: None) -> Verification:
     """Play the recorded actions of a results file again, each in a fresh environment of its scene.
 
+    The file must be the one that `evaluate` would write of these replays: scores, summary, lower bounds and digest.
+
     Args:
         path: file that `clutter-env evaluate` wrote.
         workers: number of processes.
@@ -67,85 +81,120 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
 
     Raises:
         LearningError: the file is no results file of this version, or it is damaged.
-        SuiteError: there is no such suite.
+        SuiteError: there is no such suite, or no lower bounds for the grasps that the file names.
     """
     content = read_results(path)
-    scenes, episodes = scenes_of(content), content["episodes"]
+    scenes, claims = scenes_of(content), content["episodes"]
     found: list[str] = []
-    if content_digest({name: content[name] for name in _PLAYED}) != content["digest"]:
-        found.append("the content does not have the digest that the file states")
-    if content["suite"] and suite(content["suite"]).digest != content["suite_sha256"]:
-        found.append(f"suite {content['suite']} of this package has other scenes")
-    jobs = []
-    for index, (claim, values) in enumerate(zip(episodes, content["recordings"], strict=True)):
-        if values is not None:
-            jobs.append((index, Recording.from_json(values)))
-        elif claim["clean"] or claim["lifted"]:
-            found.append(f"episode {index} claims a success, and has no recording")
-    for (index, recording), result in run_jobs(partial(_replay, scenes), jobs, workers):
+    # An episode without a recording is a crash of the policy, and a failure, whatever the file says of it.
+    causes = [str(claim.get("failure", "")).removeprefix(Score.CRASHED) for claim in claims]
+    replayed = [
+        Played(Score.of_crash(scene.seed, cause), None) for scene, cause in zip(scenes.scenes, causes, strict=True)
+    ]
+    jobs = ((index, values) for index, values in enumerate(content["recordings"]) if values is not None)
+    for (index, _), result in run_jobs(partial(_replay, scenes), jobs, workers):
         if isinstance(result, Crash | Killed):
             raise LearningError(f"the replay of episode {index} failed: {result}")
-        found += [f"episode {index}: {text}" for text in _compare(episodes[index], recording, result)]
+        if isinstance(result, Played):
+            replayed[index] = result
+            if result.recording and (extra := len(result.recording.actions) - result.score.steps) > 0:
+                found.append(f"episode {index}: {extra} actions after its end")
+        else:
+            found.append(f"episode {index}: {result}")
         tick()
-    successes = sum(bool(claim["clean"]) for claim in episodes)
+    traits = PolicyTraits(content["track"], {}, False, content["grasps"], "", "")
+    made_again = results(
+        Evaluation(
+            policy=content["policy"],
+            scenes=scenes,
+            seed=content["seed"],
+            feasibility=content["feasibility"],
+            traits=traits,
+            weights=content["weights"],
+            episodes=tuple(replayed),
+            floors=lower_bounds(scenes, traits.grasps) if scenes.suite else (),
+            provenance={"environment": content["environment"]},
+            judged_in=content["judged_in"],
+        )
+    )
+    found += _differences("", {name: value for name, value in content.items() if name not in _CLAIMED}, made_again)
+    if content["policy"] in BUILT_IN and PolicyTraits.of(load_policy(content["policy"], 0)).track != content["track"]:
+        found.append(f"{content['policy']} is no policy of the {content['track']} track")
+    modes = [values.get("control_mode") for values in content["recordings"] if isinstance(values, dict)]
+    judge = judged_in(scenes, [mode for mode in modes if mode in CONTROL_MODES and mode != "skill"])
     weights = policy_files(content["policy"])
-    here = "not here" if not weights else "the same" if weights == content["weights"] else "different"
-    modes = [recording.control_mode for _, recording in jobs]
-    other = tuple(_other_machine(content, judged_in(scenes, modes)))
-    return Verification(content["policy"], len(episodes), successes, tuple(sorted(found)), other, weights=here)
+    return Verification(
+        policy=content["policy"],
+        track=content["track"],
+        scenes=scenes.name,
+        episodes=len(claims),
+        clean=sum(bool(claim.get("clean")) for claim in claims),
+        differences=tuple(found),
+        not_comparable=tuple(_other_machine(content, judge)),
+        weights="not here" if not weights else "the same" if weights == content["weights"] else "different",
+    )
 
 
 def play_fresh(
     path: Path,
     policy: str,
     count: int,
+    first_seed: int,
     workers: int = 1,
     tick: Callable[[], object] = lambda: None,
     trust: bool = False,
-) -> Interval:
-    """Success of the policy itself on fresh scenes of the same kind, seeds after those of the suites.
+) -> Evaluation:
+    """The policy itself on fresh scenes of the same kind; a suite's lower bounds do not choose among them.
 
     Raises:
         See `evaluate`.
     """
-    scenes = scenes_of(read_results(path))
-    first = scenes.scenes[0]
+    first = scenes_of(read_results(path)).scenes[0]
     fresh = SceneSet(
         env_id=first.env_id,
         obstructed=first.keywords.get("obstructed", False),
         layout=str(first.keywords.get("layout", "")),
         count=count,
-        first_seed=FRESH_SEED,
+        first_seed=first_seed,
     )
-    scores = evaluate(policy, fresh, trust=trust, workers=workers, tick=tick).scores
-    return wilson(sum(score.clean for score in scores), count)
+    return evaluate(policy, fresh, trust=trust, workers=workers, tick=tick)
 
 
-FRESH_SEED = 5_000_000
-"""First seed of the scenes on which `play_fresh` runs a policy: after those of all suites."""
+def fresh_success(evaluation: Evaluation) -> Interval:
+    """Clean success on fresh scenes."""
+    return wilson(sum(score.clean for score in evaluation.scores), len(evaluation.scores))
+
+
+FRESH_SEEDS = range(5_000_000, 2**31)
+"""First seeds of fresh scenes are drawn from these, after those of all suites."""
 
 
 def read_results(path: Path) -> dict[str, Any]:
-    """The content of a results file, its entries and their types checked.
+    """The content of a results file, with the types of the entries that are used.
 
     Raises:
         LearningError: it is no results file of this version, or it is damaged.
     """
     try:
-        content = json.loads(path.read_text())
+        content = dict(json.loads(path.read_text()))
         if content["format"] != FORMAT:
             raise ValueError(f"its format is {content['format']}; this version reads {FORMAT}")
-        lists = {name: list(content[name]) for name in ("episodes", "recordings")}
-        if len(lists["episodes"]) != len(lists["recordings"]):
+        for name, kind in _TYPES.items():
+            if not isinstance(content[name], kind):
+                raise TypeError(f"{name}={str(content[name])[:80]!r}")
+        if len(content["episodes"]) != len(content["recordings"]):
             raise ValueError("it has not one recording for each episode")
-        for name in (*_PLAYED, "digest"):
-            content[name]
-        dict(content["provenance"]), dict(content["weights"]), dict(content["judged_in"])
-        for claim in lists["episodes"]:
-            Score(wall_s=0.0, **{name: claim[name] for name in claim if name not in ("index", "floor", "actions")})
+        if not all(isinstance(claim, dict) for claim in content["episodes"]):
+            raise TypeError("an episode is no object")
+        if not content["policy"].isprintable():
+            raise ValueError(f"policy={content['policy']!r}")
+        run_directories(content["policy"])  # a name that no file can have is an OSError
+        # A name with a colon would import a module.
+        if not content["suite"] and (":" in content["env_id"] or content["env_id"] not in gym.registry):
+            raise ValueError(f"no environment {content['env_id']!r}")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise LearningError(f"{path} is no results file that can be verified: {problem!r}") from problem
-    return dict(content)
+    return content
 
 
 def scenes_of(content: Mapping[str, Any]) -> SceneSet:
@@ -173,16 +222,28 @@ def _other_machine(content: Mapping[str, Any], environment: Mapping[str, Any]) -
     return found + differences({**here, "environment": content["judged_in"]}, {**here, "environment": environment})
 
 
-def _replay(scenes: SceneSet, job: tuple[int, Recording]) -> Score:
-    return replay(scenes, *job)
+def _replay(scenes: SceneSet, job: tuple[int, Any]) -> Played | str:
+    """An episode played again, or why it cannot be."""
+    index, values = job
+    try:
+        recording = Recording.from_json(values)
+        return Played(replay(scenes, index, recording), recording)
+    except (ClutterEnvError, PolicyCrashed) as problem:
+        return str(problem)
 
 
-def _compare(claim: Mapping[str, Any], recording: Recording, score: Score) -> list[str]:
-    """What differs between an episode of the file and the replay of its actions."""
-    found = []
-    if Played(score, recording).actions_digest != claim["actions"]:
-        found.append("its actions do not have the digest that the file states")
-    for name, value in score_values(score).items():
-        if claim[name] != value:
-            found.append(f"{name} is {claim[name]!r} in the file, {value!r} in the replay")
-    return found
+def _differences(place: str, claimed: Any, found: Any) -> Iterator[str]:
+    """A sentence for every value of the file, and every value of the replay, that the other one lacks."""
+    found = json.loads(json_text(found)) if not place else found
+    if isinstance(claimed, dict) and isinstance(found, dict):
+        for name in {**claimed, **found}:
+            if name not in _CLAIMED or place:
+                yield from _differences(f"{place} {name}", claimed.get(name), found.get(name))
+    elif isinstance(claimed, list) and isinstance(found, list) and len(claimed) == len(found):
+        for index, values in enumerate(zip(claimed, found, strict=True)):
+            yield from _differences(f"{place} {index}", *values)
+    elif type(claimed) is float and type(found) is float and place.startswith(" summary"):
+        if not abs(claimed - found) <= _CLOSE * abs(found):
+            yield f"{place.strip()} is {claimed!r} in the file, {found!r} in the replay"
+    elif type(claimed) is not type(found) or claimed != found:
+        yield f"{place.strip()} is {str(claimed)[:200]!r} in the file, {str(found)[:200]!r} in the replay"

@@ -122,44 +122,68 @@ class PolicyTraits:
         env_keywords: keyword arguments with which it wants the environment.
         acts_by_skills: whether it plays the Skill environment of the scenes.
         grasps: "side" or "all", by whose lower bounds its results are broken down.
-        place: its class and the file of that.
+        kind: name of its class.
+        file: in which the class stands, "" if it was defined in a shell.
     """
 
     track: str
     env_keywords: Mapping[str, Any]
     acts_by_skills: bool
     grasps: str
-    place: str
+    kind: str
+    file: str
 
     @classmethod
     def of(cls, policy: AnyPolicy) -> PolicyTraits:
         """Those of a policy; raises `PolicyError`, see `check_policy`."""
         check_policy(policy)
+        kind = type(policy)
+        try:
+            file = inspect.getfile(kind)
+        except (TypeError, OSError):  # defined in a shell
+            file = ""
         return cls(
             track="privileged" if getattr(policy, "is_privileged", False) else "observations",
             env_keywords=dict(getattr(policy, "env_keywords", {})),
             acts_by_skills=acts_by_skills(policy),
             grasps=policy_grasps(policy),
-            place=policy_place(policy),
+            kind=kind.__qualname__,
+            file=file,
         )
 
+    @classmethod
+    def read(cls, values: Any) -> PolicyTraits:
+        """Those that the process of a policy tells; its word is not taken for what is valid (`PolicyError`)."""
+        match values:
+            case {
+                "track": "observations" | "privileged",
+                "env_keywords": dict(keywords),
+                "acts_by_skills": bool(),
+                "grasps": grasps,
+                "kind": str(),
+                "file": str(),
+            } if len(values) == 6 and set(keywords) <= set(_FREE_KEYWORDS) and grasps in GRASPS:
+                return cls(**values)
+        raise PolicyError(
+            f"the policy's process says {values!r} of the policy; it may choose {', '.join(_FREE_KEYWORDS)}, and "
+            f"grasps: {', '.join(GRASPS)}"
+        )
 
-def policy_place(policy: Any) -> str:
-    """The class of a policy and its file, or what the policy itself says."""
-    if place := getattr(policy, "place", ""):
-        return str(place)
-    kind = type(policy)
-    try:
-        return f"{kind.__qualname__} in {inspect.getfile(kind)}"
-    except TypeError:  # defined in a shell
-        return kind.__qualname__
+    @property
+    def place(self) -> str:
+        """Its class and the file of that, for messages."""
+        return f"{self.kind} in {self.file}" if self.file else self.kind
 
 
-def policy_files(name: str) -> dict[str, str]:
+def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     """SHA-256 of the files that a policy is made of, by their names; none of one that has no files.
 
-    They are the weights of the package, the files of a training run, a model of Stable-Baselines3, or the file of the
-    user's own module.
+    They are the weights of the package, the files of a training run, a model of Stable-Baselines3, or the file of
+    the user's own module.
+
+    Args:
+        name: see `load_policy`.
+        module_file: the file of the user's module, if it is known; else it is looked for in the current directory.
     """
     files: list[Path] = []
     if name in _SHIPPED:
@@ -173,10 +197,8 @@ def policy_files(name: str) -> dict[str, str]:
     module, _, attribute = name.partition(":")
     if attribute.endswith(".zip") and Path(attribute).is_file():
         files.append(Path(attribute))
-    elif attribute and module in sys.modules and (source := getattr(sys.modules[module], "__file__", None)):
-        files.append(Path(source))
-    elif attribute and (Path(f"{module.replace('.', '/')}.py")).is_file():
-        files.append(Path(f"{module.replace('.', '/')}.py"))
+    elif attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():
+        files.append(source)
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 

@@ -6,6 +6,7 @@ object, base pose and TCP pose.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,8 +23,9 @@ from clutter_env.policies.runs import DECISION_LEARNERS, DECISIONS_FILE, MOTION_
 from clutter_env.policies.weights import shipped_path
 from planners import Contact, find_grasp_set
 
-MAX_ACTIONS = 40
-"""Picks and places tried in an episode, failed ones included, before the policy gives up."""
+MAX_TRIES = 20
+"""Picks tried in an episode, and places as many, failed ones included, before the policy gives up. A skill of the Skill
+environment is a pick with its place: policies that act by skills have 20 of them (`clutter_env.evaluation.scenes`)."""
 _HOLD_STEPS = 20
 """Control steps with the target in the gripper before the policy has finished: twice what success asks for."""
 
@@ -70,7 +72,8 @@ class MotionPolicy(Protocol):
 class TwoLevelPolicy:
     """Asks the high-level policy for a pick or a place, lets the motion policy execute it, and asks again.
 
-    It has finished once the target has been taken, and has given up when the high-level policy does.
+    It has finished once the target has been taken, and has given up when the high-level policy does, or after 20 picks
+    or 20 places, failed ones included: the budget of all policies that act by skills.
 
     Attributes:
         is_privileged: one of the levels reads the simulation.
@@ -88,6 +91,7 @@ class TwoLevelPolicy:
         self.is_privileged = any(getattr(level, "is_privileged", False) for level in (high_level, motion))
         self._contact: Contact | None = None
         self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
+        self._tries = Counter[str]()
 
     def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout than the weights of either level (`PolicyError`)."""
@@ -100,6 +104,7 @@ class TwoLevelPolicy:
         self._target, self.failure = str(info["target"]), ""
         self._contact = None
         self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
+        self._tries.clear()
         for level in (self._high_level, self._motion):
             arguments = (info, env) if getattr(level, "is_privileged", False) else (info,)
             level.reset(*arguments)
@@ -130,15 +135,17 @@ class TwoLevelPolicy:
 
     def _start_next(self, observation: Observation) -> None:
         """Start the next pick or place, or give up."""
-        if self.started >= MAX_ACTIONS:
-            self.failure = f"the target was not taken after {self.started} picks and places"
-            return
-        self._contact = self._high_level.decide(observation)
-        if self._contact is None:
+        contact = self._high_level.decide(observation)
+        if contact is None:
             self.failure = self._high_level.failure or "the high-level policy gave up"
             return
+        if self._tries[contact.skill] == MAX_TRIES:
+            self.failure = f"the target was not taken with {MAX_TRIES} picks and places"
+            return
+        self._contact = contact
+        self._tries[contact.skill] += 1
         self.started += 1
-        self._motion.start(self._contact, observation)
+        self._motion.start(contact, observation)
 
 
 def shipped_policy(levels: str, problem: str) -> TwoLevelPolicy:

@@ -19,9 +19,10 @@ import clutter_env
 from clutter_env import suites
 from clutter_env.errors import SuiteError
 from clutter_env.suites import SPLITS, Floor, content_digest, scene_digests
-from scripts.make_suites import PLANS, make_suite
+from scripts.make_suites import PLANS, make_suite, step_limit
 
-NAMES = ("all-25-v1", "dense-25-v1", "shelf-10-v2", "shelf-16-v2", "side-15-v1", "side-25-v1", "side-40-v1")
+PLANNED = {plan.name: plan for plan in PLANS}
+NAMES = tuple(sorted(PLANNED))
 
 
 def _clearances(floor: Floor) -> float:
@@ -31,10 +32,12 @@ def _clearances(floor: Floor) -> float:
 
 def test_the_suites_are_there() -> None:
     assert clutter_env.suite_names() == NAMES
-    with pytest.raises(SuiteError, match=r"no suite 'side-1'; suites: all-25-v1, .*side-40-v1"):
+    with pytest.raises(SuiteError, match=r"no suite 'side-1'; suites: all-25-v2, .*side-40-v2"):
         clutter_env.suite("side-1")
-    with pytest.raises(SuiteError, match="suites: all-25-v1"):
-        clutter_env.suite(["side-15-v1"])  # type: ignore[arg-type]  # what a user may give
+    with pytest.raises(SuiteError, match=r"no suite 'side-15-v1'; 'side-15-v2' has replaced it; suites: "):
+        clutter_env.suite("side-15-v1")
+    with pytest.raises(SuiteError, match="suites: all-25-v2"):
+        clutter_env.suite(["side-15-v2"])  # type: ignore[arg-type]  # what a user may give
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -48,9 +51,11 @@ def test_every_suite_has_its_scenes(name: str) -> None:
         assert scene.floor_side.cause or scene.floor_side.is_proved
         assert scene.floor("all").cause or scene.floor("all").is_proved
         assert _clearances(scene.floor("all")) <= _clearances(scene.floor("side")), "side grasps are among all"
-        if name != "all-25-v1":
+        if least := PLANNED[name].clearances:
             assert scene.floor_side.is_proved
-            assert (scene.floor_side.count or 0) >= 1
+            assert (scene.floor_side.count or 0) >= least
+        counts = [floor.count for floor in (scene.floor_side, scene.floor_all) if floor and floor.count is not None]
+        assert scene.max_steps == step_limit(max(counts, default=0)), "all policies have the same time"
     with pytest.raises(SuiteError, match="splits: test, validation"):
         suite.split("train")
 
@@ -65,12 +70,24 @@ def test_resets_give_the_scenes_of_the_suite(name: str) -> None:
         assert scene_digests(env) == dict(scene.digests)
 
 
+def test_an_episode_has_the_time_limit_of_its_scene_in_an_environment_of_another() -> None:
+    scenes = clutter_env.suite("deep-15-v1").test
+    env = scenes[0].make()
+    for limit in (3, 5, 4):
+        replace(scenes[limit], max_steps=limit).reset(env)
+        assert env.spec is not None
+        assert env.spec.max_episode_steps == limit
+        assert [env.step(env.action_space.sample())[3] for _ in range(limit)] == [False] * (limit - 1) + [True]
+    with pytest.raises(SuiteError, match="no time limit"):
+        scenes[0].reset(env.unwrapped)
+
+
 def test_another_scene_is_an_error_that_says_which_and_what() -> None:
-    scene = clutter_env.suite("side-15-v1").test[3]
+    scene = clutter_env.suite("side-15-v2").test[3]
     env = scene.make()
     other = replace(scene, seed=scene.seed + 1)
     with pytest.raises(
-        SuiteError, match=r"scene 3 of suite 'side-15-v1' \(test, seed \d+\).*differs: half_extents, posi"
+        SuiteError, match=r"scene 3 of suite 'side-15-v2' \(test, seed \d+\).*differs: half_extents, posi"
     ):
         other.reset(env)
     lighter = replace(scene, digests={**scene.digests, "masses": "0" * 12})
@@ -79,7 +96,7 @@ def test_another_scene_is_an_error_that_says_which_and_what() -> None:
 
 
 def test_a_joint_in_another_place_is_noticed() -> None:
-    scene = clutter_env.suite("side-15-v1").test[0]
+    scene = clutter_env.suite("side-15-v2").test[0]
     env = scene.make()
     scene.reset(env)
     env.unwrapped.data.qpos[0] += 1e-15  # type: ignore[attr-defined]  # every environment here has MuJoCo data
@@ -88,7 +105,7 @@ def test_a_joint_in_another_place_is_noticed() -> None:
 
 
 def test_the_keywords_of_the_suite_stay() -> None:
-    scene = clutter_env.suite("dense-25-v1").test[0]
+    scene = clutter_env.suite("dense-25-v2").test[0]
     assert scene.make(control_mode="ee").unwrapped.control_mode == "ee"
     with pytest.raises(SuiteError, match="made with 'dense'"):
         scene.make(layout="paper")
@@ -97,9 +114,9 @@ def test_the_keywords_of_the_suite_stay() -> None:
 @pytest.fixture
 def suite_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A copy of a suite's file that is read in place of it."""
-    file = tmp_path / "suites" / "side-15-v1.json"
+    file = tmp_path / "suites" / "side-15-v2.json"
     file.parent.mkdir()
-    shutil.copy(assets.path("suites/side-15-v1.json"), file)
+    shutil.copy(assets.path("suites/side-15-v2.json"), file)
     monkeypatch.setattr("assets.path", lambda relative: tmp_path / relative)
     suites._read_suite.cache_clear()
     yield file
@@ -111,9 +128,9 @@ def test_a_changed_file_is_refused(suite_file: Path) -> None:
     content["scenes"]["test"][0]["target"] = "object_14"
     suite_file.write_text(json.dumps(content))
     with pytest.raises(SuiteError, match="has been changed"):
-        clutter_env.suite("side-15-v1")
+        clutter_env.suite("side-15-v2")
     write_sealed(suite_file, content)
-    assert clutter_env.suite("side-15-v1").test[0].target == "object_14"
+    assert clutter_env.suite("side-15-v2").test[0].target == "object_14"
 
 
 def write_sealed(file: Path, content: dict[str, Any]) -> None:
@@ -125,8 +142,8 @@ def write_sealed(file: Path, content: dict[str, Any]) -> None:
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{}", '{"sha256": 3}', "[" * 100_000, "\udcff"])
 def test_a_damaged_file_is_an_error_of_the_suite(suite_file: Path, text: str) -> None:
     suite_file.write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(SuiteError, match="side-15-v1"):
-        clutter_env.suite("side-15-v1")
+    with pytest.raises(SuiteError, match="side-15-v2"):
+        clutter_env.suite("side-15-v2")
 
 
 @pytest.mark.parametrize("value", ["missing", None, 3, "text", [], {"a": 1}])
@@ -151,7 +168,7 @@ def test_a_sealed_file_with_a_wrong_entry_is_an_error_of_the_suite(suite_file: P
             write_sealed(suite_file, content)
             suites._read_suite.cache_clear()
             with contextlib.suppress(SuiteError):
-                clutter_env.suite("side-15-v1")
+                clutter_env.suite("side-15-v2")
                 assert value != "missing" or name in ("sha256", "format"), f"{name} is missing"
 
 
@@ -173,7 +190,7 @@ def test_what_is_no_floor_is_refused(entry: object) -> None:
 
 
 def test_a_floor_belongs_to_a_grasp_set() -> None:
-    scene = replace(clutter_env.suite("side-15-v1").test[0], floor_side=Floor(2, True), floor_all=Floor(1, False))
+    scene = replace(clutter_env.suite("side-15-v2").test[0], floor_side=Floor(2, True), floor_all=Floor(1, False))
     assert (scene.floor("side"), scene.floor("all")) == (Floor(2, True), Floor(1, False))
     with pytest.raises(SuiteError, match="have them for: side, all"):
         scene.floor("top")
@@ -184,8 +201,7 @@ def test_a_floor_belongs_to_a_grasp_set() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_making_a_suite_again_gives_the_same_scenes(name: str) -> None:
-    plan = next(plan for plan in PLANS if plan.name == name)
-    made = make_suite(plan, 3, 1)
+    made = make_suite(PLANNED[name], 3, 1)
     shipped = json.loads(assets.path(f"suites/{name}.json").read_text())
     for split in SPLITS:
         assert made["scenes"][split] == shipped["scenes"][split][:3]

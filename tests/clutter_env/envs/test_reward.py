@@ -22,7 +22,7 @@ LONGEST = gym.spec("clutter_env/Retrieve-o60-v0").max_episode_steps
 
 
 ROUNDING = 1e-12
-"""Of the return of a long episode; 100 γ^2900 is as small."""
+"""Of the return of a long episode; 200 γ^2970 is as small."""
 
 
 def discounted(rewards: np.ndarray | list[float], discount: float) -> float:
@@ -101,7 +101,7 @@ def test_toppling_is_no_clearance() -> None:
 @pytest.mark.slow
 def test_nine_of_ten_clearances_of_the_expert_show() -> None:
     shown = []
-    for scene in itertools.islice(clutter_env.suite("side-25-v1"), 12):
+    for scene in itertools.islice(clutter_env.suite("side-25-v2"), 12):
         env = scene.make(reward_mode="dense")
         _, info = scene.reset(env)
         expert = TampExpert(env, grasps="side")
@@ -153,4 +153,4 @@ def test_in_physics_a_target_held_too_low_earns_less_than_one_that_is_lifted() -
         assert discounted(rewards, DISCOUNT) == pytest.approx(rest - start, abs=1e-12)
         returns.append((discounted(rewards, DISCOUNT), sum(rewards)))
     assert returns[0] > returns[1]
-    assert returns[0][1] > 90 > 0 > returns[1][1]
+    assert returns[0][1] > 190 > 0 > returns[1][1]

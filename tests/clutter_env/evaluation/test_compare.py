@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from clutter_env.evaluation.compare import CONTROLS, Comparison, compare, run_na
 from clutter_env.evaluation.evaluate import Evaluation
 from clutter_env.evaluation.picture import plot
 from clutter_env.evaluation.scenes import SceneSet
-from clutter_env.evaluation.score import Score
+from clutter_env.evaluation.score import PolicyCrashed
 from clutter_env.evaluation.tables import markdown, markdown_by_floor, stratum, summarise
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.registry import BUILT_IN
@@ -24,27 +25,17 @@ from clutter_env.suites import Floor
 from clutter_env.task import Task
 from clutter_env.training.run import Run
 from clutter_env.training.settings import SAC
+from tests.clutter_env.evaluation.evaluations import evaluation, score
 
-O15 = SceneSet("side-15-v1", count=2)
+O15 = SceneSet("side-15-v2", count=2)
 O5 = SceneSet(env_id="clutter_env/Retrieve-o5-v0", count=1)
 REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
-
-
-def score(seed: int, moved: int | None, disturbed: int = 0) -> Score:
-    """A solved scene, or with None an unsolved one."""
-    solved = moved is not None
-    failure = "" if solved else "time limit"
-    return Score(seed, solved, solved, 100, 5.0, moved or 0, moved or 0, disturbed, 0, 0, failure, 1.0)
-
-
-def played(scores: list[Score], floors: list[Floor], scenes: SceneSet = O15) -> Evaluation:
-    return Evaluation("ngr", scenes, 0, "oracle", "side", tuple(scores), tuple(floors), {})
 
 
 def test_moved_per_lower_bound_counts_solved_scenes_with_a_proved_one_of_at_least_one() -> None:
     scores = [score(0, 2), score(1, 3), score(2, None), score(3, 5), score(4, 1)]
     floors = [Floor(1, True), Floor(2, True), Floor(1, True), Floor(1, False), Floor(0, True)]
-    row = summarise("ngr", [played(scores, floors)])
+    row = summarise("ngr", [evaluation(scores, floors, O15)])
     assert row.clean.mean == 0.8
     assert row.moved_per_floor.mean == pytest.approx((2 + 1.5) / 2)
     assert dict(row.failures) == {"time limit": 1}
@@ -53,7 +44,7 @@ def test_moved_per_lower_bound_counts_solved_scenes_with_a_proved_one_of_at_leas
 def test_success_is_broken_down_by_lower_bound() -> None:
     floors = [Floor(0, True), Floor(1, True), Floor(1, True), Floor(7, True), Floor(None, True, "why")]
     scores = [score(0, 0), score(1, 1), score(2, None), score(3, 9), score(4, None)]
-    row = summarise("random", [played(scores, floors)])
+    row = summarise("random", [evaluation(scores, floors, O15)])
     assert {name: (rate.scenes, rate.clean.mean) for name, rate in row.by_floor.items()} == {
         "0": (1, 1.0),
         "1": (2, 0.5),
@@ -65,14 +56,14 @@ def test_success_is_broken_down_by_lower_bound() -> None:
 
 
 def test_the_tables_have_a_line_per_row_and_the_picture_is_drawn(tmp_path: Path) -> None:
-    rows = [summarise("random", [played([score(0, None)], [Floor(1, True)], scenes)]) for scenes in (O15, O5)]
+    rows = [summarise("random", [evaluation([score(0, None)], [Floor(1, True)], scenes)]) for scenes in (O15, O5)]
     for table in (markdown(rows), markdown_by_floor(rows)):
         lines = table.splitlines()
         assert len(lines) == 4
         assert len({line.count("|") for line in lines}) == 1
     plot(rows, tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 1000
-    reach = summarise("random", [played([score(0, None)], [], REACH)])
+    reach = summarise("random", [evaluation([score(0, None)], [], REACH)])
     assert markdown_by_floor([reach]) == ""
     assert json.loads(json_text(reach), parse_constant=pytest.fail)["moved_per_floor"]["mean"] is None
 
@@ -89,7 +80,7 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
 
     def evaluated(_: str, scenes: SceneSet, **__: object) -> Evaluation:
         floors = [scene.floor_side for scene in scenes.scenes] if scenes.suite else []
-        return played([score(scene.seed, 1) for scene in scenes.scenes], floors, scenes)
+        return evaluation([score(scene.seed, 1) for scene in scenes.scenes], floors, scenes)
 
     monkeypatch.setattr(comparing, "evaluate", evaluated)
     rows = compare(Comparison((REACH,), runs=(one, other)))
@@ -97,7 +88,7 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
     rows = compare(Comparison((O15,), ("ngr",)))
     assert [row.policy for row in rows] == ["ngr", *CONTROLS["retrieve"]]
     assert {row.moved_per_floor.mean for row in rows} == {0.75}
-    with pytest.raises(LearningError, match="cannot play any of these scenes: side-15-v1"):
+    with pytest.raises(LearningError, match="cannot play any of these scenes: side-15-v2"):
         Comparison((O15,), runs=(one,))
 
 
@@ -115,6 +106,18 @@ def test_the_command_writes_tables_pictures_and_rows(tmp_path: Path) -> None:
     assert "clutter-env compare --envs clutter_env/Reach-v0" in (tmp_path / "table.md").read_text()
     with pytest.raises(SystemExit, match="name scenes"):
         main(["compare", "--out", str(tmp_path)])
+
+
+def test_a_comparison_runs_no_code_of_a_policy_in_its_own_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The module could overwrite how scores are made."""
+    (tmp_path / "at_import.py").write_text("open('imported', 'w').close()\nraise ZeroDivisionError\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(PolicyCrashed, match="ZeroDivisionError"):
+        Comparison((O15,), ("at_import:Policy",))
+    assert (tmp_path / "imported").exists()
+    assert "at_import" not in sys.modules
 
 
 @pytest.mark.slow
