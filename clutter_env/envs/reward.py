@@ -7,12 +7,12 @@ on with its estimate of the value of that state. Φ is a function of what `save_
 
 What an episode of T steps from the state s_0 earns, the penalties left out, which only lower it:
 
-- Discounted by γ, shaping adds up to γ^T Φ(s_T) - Φ(s_0). Clean success at step T: γ^(T-1) S - Φ(s_0) with S = 100. No
+- Discounted by γ, shaping adds up to γ^T Φ(s_T) - Φ(s_0). Clean success at step T: γ^(T-1) S - Φ(s_0) with S = 200. No
   success within L >= T steps: at most γ^L MOST - Φ(s_0), which is less because MOST < S, whatever was done: hovering,
   oscillating, dropping and picking again, idling.
 - Undiscounted, shaping adds up to Φ(s_T) - Φ(s_0) - (1 - γ) Σ Φ(s_t), t = 1 … T. Clean success: at least
   S - Φ(s_0) - (1 - γ) (T - 1) MOST. No success: at most MOST - Φ(s_0). The first is larger for
-  T <= 1 + (S - MOST) / (MOST (1 - γ)) = 14,186 steps; the longest time limit is 13,600 steps, of 60 objects.
+  T <= 1 + (S - MOST) / (MOST (1 - γ)) = 28,472 steps; the longest time limit, a suite's, is 22,500 steps.
 - A detour that returns to its state earns (γ^k - 1) Φ <= 0 in k steps with γ, and -(1 - γ) Σ Φ <= 0 undiscounted.
 - An end without success costs as much as success earns; undiscounted that is more than all the shaping that could
   still be lost within the time limit: to end an episode early saves nothing.
@@ -46,7 +46,7 @@ _DECIMALS = 4
 
 POTENTIAL_SCALES: Mapping[str, float] = MappingProxyType({"way": 0.35, "reach": 0.07, "grasp": 0.07, "lift": 0.21})
 """Worth of each term of the potential, each between 0 and 1."""
-EVENT_SCALES: Mapping[str, float] = MappingProxyType({"success": 100.0, "disturbed": -10.0, "failure": -100.0})
+EVENT_SCALES: Mapping[str, float] = MappingProxyType({"success": 200.0, "disturbed": -10.0, "failure": -200.0})
 """Worth of the events of a step."""
 MOST = math.fsum(POTENTIAL_SCALES.values())
 """The largest potential."""

@@ -117,7 +117,7 @@ class World:
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
         self.furniture_force = 0.0
-        self._contacts: list[NDArray[np.int32]] = []  # pairs (k, 2) of geoms after each part of the last control step
+        self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
         self._last: tuple[bytes, Measurements] | None = None
 
@@ -188,23 +188,22 @@ class World:
         An object at rest in the gripper or on the arm is about to sleep; asleep it would stay in the air when the robot
         lets go of it.
         """
-        data, pairs = self.data, self.data.contact.geom
+        data, kind_of, pairs = self.data, self._kinds, self.data.contact.geom.tolist()
         self._contacts.append(pairs)
-        kinds = self._kinds[pairs].sum(axis=1)
-        is_furniture = kinds == _ROBOT + _FURNITURE
-        if is_furniture.any():
-            force = sum(float(np.linalg.norm(self._force(row))) for row in np.flatnonzero(is_furniture).tolist())
+        kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
+        if _ROBOT + _FURNITURE in kinds:
+            on_furniture = [kind == _ROBOT + _FURNITURE for kind in kinds]
+            force = float(np.linalg.norm(self._forces()[on_furniture], axis=1).sum())
             self.furniture_force = max(self.furniture_force, force)
-        if (kinds == _ROBOT + _OBJECT).any():
+        if _ROBOT + _OBJECT in kinds:
             island = data.tree_island[self._robot_tree]
             data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
 
-    def _force(self, row: int) -> NDArray[np.float64]:
-        """The normal force (3,) [N] of a contact on the second of its geoms."""
-        contact = self.data.contact[row]
-        if contact.efc_address < 0:
-            return np.zeros(3)
-        return contact.frame[:3] * self.data.efc_force[contact.efc_address]
+    def _forces(self) -> NDArray[np.float64]:
+        """The normal forces (k, 3) [N] of the contacts on the second of their geoms; 0 where the solver has none."""
+        contact = self.data.contact
+        sizes = np.append(self.data.efc_force, 0.0)[contact.efc_address]
+        return contact.frame[:, :3] * sizes[:, None]
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
@@ -264,18 +263,19 @@ class World:
 
     def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
         """Whether two pads press on an object from opposite sides."""
-        forces = np.zeros((2, 3))
-        for row, (one, other) in enumerate(self.data.contact.geom.tolist()):
-            for pad, force in zip(pads, forces, strict=True):
-                if pad in (one, other) and slot in (self._slot_of_geom[one], self._slot_of_geom[other]):
-                    force += self._force(row) * (1 if pad == one else -1)
-        right, left = np.linalg.norm(forces, axis=1).tolist()
-        return min(right, left) >= LEAST_GRIP_FORCE and float(forces[0] @ forces[1]) <= _OPPOSITE * right * left
+        geom, pressed = self.index.object_geoms.start + slot, np.zeros((2, 3))
+        for (one, other), force in zip(self.data.contact.geom.tolist(), self._forces(), strict=True):
+            if one == geom and other in pads:
+                pressed[pads.index(other)] -= force
+            elif other == geom and one in pads:
+                pressed[pads.index(one)] += force
+        right, left = (math.hypot(*force) for force in pressed.tolist())
+        return min(right, left) >= LEAST_GRIP_FORCE and float(pressed[0] @ pressed[1]) <= _OPPOSITE * right * left
 
-    def _touches_only(self, slot: int, geoms: set[int], pairs: NDArray[np.int32]) -> bool:
+    def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""
         geom = self.index.object_geoms.start + slot
-        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs.tolist())
+        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs)
 
     def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
         """The geoms of both fingers and of the body that carries them."""
@@ -283,7 +283,7 @@ class World:
         bodies = {*fingers.tolist(), *self.model.body_parentid[fingers].tolist()}
         return set(np.flatnonzero(np.isin(self.model.geom_bodyid, list(bodies))).tolist())
 
-    def _kinds_of_geoms(self) -> NDArray[np.int8]:
+    def _kinds_of_geoms(self) -> list[int]:
         """The kind of each geom, 0 of the floor."""
         model, root = self.model, self.model.body_rootid
         kinds = np.zeros(model.ngeom, np.int8)
@@ -291,7 +291,7 @@ class World:
         kinds[is_static & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))] = _FURNITURE
         kinds[root[model.geom_bodyid] == root[self.index.base_body]] = _ROBOT
         kinds[self.index.object_geoms] = _OBJECT
-        return kinds
+        return kinds.tolist()
 
 
 def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:

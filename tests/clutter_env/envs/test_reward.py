@@ -22,7 +22,7 @@ LONGEST = gym.spec("clutter_env/Retrieve-o60-v0").max_episode_steps
 
 
 ROUNDING = 1e-12
-"""Of the return of a long episode; 100 γ^2900 is as small."""
+"""Of the return of a long episode; 200 γ^2970 is as small."""
 
 
 def discounted(rewards: np.ndarray | list[float], discount: float) -> float:
@@ -153,4 +153,4 @@ def test_in_physics_a_target_held_too_low_earns_less_than_one_that_is_lifted() -
         assert discounted(rewards, DISCOUNT) == pytest.approx(rest - start, abs=1e-12)
         returns.append((discounted(rewards, DISCOUNT), sum(rewards)))
     assert returns[0] > returns[1]
-    assert returns[0][1] > 90 > 0 > returns[1][1]
+    assert returns[0][1] > 190 > 0 > returns[1][1]

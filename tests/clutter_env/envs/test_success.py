@@ -137,7 +137,7 @@ def test_a_lift_is_a_success() -> None:
     assert all(is_high[first - 9 : first + 1])
     assert not is_high[first - 10], "after exactly 0.5 s"
     rewards = [result[1] for result in record]
-    assert rewards[first] == pytest.approx(100, abs=1)
+    assert rewards[first] == pytest.approx(200, abs=1)
     assert max(rewards[:first]) < 1
     assert not any(result[4]["is_success"] for result in record[:first])
 
