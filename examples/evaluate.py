@@ -4,8 +4,9 @@ from clutter_env.evaluation.evaluate import evaluate
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import markdown, summarise
 
-scenes = SceneSet(env_id="clutter_env/Skill-o10-v0", count=5)
-rows = []
-for name in ("random-skills", "greedy"):
-    rows.append(summarise(name, [evaluate(name, scenes)]))
-print(markdown(rows))
+if __name__ == "__main__":  # the processes of `evaluate` import this file
+    scenes = SceneSet(env_id="clutter_env/Skill-o10-v0", count=5)
+    rows = []
+    for name in ("random-skills", "greedy"):
+        rows.append(summarise(name, [evaluate(name, scenes)]))
+    print(markdown(rows))

@@ -107,6 +107,8 @@ def evaluate(
     played again in a fresh environment of the scene, in a process in which no policy has run: the score is that of this
     replay. What a policy does to its own environment does not count.
 
+    In a script it stands below `if __name__ == "__main__":`, because its processes import the script.
+
     Args:
         policy: a name for `load_policy`, or a policy, which plays in this process.
         scenes: to be played.
