@@ -31,12 +31,19 @@ class Task:
             UnknownTask: no such environment, or it cannot be made with these keyword arguments.
         """
         try:
-            return gym.make(self.env_id, **{**self.keywords, **more})
-        except gym.error.UnregisteredEnv:
-            known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
-            raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}") from None
+            env = gym.make(self.env_id, **{**self.keywords, **more})
         except ConfigError as problem:
             raise UnknownTask(f"{self.env_id}: {problem}") from problem
+        except (gym.error.Error, ModuleNotFoundError) as problem:
+            # An id may name a module that registers it, "module:Env-v0"; what that module fails to import is its own.
+            if getattr(problem.__cause__, "name", self.env_id.partition(":")[0]) != self.env_id.partition(":")[0]:
+                raise
+            known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
+            raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}") from None
+        ours: Any = env.unwrapped
+        if not hasattr(getattr(ours, "physics_env", ours), "config"):
+            raise UnknownTask(f"{self.env_id!r} is an environment of another package, or a wrapper of one")
+        return env
 
     def provenance(self) -> dict[str, Any]:
         """What would be recorded in this environment now is made with; see `clutter_env.provenance`."""
