@@ -118,7 +118,9 @@ def test_wrong_arguments_end_with_code_2_and_a_hint_in_the_last_line(
     assert hint in capsys.readouterr().err.splitlines()[-1]
 
 
-@pytest.mark.parametrize("wrong", ["map --out map.png", "map --tip hand", "benchmark --out x", "robot check x --out x.y"])
+@pytest.mark.parametrize(
+    "wrong", ["map --out map.png", "map --tip hand", "benchmark --out x", "robot check x --out x.y"]
+)
 def test_what_would_fail_or_be_ignored_after_minutes_is_refused_at_once(wrong: str) -> None:
     """The picture of a map replaced the map; a plot whose ending matplotlib does not know ended with its traceback."""
     with pytest.raises(SystemExit) as end:
@@ -130,7 +132,9 @@ def test_what_would_fail_or_be_ignored_after_minutes_is_refused_at_once(wrong: s
     ("command", "missing"), [("collect", "h5py"), ("train sac", "h5py"), ("evaluate --policy keyframes", "torch")]
 )
 def test_a_command_names_the_extra_that_it_lacks(command: str, missing: str) -> None:
-    lacking = f"import sys; sys.modules[{missing!r}] = None; from clutter_env.cli.main import main; main({command.split()})"
+    lacking = (
+        f"import sys; sys.modules[{missing!r}] = None; from clutter_env.cli.main import main; main({command.split()})"
+    )
     ended = subprocess.run([sys.executable, "-c", lacking], capture_output=True, text=True)
     assert ended.returncode == 1
     assert ended.stderr.splitlines()[-1].endswith(f"{missing} is not installed; pip install 'clutter-env[rl]'")
