@@ -56,7 +56,7 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
     # MuJoCo looks up whatever it is given: without these checks None ends the process.
     check_names("base_joints", said["base_joints"], 3)
     check_names("finger_joints", said["finger_joints"], 2)
-    check_names("finger_geoms", said["finger_geoms"], None if said["finger_geoms"] == () else 2)
+    check_names("finger_geoms", said["finger_geoms"])
     require(isinstance(said["name"], str), "name", f"must be a string, not {said['name']!r}")
     for limits in ("max_velocity", "max_acceleration"):
         require(isinstance(said[limits], tuple), limits, f"must be a tuple of numbers, not {said[limits]!r}")
