@@ -45,6 +45,8 @@ class Arguments:
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise ValueError(f"steps={self.steps} must be at least 1")
+        if not self.objects:
+            raise ValueError("--objects needs at least one value")
         check_picture(self.out)
 
 

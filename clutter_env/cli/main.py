@@ -55,6 +55,9 @@ EXTRAS = {
 }
 """Modules that not every installation has, and the extra of the package that brings each."""
 
+MAX_SEED = 2**32 - 1
+"""The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""
+
 SHELLS = ("bash", "zsh", "tcsh")
 PACKAGES = ("assets", "irm", "planners", "clutter_env")
 
@@ -98,6 +101,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
     try:
         module = importlib.import_module(f"clutter_env.cli.{command}")
         arguments = read(module, f"clutter-env {command}", argv)
+        if not 0 <= (seed := getattr(arguments, "seed", 0)) <= MAX_SEED:
+            _end(f"clutter-env {command}: --seed {seed} is not valid; it must be from 0 to {MAX_SEED}", 2)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
         module.run(arguments)
     except KeyboardInterrupt:
