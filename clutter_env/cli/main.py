@@ -45,6 +45,7 @@ REPLACED = {
     "table --ablations": "python scripts/ablations.py",
     "table --arms": "python scripts/ablations.py --arms",
     "table --layouts": "python scripts/layout_table.py",
+    "train --imitation-steps": "--clone-steps or --steps: clutter-env train ALGORITHM --help",
     "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
 }
 """Commands, sub-commands and options of version 0.1, and what there is in their place."""
