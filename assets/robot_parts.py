@@ -134,12 +134,13 @@ def check_chain(chain: object) -> None:
         require(is_range, "chain", f"{link.joint!r}: lower must be below upper (equal for a robot without a lift)")
 
 
-def check_names(name: str, value: object, count: int) -> None:
-    """A field is a tuple of so many different names."""
+def check_names(name: str, value: object, count: int | None = None) -> None:
+    """A field is a tuple of different names, of so many if a count is given."""
     is_tuple = isinstance(value, tuple) and all(isinstance(entry, str) and entry for entry in value)
     require(is_tuple, name, f"must be a tuple of names, not {value!r}")
     assert isinstance(value, tuple)
-    require(len(value) == count == len(set(value)), name, f"must be {count} different names, not {value!r}")
+    is_right = len(value) == len(set(value)) and count in (None, len(value))
+    require(is_right, name, f"must be {'' if count is None else f'{count} '}different names, not {value!r}")
 
 
 def check_numbers(name: str, value: object, count: int, positive: bool = False) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.files import path as asset_path
-from assets.robot_parts import ChainLink, InvalidRobot
+from assets.robot_parts import ChainLink, InvalidRobot, check_names, require
 from irm.chain import ArmChain
 from irm.errors import ChainError
 
@@ -53,6 +53,13 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
             f"what can be said: {', '.join(known)}"
         )
     said = {**_DEFAULTS, **{name: tuple(value) if isinstance(value, list) else value for name, value in page.items()}}
+    # MuJoCo looks up whatever it is given: without these checks None ends the process.
+    check_names("base_joints", said["base_joints"], 3)
+    check_names("finger_joints", said["finger_joints"], 2)
+    check_names("finger_geoms", said["finger_geoms"])
+    require(isinstance(said["name"], str), "name", f"must be a string, not {said['name']!r}")
+    for limits in ("max_velocity", "max_acceleration"):
+        require(isinstance(said[limits], tuple), limits, f"must be a tuple of numbers, not {said[limits]!r}")
     file = Path(mjcf).resolve() if Path(mjcf).is_file() else mjcf
     path = asset_path(str(file))
     try:
@@ -65,6 +72,8 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
         arm = ArmChain.from_mjcf(model, base, tip)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
+    sites = [model.site(number).name for number in range(model.nsite)]
+    require(tip in sites, "tip", f"must name the TCP's site, not {tip!r}; sites: {', '.join(map(repr, sites))}")
     if not arm.joints[0]:
         raise InvalidRobot(f"{mjcf}: between {base!r} and the arm there must be a lift: a slide along z with a range")
     arm_count = len(arm.joints) - 1

@@ -107,7 +107,7 @@ class RobotSpec:
         for name, count in (("base_joints", 3), ("finger_joints", 2), ("finger_geoms", 2)):
             check_names(name, getattr(self, name), count)
         for name in ("head_joints", "cameras"):
-            check_names(name, getattr(self, name), len(getattr(self, name)))
+            check_names(name, getattr(self, name))
         check_numbers("tcp_offset", self.tcp_offset, 3)
         check_unit("tcp_quaternion", self.tcp_quaternion, 4)
         check_numbers("head_configuration", self.head_configuration, len(self.head_joints))
@@ -120,6 +120,18 @@ class RobotSpec:
         for link, value in zip(self.chain, self.home, strict=True):
             is_inside = link.lower <= value <= link.upper
             require(is_inside, "home", f"holds {value}, outside {link.joint!r}'s range {link.lower} to {link.upper}")
+        for name in ("finger_gap_closed", "grasp_axis_offset"):
+            check_numbers(name, (getattr(self, name),), 1)
+        for name, kind in _KINDS.items():
+            value = getattr(self, name)
+            require(isinstance(value, kind), name, f"must be of type {kind.__name__}, not {value!r}")
+        for name, entry in (("meshes", LinkMesh), ("idle_arms", ArmSpec)):
+            value = getattr(self, name)
+            is_tuple = isinstance(value, tuple) and all(isinstance(part, entry) for part in value)
+            require(is_tuple, name, f"must be a tuple of {entry.__name__}, not {value!r}")
+        require(isinstance(self.base_outline, tuple), "base_outline", f"must be a tuple, not {self.base_outline!r}")
+        for corner in self.base_outline:
+            check_numbers("base_outline, corner", corner, 2)
         has_arms = bool(self.idle_arms) or not self.acts_with_all_arms
         require(has_arms, "acts_with_all_arms", f"is for robots with several arms; {self.name} has one")
 
@@ -130,13 +142,13 @@ class RobotSpec:
         Raises:
             InvalidRobot: an unknown or missing field, or a wrong value.
         """
-        parts = {name: _as_tuples(value) for name, value in values.items()}
         try:
+            parts = {name: _as_tuples(value) for name, value in values.items()}
             parts["chain"] = tuple(ChainLink(*link) for link in parts["chain"])
             parts["idle_arms"] = tuple(_as_arm(arm) for arm in values.get("idle_arms", ()))
             parts["meshes"] = tuple(LinkMesh(*mesh) for mesh in parts.get("meshes", ()))
             return cls(**parts)
-        except (KeyError, TypeError) as problem:
+        except (AttributeError, KeyError, TypeError) as problem:
             known = ", ".join(entry.name for entry in fields(cls))
             raise InvalidRobot(f"these are not the fields of a RobotSpec ({problem}); its fields: {known}") from None
 
@@ -330,6 +342,17 @@ _POSITIVE = (
     "base_height",
 )
 """Fields that are one positive number."""
+
+
+_KINDS = {
+    "mesh_package": str,
+    "mesh_folder": str,
+    "closed_form_ik": str,
+    "arm_name": str,
+    "plans_torso": bool,
+    "acts_with_all_arms": bool,
+}
+"""Fields that are a text or a flag."""
 
 
 def _as_arm(values: Mapping[str, Any]) -> ArmSpec:

@@ -89,8 +89,9 @@ class EnvConfig:
         if self.obs_mode == "rgbd" and not robot.cameras:
             raise ConfigError(f"obs_mode='rgbd' needs a robot with cameras; robot {robot.name!r} has none")
         for name in ("width", "height", "image_size"):
-            check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE)
-        check_integer("num_objects", self.num_objects, 0)
+            object.__setattr__(self, name, check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE))
+        # An integer of NumPy's becomes Python's: what is computed of it would be NumPy's too.
+        object.__setattr__(self, "num_objects", check_integer("num_objects", self.num_objects, 0))
         fit = capacity(layout, self.shapes, self.find_object_set())
         if self.num_objects > fit:
             raise ConfigError(

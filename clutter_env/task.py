@@ -35,9 +35,13 @@ class Task:
             known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
             raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}")
         try:
-            return gym.make(self.env_id, **{**self.keywords, **more})
+            env = gym.make(self.env_id, **{**self.keywords, **more})
         except ConfigError as problem:
             raise UnknownTask(f"{self.env_id}: {problem}") from problem
+        ours: Any = env.unwrapped
+        if not hasattr(getattr(ours, "physics_env", ours), "config"):
+            raise UnknownTask(f"{self.env_id!r} is an environment of another package, or a wrapper of one")
+        return env
 
     def provenance(self) -> dict[str, Any]:
         """What would be recorded in this environment now is made with; see `clutter_env.provenance`."""

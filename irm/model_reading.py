@@ -60,6 +60,9 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     Raises:
         ChainError: no such file, body or site, or the joints between them are not those of an arm.
     """
+    for frame in (base, tip):
+        if not isinstance(frame, str):  # MuJoCo looks up whatever it is given: None ends the process
+            raise ChainError(f"base and tip are names of the model, not {frame!r}")
     name = ""
     if not isinstance(model, mujoco.MjModel):
         name, model = Path(model).stem, load_model(Path(model))

@@ -84,9 +84,14 @@ class Strategy:
 
     def __post_init__(self) -> None:
         for field, valid in (("grasps", Grasps), ("region", Region), ("locations", Locations)):
-            if getattr(self, field) not in get_args(valid):
+            if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(valid):
                 values = ", ".join(map(repr, get_args(valid)))
                 raise StrategyError(f"{self._field(field)} is not valid; valid values: {values}")
+        if not isinstance(self.name, str):
+            raise StrategyError(f"{self._field('name')} is not valid; it must be a string")
+        for flag in ("plans_ahead", "leaves_cleared"):
+            if not isinstance(getattr(self, flag), bool):
+                raise StrategyError(f"{self._field(flag)} is not valid; it must be True or False")
         for field, least in _LEAST.items():
             if not isinstance(getattr(self, field), int) or getattr(self, field) < least:
                 raise StrategyError(f"{self._field(field)} is not valid; it must be an integer of at least {least}")

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from clutter_env.reporting.files import check_picture
+
 if TYPE_CHECKING:
     from clutter_env.envs.retrieve import RetrieveEnv
 
@@ -43,6 +45,9 @@ class Arguments:
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise ValueError(f"steps={self.steps} must be at least 1")
+        if not self.objects:
+            raise ValueError("--objects needs at least one value")
+        check_picture(self.out)
 
 
 Measurement = dict[str, float | None]

@@ -313,6 +313,10 @@ class Trials:
     ) -> None:
         self.arguments = arguments
         self.variants = {name: Variant(find_strategy(name)) for name in arguments.strategies} | dict(more or {})
+        if not (arguments.objects and self.variants):
+            raise UsageError("--objects and --strategies need at least one value each")
+        if not arguments.time_limit > 0:
+            raise UsageError(f"--time-limit {arguments.time_limit} is not valid; it must be above 0")
         for count in arguments.objects:
             if not 1 <= count <= MAX_OBJECTS:
                 raise UsageError(f"--objects {count} is not valid; it must be from 1 to {MAX_OBJECTS}")

@@ -60,9 +60,11 @@ def run(arguments: Arguments) -> None:
     from collections import Counter
     from functools import partial
 
+    from clutter_env.config import IMAGE_SIZE_RANGE
     from clutter_env.data.collect import SeedResult, collect, make_job
     from clutter_env.data.dataset import Dataset
     from clutter_env.data.minari import export_minari
+    from clutter_env.errors import check_integer
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
@@ -70,6 +72,7 @@ def run(arguments: Arguments) -> None:
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
+    check_integer("image_size", arguments.image_size, *IMAGE_SIZE_RANGE)
     image_size = arguments.image_size if arguments.obs_mode == "rgbd" else 0
     job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed, image_size)
     name = f"{arguments.env.rpartition('/')[2].removesuffix('-v0').lower()}-{job.expert}"

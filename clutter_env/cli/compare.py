@@ -108,5 +108,5 @@ def scene_sets(arguments: Arguments) -> list[SceneSet]:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes")
     obstructed = True if arguments.obstructed == 1 else arguments.obstructed or False
     of_suites = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
-    count = arguments.scenes or 50
+    count = 50 if arguments.scenes is None else arguments.scenes
     return of_suites + [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]

@@ -64,6 +64,8 @@ class Arguments:
         find_strategy(self.strategy)
         robot(self.robot)
         find_layout(self.layout)
+        if self.episodes < 1:
+            raise ValueError(f"--episodes {self.episodes} is not valid; it must be at least 1")
         if self.objects not in OBJECT_COUNTS:
             valid = ", ".join(map(str, OBJECT_COUNTS))
             raise ValueError(f"--objects {self.objects} is not valid; valid numbers: {valid}")

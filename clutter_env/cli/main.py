@@ -46,9 +46,19 @@ REPLACED = {
     "table --ablations": "python scripts/ablations.py",
     "table --arms": "python scripts/ablations.py --arms",
     "table --layouts": "python scripts/layout_table.py",
+    "train --imitation-steps": "--clone-steps or --steps: clutter-env train ALGORITHM --help",
     "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
 }
 """Commands, sub-commands and options of version 0.1, and what there is in their place."""
+
+EXTRAS = {
+    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "h5py", "minari", "tensorboard"), "rl"),
+    **dict.fromkeys(("pyarrow", "av"), "data"),
+}
+"""Modules that not every installation has, and the extra of the package that brings each."""
+
+MAX_SEED = 2**32 - 1
+"""The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""
 
 SHELLS = ("bash", "zsh", "tcsh")
 PACKAGES = ("assets", "irm", "planners", "clutter_env")
@@ -93,11 +103,16 @@ def _run(command: str, argv: Sequence[str]) -> None:
     try:
         module = importlib.import_module(f"clutter_env.cli.{command}")
         arguments = read(module, f"clutter-env {command}", argv)
+        if not 0 <= (seed := getattr(arguments, "seed", 0)) <= MAX_SEED:
+            _end(f"clutter-env {command}: --seed {seed} is not valid; it must be from 0 to {MAX_SEED}", 2)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
         code = module.run(arguments)
     except KeyboardInterrupt:
         _end(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", 130)
     except Exception as problem:
+        if isinstance(problem, ModuleNotFoundError) and problem.name in EXTRAS and not _is_raised_by_user(problem):
+            extra = EXTRAS[problem.name]
+            _end(f"clutter-env {command}: {problem.name} is not installed; pip install 'clutter-env[{extra}]'", 1)
         if not is_own(problem):
             raise
         # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError.
@@ -174,10 +189,14 @@ def is_own(problem: BaseException) -> bool:
 
     One that is raised in a user's code, by whatever it calls, keeps its traceback.
     """
+    is_known = type(problem).__module__.partition(".")[0] in PACKAGES or isinstance(problem, OSError)
+    return is_known and not _is_raised_by_user(problem)
+
+
+def _is_raised_by_user(problem: BaseException) -> bool:
     import traceback
 
-    is_known = type(problem).__module__.partition(".")[0] in PACKAGES or isinstance(problem, OSError)
-    return is_known and not any(_is_users(frame.f_globals) for frame, _ in traceback.walk_tb(problem.__traceback__))
+    return any(_is_users(frame.f_globals) for frame, _ in traceback.walk_tb(problem.__traceback__))
 
 
 def _is_users(module: dict[str, Any]) -> bool:

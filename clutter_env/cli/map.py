@@ -65,6 +65,12 @@ class Arguments:
     json: Path | None = None
     """File for machine-readable results."""
 
+    def __post_init__(self) -> None:
+        if self.out is not None and self.out.suffix == ".png":
+            raise ValueError(f"--out {self.out} is the file of the map; its picture, beside it, ends with .png")
+        if self.mjcf is None and (self.base or self.tip):
+            raise ValueError("--base and --tip are for an MJCF file, which is named before all options")
+
 
 def run(arguments: Arguments) -> None:
     """Check the chain, build the map, save it, draw it, and print a report."""

@@ -22,6 +22,7 @@ import tyro
 
 import assets
 from clutter_env.errors import UsageError
+from clutter_env.reporting.files import check_picture
 
 if TYPE_CHECKING:
     from assets import RobotSpec
@@ -41,6 +42,9 @@ class Arguments:
     """Suggest home configurations; always done for a page without one."""
     out: Path | None = None
     """The picture; outputs/NAME.png if not given."""
+
+    def __post_init__(self) -> None:
+        check_picture(self.out)
 
 
 def run(arguments: Arguments) -> None:
@@ -95,14 +99,24 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     from irm import ArmChain
 
     if not arguments.robot.endswith(".xml"):
+        if arguments.page is not None:
+            raise UsageError(f"--page is for an MJCF file, whose name ends with .xml; {arguments.robot!r} is none")
         return robot_by_name(arguments.robot), True
     if arguments.page is None:
         raise UsageError("an MJCF file needs --page, a JSON file; see docs/add_a_robot.md")
-    path, page = Path(arguments.robot).resolve(), json.loads(arguments.page.read_text())
-    has_home = "home" in page
+    try:
+        page = json.loads(arguments.page.read_text(encoding="utf-8"))
+    except ValueError as problem:
+        raise UsageError(f"{arguments.page} is no JSON file: {problem}") from None
+    if not isinstance(page, dict):
+        raise UsageError(f"{arguments.page} holds {page!r:.40}; it must hold a JSON object, see docs/add_a_robot.md")
+    path, has_home = Path(arguments.robot).resolve(), "home" in page
     if not has_home:
-        model = mujoco.MjModel.from_xml_path(str(path))
-        base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
-        arm = ArmChain.from_mjcf(model, base, page["tip"])
-        page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+            base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
+            arm = ArmChain.from_mjcf(model, base, page["tip"])
+            page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
+        except (ValueError, LookupError, TypeError):
+            page["home"] = ()  # `from_mjcf` meets the same problem, and says what it is
     return assets.RobotSpec.from_mjcf(path, **page), has_home

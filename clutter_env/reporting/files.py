@@ -13,6 +13,9 @@ from typing import Any
 
 import numpy as np
 
+PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
+"""Endings of the pictures that are drawn."""
+
 
 def json_values(value: Any) -> Any:
     """A value in terms of dict, list, str, int, float, bool and None.
@@ -59,12 +62,23 @@ def write_json(path: Path, value: Any) -> None:
     write_atomically(path, text.encode())
 
 
+def check_picture(path: Path | None) -> None:
+    """Refuse a file, by a `ValueError`, whose ending is of no picture: before what it shows is measured."""
+    if path is not None and path.suffix.lower() not in PICTURES:
+        raise ValueError(f"{path} is no picture; valid endings: {', '.join(PICTURES)}")
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a file that gets its name once all of it is on the disk; an old file of that name stays until then.
+
+    What is no regular file, such as `/dev/stdout`, a pipe or a link, is written to, not replaced by a file.
 
     Raises:
         OSError: the disk is full or cannot be written; the error names the file.
     """
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        path.write_bytes(content)
+        return
     with written_atomically(path) as part, part.open("wb") as file:
         file.write(content)
         file.flush()

@@ -117,6 +117,7 @@ class Layout:
             known = [box.name for box in furniture(self) if box.position[2] + box.half_extents[2] >= TABLE_HEIGHT]
             # JSON makes lists of tuples.
             chosen = tuple(self.supports) if isinstance(self.supports, list | tuple) else ()
+            chosen = chosen if all(isinstance(name, str) for name in chosen) else ()
             if chosen[:1] != (TABLE,) or len(set(chosen)) < len(chosen) or not set(chosen) <= set(known):
                 raise ConfigError(
                     f"{place}: supports={self.supports!r} must be names of boxes as high as the table, "

@@ -12,7 +12,7 @@ import pytest
 
 from assets import path
 from assets.robot_parts import rotation_of
-from assets.robots import FETCH, PR2, InvalidRobot, UnknownRobot, robot
+from assets.robots import FETCH, PR2, InvalidRobot, RobotSpec, UnknownRobot, robot
 from clutter_env.simulation.robot_check import check_robot
 
 ROBOTS = [FETCH, PR2, PR2.using("left"), robot("panda_mobile")]
@@ -130,6 +130,11 @@ def test_unknown_assets_list_the_known() -> None:
         ({"chain": FETCH.chain[1:]}, "chain must have a prismatic joint as entry 0"),
         ({"chain": (FETCH.chain[0], FETCH.chain[1]._replace(axis="w"))}, "axis must be 'x', 'y' or 'z'"),
         ({"chain": 3}, "chain must be a tuple of ChainLink"),
+        ({"head_joints": 1.0}, "head_joints must be a tuple of names"),
+        ({"grasp_axis_offset": "0.1"}, "grasp_axis_offset must be a tuple of numbers"),
+        ({"plans_torso": 1}, "plans_torso must be of type bool"),
+        ({"idle_arms": (3,)}, "idle_arms must be a tuple of ArmSpec"),
+        ({"base_outline": ((0.1,),)}, "base_outline, corner must have 2 numbers"),
     ],
 )
 def test_a_spec_that_contradicts_itself_names_the_field(change: dict, hint: str) -> None:
@@ -144,6 +149,16 @@ def test_a_spec_is_taken_as_it_is_and_from_its_fields() -> None:
         assert robot(json.loads(json.dumps(asdict(one)))) == one
     with pytest.raises(InvalidRobot, match=r"fields of a RobotSpec .*legs.*; its fields: name, mjcf"):
         robot({**asdict(mine), "legs": 2})
+
+
+@pytest.mark.parametrize("entry", ["base_joints", "finger_joints", "finger_geoms", "tip", "home", "max_velocity"])
+@pytest.mark.parametrize("value", [None, 3, "nothing", (None, None), np.zeros(3)])
+def test_a_page_with_a_wrong_entry_is_refused(entry: str, value: object) -> None:
+    """MuJoCo looks up a name that is None, which ended the process."""
+    page = {"base_joints": ("base_x", "base_y", "base_yaw"), "tip": "tcp", "home": robot("panda_mobile").home}
+    page |= {"finger_joints": ("finger_joint1", "finger_joint2")}
+    with pytest.raises(InvalidRobot):
+        RobotSpec.from_mjcf("mjcf/panda_mobile.xml", **{**page, entry: value})
 
 
 def test_another_arm_becomes_active_and_back() -> None:

@@ -67,6 +67,9 @@ def test_a_strategy_with_an_unknown_value_lists_the_valid_ones() -> None:
         Strategy("mine", "greedy", "everything", "random")  # type: ignore[arg-type]  # misuse on purpose
     with pytest.raises(StrategyError, match="locations"):
         replace(STRATEGIES["ngr"], locations="nearest")  # type: ignore[arg-type]  # misuse on purpose
+    for field, value in (("grasps", np.zeros(3)), ("name", None), ("plans_ahead", "no"), ("leaves_cleared", 1)):
+        with pytest.raises(StrategyError, match=f"{field}=.* is not valid"):
+            replace(STRATEGIES["ngr"], **{field: value})
 
 
 def test_a_task_planner_object_plans() -> None:

@@ -68,7 +68,8 @@ def test_a_printed_report_has_a_cause_and_readable_numbers() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"], ["--robot", "r2"]]
+    "wrong",
+    [["--objects", "16"], ["--strategy", "best"], ["--layout", "round"], ["--robot", "r2"], ["--episodes", "0"]],
 )
 def test_wrong_arguments_are_named(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:

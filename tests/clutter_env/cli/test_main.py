@@ -93,10 +93,19 @@ def test_the_version_is_that_of_the_package() -> None:
         ("evaluate --scenes 0", "scenes=0"),
         ("collect --strategy canonicl --env=clutter_env/Retrieve-o1-v0", "did you mean 'canonical'?"),
         ("collect --env=clutter_env/Retreive-o15-v0", "did you mean 'clutter_env/Retrieve-o15-v0'?"),
+        ("collect --env=nowhere:Retrieve-v0", "no environment 'nowhere:Retrieve-v0'"),
+        ("collect --env=CartPole-v1", "an environment of another package"),
+        ("compare --envs nothing", "no environment 'nothing'"),
+        ("robot check fetch --page page.json", "--page is for an MJCF file"),
+        ("robot check robot.xml --page pyproject.toml", "is no JSON file"),
+        ("train sac --seed=-1", "--seed -1 is not valid; it must be from 0 to 4294967295"),
+        ("compare --envs clutter_env/Retrieve-o5-v0 --scenes 0", "scenes=0 is not valid"),
+        ("collect --image-size 0 --obs-mode rgbd", "image_size=0 is not valid"),
         ("play --objects 99", "--objects 99 is not valid; valid numbers: 1, 5"),
         ("compare", "name scenes"),
         ("train keyframs", "did you mean 'keyframes'?"),
         ("train --steps 9 --algorithm=maskable_ppo", "clutter-env train maskable-ppo ..."),
+        ("train keyframes --imitation-steps 9", "--clone-steps or --steps"),
         ("curve", "python scripts/learning_curve.py"),
         ("map figures", "python scripts/map_figures.py"),
         ("table --objects 3 --ablations", "python scripts/ablations.py"),
@@ -111,6 +120,29 @@ def test_wrong_arguments_end_with_code_2_and_a_hint_in_the_last_line(
         main(wrong.split())
     assert end.value.code == 2
     assert hint in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "wrong", ["map --out map.png", "map --tip hand", "benchmark --out x", "robot check x --out x.y"]
+)
+def test_what_would_fail_or_be_ignored_after_minutes_is_refused_at_once(wrong: str) -> None:
+    """The picture of a map replaced the map; a plot whose ending matplotlib does not know ended with its traceback."""
+    with pytest.raises(SystemExit) as end:
+        main(wrong.split())
+    assert end.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("command", "missing"), [("collect", "h5py"), ("train sac", "h5py"), ("evaluate --policy keyframes", "torch")]
+)
+def test_a_command_names_the_extra_that_it_lacks(command: str, missing: str) -> None:
+    lacking = (
+        f"import sys; sys.modules[{missing!r}] = None; from clutter_env.cli.main import main; main({command.split()})"
+    )
+    ended = subprocess.run([sys.executable, "-c", lacking], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].endswith(f"{missing} is not installed; pip install 'clutter-env[rl]'")
+    assert "Traceback" not in ended.stderr
 
 
 def test_shells_complete_commands_and_their_arguments(capsys: pytest.CaptureFixture[str]) -> None:

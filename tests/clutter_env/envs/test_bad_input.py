@@ -184,3 +184,7 @@ def test_action_helpers_check_their_input() -> None:
     for base, pose in ((np.zeros(3), np.eye(3)), ("home", np.eye(4)), (["0"] * 3, np.eye(4)), (np.zeros(3), [[1], 2])):
         with pytest.raises(ClutterEnvError, match="ee_action"):
             ee.ee_action(base, pose, 0.1)
+
+
+def test_a_count_of_numpys_is_one_of_pythons() -> None:
+    assert type(EnvConfig(num_objects=np.int64(2)).num_objects) is int  # type: ignore[arg-type]  # what users compute

@@ -51,7 +51,8 @@ def test_the_model_declares_the_supports_of_its_layout(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "supports", [("counter_left",), ("table_top", "desk"), "table_top", 3, (), ("table_top", "step")]
+    "supports",
+    [("counter_left",), ("table_top", "desk"), "table_top", 3, (), ("table_top", ["desk"]), ("table_top", "step")],
 )
 def test_supports_are_boxes_as_high_as_the_table_which_is_the_first(supports: Any) -> None:
     step = Box("step", (1.0, 0.0, 0.1), (0.2, 0.2, 0.1))
