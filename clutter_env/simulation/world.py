@@ -192,9 +192,9 @@ class World:
         self._contacts.append(pairs)
         kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
         if _ROBOT + _FURNITURE in kinds:
-            on_furniture = [kind == _ROBOT + _FURNITURE for kind in kinds]
-            force = float(np.linalg.norm(self._forces()[on_furniture], axis=1).sum())
-            self.furniture_force = max(self.furniture_force, force)
+            forces, rows = data.efc_force, data.contact.efc_address.tolist()  # -1 where the solver has none
+            pressing = [row for row, kind in zip(rows, kinds, strict=True) if kind == _ROBOT + _FURNITURE and row >= 0]
+            self.furniture_force = max(self.furniture_force, sum(forces[row].item() for row in pressing))
         if _ROBOT + _OBJECT in kinds:
             island = data.tree_island[self._robot_tree]
             data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
