@@ -20,7 +20,7 @@ from PIL import Image
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.policies.experts import make_expert
 from clutter_env.policies.protocol import begin_episode
-from clutter_env.policies.registry import env_keywords, load_policy
+from clutter_env.policies.registry import PolicyTraits, load_policy
 from clutter_env.reporting.progress import progress_bar
 
 Frame = NDArray[np.uint8]
@@ -82,7 +82,7 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     """The frames of one episode; with images in the observation those of the robot's cameras, side by side."""
     acts_by_skills = entry.expert == "greedy"
     policy: Any = load_policy("greedy", 0) if acts_by_skills else make_expert(entry.expert)
-    keywords = {**env_keywords(policy), **entry.keywords}
+    keywords = {**PolicyTraits.of(policy).env_keywords, **entry.keywords}
     if "obs_mode" not in keywords:
         keywords |= {"render_mode": "rgb_array", "width": size, "height": size}
     env = gym.make(entry.env_id, **keywords)

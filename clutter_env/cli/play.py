@@ -39,9 +39,9 @@ def run(arguments: Arguments) -> None:
 
     import clutter_env
     from clutter_env.errors import UsageError
-    from clutter_env.evaluation.scenes import SeededScene, skill_scene
+    from clutter_env.evaluation.scenes import SeededScene, scene_for
     from clutter_env.evaluation.score import play_scene
-    from clutter_env.policies.registry import acts_by_skills, env_keywords, load_policy
+    from clutter_env.policies.registry import PolicyTraits, load_policy
     from clutter_env.rendering.film import Film
     from clutter_env.rendering.renderer import has_display
 
@@ -57,9 +57,9 @@ def run(arguments: Arguments) -> None:
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
     scene: Any = SeededScene(env_id, {name: value for name, value in keywords.items() if value}, arguments.seed)
     policy = load_policy(arguments.policy, seed=0, trust=arguments.trust)
-    if acts_by_skills(policy):
-        scene = skill_scene(scene, "oracle")
-    env = scene.make(render_mode="human" if path is None else "rgb_array", **env_keywords(policy))
+    traits = PolicyTraits.of(policy)
+    scene = scene_for(scene, traits.acts_by_skills, "oracle")
+    env = scene.make(render_mode="human" if path is None else "rgb_array", **traits.env_keywords)
     film: Film | None = None
 
     def watch(env: Any, policy: Any) -> None:

@@ -388,7 +388,7 @@ def _key(job: _Job, index: int, made_with: Mapping[str, Any]) -> str:
     scenes = job.scenes
     where = f"{scenes.suite} {suite(scenes.suite).digest} {scenes.split}" if scenes.suite else scenes.env_id
     if not scenes.suite:
-        where += f" {scenes.layout} {scenes.obstructed} from {scenes.first_seed}"
+        where += f" {scenes.layout} {scenes.objects} {scenes.obstructed} from {scenes.first_seed}"
     steps = "".join(f" after {load_run(run)['steps']}" for run in run_directories(job.policy))
     if ":" in job.policy:  # a module or a model of others
         steps = "".join(f" of {digest[:16]}" for digest in policy_files(job.policy).values())

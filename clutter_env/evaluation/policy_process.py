@@ -114,16 +114,17 @@ class PolicyProcess:
             time.sleep(POLL_INTERVAL)
             if time.monotonic() > self._deadline:
                 self._end()
-        if hasattr(os, "killpg"):
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid, signal.SIGKILL)
+        self._end_group()
 
     def _end(self) -> None:
         if self._process.returncode is None:  # otherwise its number may be that of another one by now
-            if hasattr(os, "killpg"):
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(self._process.pid, signal.SIGKILL)
+            self._end_group()
             self._process.kill()
+
+    def _end_group(self) -> None:
+        if hasattr(os, "killpg"):
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
 
     def _ask(self, call: str, argument: Any) -> Any:
         assert self._process.stdin is not None

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.scenes import SKILLS, Scene
+from clutter_env.evaluation.scenes import Scene
 from clutter_env.evaluation.score import Score, play_scene
+from clutter_env.policies.protocol import SKILLS
 
 _MOST_BYTES = 2**24
 """A longer recording is refused before it fills the memory; 200,000 actions of the largest robot are shorter."""

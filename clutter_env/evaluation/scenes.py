@@ -10,11 +10,10 @@ from typing import Any, TypeAlias
 import gymnasium as gym
 
 from clutter_env.errors import LearningError
+from clutter_env.policies.protocol import SKILLS
 from clutter_env.suites import Floor, SuiteScene, suite
 from clutter_env.task import HELD_OUT, Task, family
 
-SKILLS = 20
-"""Skills in an episode of a policy that acts by skills; one of two levels has as many picks, and as many places."""
 _SKILL_ENV = "clutter_env/Skill-o15-v0"
 """The Skill environment; the number of objects is given beside it."""
 
@@ -57,6 +56,7 @@ class SceneSet:
         split: of the suite: "test" or "validation".
         env_id: of the environment; "" for a suite.
         obstructed, layout: the environment's keyword arguments of these names; a suite has its own.
+        objects: number of objects; 0 for that of the environment.
         count: number of scenes; None for all of a suite.
         first_seed: of the environment's scenes.
 
@@ -70,6 +70,7 @@ class SceneSet:
     env_id: str = ""
     obstructed: bool | int = False
     layout: str = ""
+    objects: int = 0
     count: int | None = None
     first_seed: int = HELD_OUT
 
@@ -90,7 +91,7 @@ class SceneSet:
         if self.suite:
             return self.suite if self.split == "test" else f"{self.suite} ({self.split})"
         name = self.env_id.rpartition("/")[2].removesuffix("-v0")
-        short = name.partition("-")[2] or name.lower()
+        short = f"o{self.objects}" if self.objects else name.partition("-")[2] or name.lower()
         degree = "" if self.obstructed is True else f" {self.obstructed}"
         layout = f" {self.layout}" if self.layout else ""
         return f"{short}{layout} obstructed{degree}" if self.obstructed else f"{short}{layout}"
@@ -116,7 +117,7 @@ def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
     if wanted.suite:
         return suite(wanted.suite).split(wanted.split)[: wanted.count]
     assert wanted.count is not None
-    chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout}
+    chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout, "num_objects": wanted.objects}
     keywords = {name: value for name, value in chosen.items() if value}
     Task(wanted.env_id, keywords).make().close()
     seeds = range(wanted.first_seed, wanted.first_seed + wanted.count)
@@ -134,8 +135,7 @@ def skill_scene(scene: Scene, feasibility: str) -> Scene:
     if family(scene.env_id) != "retrieve":
         raise LearningError(f"there are no skills in {scene.env_id}")
     count = Task(scene.env_id, scene.keywords).num_objects
-    keywords = {**scene.keywords, "num_objects": count, "feasibility": feasibility}
-    keywords["budget"] = SKILLS
+    keywords = {**scene.keywords, "num_objects": count, "feasibility": feasibility, "budget": SKILLS}
     return replace(scene, env_id=_SKILL_ENV, keywords=keywords, max_steps=SKILLS)
 
 

@@ -134,6 +134,7 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
         "env_id": scenes.env_id,
         "obstructed": scenes.obstructed,
         "layout": scenes.layout,
+        "objects": scenes.objects,
         "first_seed": scenes.first_seed,
         "episodes": [
             {

@@ -27,7 +27,7 @@ from clutter_env.reporting.intervals import Interval, wilson
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("suite", "split", "env_id", "layout", "policy", "track", "grasps", "feasibility"), str),
     **dict.fromkeys(("environment", "judged_in", "provenance", "weights", "summary"), dict),
-    **dict.fromkeys(("first_seed", "seed", "obstructed"), int),
+    **dict.fromkeys(("first_seed", "seed", "obstructed", "objects"), int),
     **dict.fromkeys(("episodes", "recordings"), list),
 }
 """Entries of a results file that are used before they are compared."""
@@ -144,20 +144,25 @@ def play_fresh(
     tick: Callable[[], object] = lambda: None,
     trust: bool = False,
 ) -> Evaluation:
-    """The policy itself on fresh scenes of the same kind; a suite's lower bounds do not choose among them.
+    """The policy itself on fresh scenes of the same kind.
 
     Raises:
         See `evaluate`.
     """
+    return evaluate(policy, fresh_scenes(path, count, first_seed), trust=trust, workers=workers, tick=tick)
+
+
+def fresh_scenes(path: Path, count: int, first_seed: int) -> SceneSet:
+    """Scenes of the kind of those of a results file; a suite's lower bounds do not choose among them."""
     first = scenes_of(read_results(path)).scenes[0]
-    fresh = SceneSet(
+    return SceneSet(
         env_id=first.env_id,
         obstructed=first.keywords.get("obstructed", False),
         layout=str(first.keywords.get("layout", "")),
+        objects=first.keywords.get("num_objects", 0),
         count=count,
         first_seed=first_seed,
     )
-    return evaluate(policy, fresh, trust=trust, workers=workers, tick=tick)
 
 
 def fresh_success(evaluation: Evaluation) -> Interval:
@@ -206,6 +211,7 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
         env_id=content["env_id"],
         obstructed=content["obstructed"],
         layout=content["layout"],
+        objects=content["objects"],
         count=count,
         first_seed=content["first_seed"],
     )

@@ -40,6 +40,10 @@ from assets import RobotSpec
 from clutter_env.errors import ClutterEnvError
 from clutter_env.scene.layout import Layout
 
+SKILLS = 20
+"""The budget of an episode: skills of a policy that acts by skills, each a pick with its place; a policy of two levels
+has as many picks, and as many places."""
+
 
 class PolicyError(ClutterEnvError):
     """No such policy, or one that cannot play this environment; the message says what is valid."""

@@ -145,8 +145,8 @@ class PolicyTraits:
         return cls(
             track="privileged" if getattr(policy, "is_privileged", False) else "observations",
             env_keywords=dict(getattr(policy, "env_keywords", {})),
-            acts_by_skills=acts_by_skills(policy),
-            grasps=policy_grasps(policy),
+            acts_by_skills=bool(getattr(policy, "acts_by_skills", False)),
+            grasps=str(getattr(policy, "grasps", "all")),
             kind=kind.__qualname__,
             file=file,
         )
@@ -217,24 +217,9 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
     for keyword in getattr(policy, "env_keywords", {}):
         if keyword not in _FREE_KEYWORDS:
             raise PolicyError(f"a policy may not choose {keyword!r}; it may choose {', '.join(_FREE_KEYWORDS)}")
-    if policy_grasps(policy) not in GRASPS:
-        raise PolicyError(f"a policy's grasps={policy_grasps(policy)!r} are not valid; it may have {', '.join(GRASPS)}")
-
-
-def env_keywords(policy: AnyPolicy) -> dict[str, Any]:
-    """The keyword arguments with which the policy wants the environment; raises `PolicyError`, see `check_policy`."""
-    check_policy(policy)
-    return dict(getattr(policy, "env_keywords", {}))
-
-
-def policy_grasps(policy: AnyPolicy) -> str:
-    """The grasp set by whose lower bounds the results of a policy are broken down."""
-    return str(getattr(policy, "grasps", "all"))
-
-
-def acts_by_skills(policy: AnyPolicy) -> bool:
-    """Whether the policy plays the Skill environment of the scenes."""
-    return bool(getattr(policy, "acts_by_skills", False))
+    grasps = getattr(policy, "grasps", "all")
+    if grasps not in GRASPS:
+        raise PolicyError(f"a policy's grasps={grasps!r} are not valid; it may have {', '.join(GRASPS)}")
 
 
 def policy_families(name: str) -> tuple[str, ...]:

@@ -18,14 +18,11 @@ from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.parsed_observation import Observation
 from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
-from clutter_env.policies.protocol import PolicyError, PublicInfo
+from clutter_env.policies.protocol import SKILLS, PolicyError, PublicInfo
 from clutter_env.policies.runs import DECISION_LEARNERS, DECISIONS_FILE, MOTION_LEARNERS, MOTIONS_FILE, load_run
 from clutter_env.policies.weights import shipped_path
 from planners import Contact, find_grasp_set
 
-MAX_TRIES = 20
-"""Picks tried in an episode, and places as many, failed ones included, before the policy gives up. A skill of the Skill
-environment is a pick with its place: policies that act by skills have 20 of them (`clutter_env.evaluation.scenes`)."""
 _HOLD_STEPS = 20
 """Control steps with the target in the gripper before the policy has finished: twice what success asks for."""
 
@@ -139,8 +136,8 @@ class TwoLevelPolicy:
         if contact is None:
             self.failure = self._high_level.failure or "the high-level policy gave up"
             return
-        if self._tries[contact.skill] == MAX_TRIES:
-            self.failure = f"the target was not taken with {MAX_TRIES} picks and places"
+        if self._tries[contact.skill] == SKILLS:  # failed ones included
+            self.failure = f"the target was not taken with {SKILLS} picks and places"
             return
         self._contact = contact
         self._tries[contact.skill] += 1

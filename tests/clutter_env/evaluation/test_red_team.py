@@ -24,7 +24,7 @@ from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.recording import Recording
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import results
-from clutter_env.evaluation.verify import FRESH_SEEDS, Verification, play_fresh, verify
+from clutter_env.evaluation.verify import FRESH_SEEDS, Verification, fresh_scenes, play_fresh, verify
 from clutter_env.reporting.files import write_json
 from clutter_env.suites import content_digest
 
@@ -399,3 +399,12 @@ def test_results_are_the_same_bit_for_bit_and_verify_in_other_processes(policy: 
             assert ended.returncode == 0, (name, ended.stderr)
         digests.add(json.loads(file.read_text())["digest"])
     assert len(digests) == 1
+
+
+def test_fresh_scenes_have_as_many_objects_as_those_of_the_suite(file: Path) -> None:
+    """Of suites whose number of objects no environment has, they had those of the next smaller environment."""
+    values = {"suite": "deep-shelf-12-v1", "policy": "random"}
+    path = forge(file, lambda content: content.update(values))
+    fresh = fresh_scenes(path, 1, FRESH_SEEDS[0])
+    assert (fresh.num_objects, fresh.scenes[0].keywords["layout"]) == (12, "shelf")
+    assert fresh.name == "o12 shelf obstructed"

@@ -21,7 +21,7 @@ from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeyframeNetwork
 from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
 from clutter_env.policies.protocol import PolicyError, PublicInfo, begin_episode
-from clutter_env.policies.registry import BUILT_IN, env_keywords, load_policy, policy_grasps
+from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy
 from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
 from clutter_env.policies.weights import PROBLEMS, WeightsInfo, load_weights, save_weights, shipped_path
@@ -36,8 +36,8 @@ def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
         policy = load_policy(name, seed=0)
         assert callable(policy.reset)
         assert callable(policy.act)
-        assert policy_grasps(policy) == ("all" if name.endswith("-all") else policy_grasps(policy))
-        env_keywords(policy)
+        grasps = PolicyTraits.of(policy).grasps
+        assert grasps == ("all" if name.endswith("-all") else grasps)
     assert isinstance(load_policy("keyframes-shelf", 0), TwoLevelPolicy)
     assert not load_policy("keyframes", 0).is_privileged  # type: ignore[union-attr]  # a TwoLevelPolicy
     assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]  # a policy, by this name

@@ -11,12 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from assets import FETCH
-from clutter_env.evaluation.scenes import SKILLS
 from clutter_env.policies.motion.control import GripperError, IntegralOffset, action_towards, error_to
 from clutter_env.policies.parsed_observation import Observation, parse_observation, planar_pose
 from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
-from clutter_env.policies.protocol import PolicyError, begin_episode
-from clutter_env.policies.two_level import MAX_TRIES, TwoLevelPolicy
+from clutter_env.policies.protocol import SKILLS, PolicyError, begin_episode
+from clutter_env.policies.two_level import TwoLevelPolicy
 from planners import Contact, tcp_pose
 from planners.scene import RobotState
 
@@ -118,7 +117,7 @@ def test_picks_and_places_are_executed_in_turn_until_the_target_is_taken() -> No
 def test_a_policy_gives_up_with_its_high_level_or_once_the_budget_of_all_policies_is_spent() -> None:
     assert played(Script([contact("pick", "a"), None], [False])).failure == "nothing left"
     endless = played(Script([contact("pick", "a")], [True]), steps=200)
-    assert endless.started == MAX_TRIES == SKILLS
+    assert endless.started == SKILLS
     assert str(SKILLS) in endless.failure
     turns = Script([contact(skill, "a") for _ in range(50) for skill in ("pick", "place")], [False])
     assert played(turns, steps=200).started == 2 * SKILLS
