@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import mujoco
@@ -73,6 +73,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     measurements: Measurements
     _monitor: SuccessMonitor
 
+    has_target: ClassVar[bool] = True
+    """Whether one of the objects, if there are any, is the target."""
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
     """An instance on a machine without a display leaves out "human": checkers try every mode that is listed."""
 
@@ -117,7 +119,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             OptionError: an unknown or invalid option.
             StateError: the option `state` is not a saved state of this environment.
         """
-        checked = ResetOptions.of(options)
+        checked = self._check_options(options)
         with restored_generator(self):
             super().reset(seed=seed)
             if checked.state is not None:
@@ -288,7 +290,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
-        scene, saved_physics, remembered = unpack(state, self._kind)
+        scene, saved_physics, remembered = unpack(state, self._kind, self.has_target)
         world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
         memory = Fields(remembered, "memory", _MEMORY)
@@ -316,7 +318,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         furniture_force = memory.number("furniture_force", 0.0)
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
-        bookkeeping = self._read_memory(memory["task"])
+        bookkeeping = self._read_memory(memory["task"], scene)
         restore_physics(world, scene, physics)  # the last that may refuse the state
         self.world, world.furniture_force = world, furniture_force
         world.controller.state = control
@@ -336,6 +338,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return _unpickled, (type(self), self.config.keywords(), attributes, saved)
 
     # What a task defines.
+
+    def _check_options(self, options: object) -> ResetOptions:
+        """The options of a reset, checked; raises OptionError."""
+        return ResetOptions.of(options)
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         """The scene of a new episode."""
@@ -361,7 +367,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The task's bookkeeping as JSON values; nothing if it follows from the present state."""
         return {}
 
-    def _read_memory(self, memory: Any) -> Any:
+    def _read_memory(self, memory: Any, scene: TableScene) -> Any:  # noqa: ARG002  of the saved state
         """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
         return Fields(memory, "memory task", ())
 
