@@ -81,14 +81,20 @@ class GoalMonitor:
         return self._start.regions
 
     @property
+    def named(self) -> tuple[str, ...]:
+        """Names of the objects that are to be somewhere, or below one that is."""
+        names = [*self.goal.held, *(fact.object for fact in self.goal.placed)]
+        below = [fact.place for fact in self.goal.placed if isinstance(fact, On) and fact.place in self._start.names]
+        return tuple(dict.fromkeys((*names, *below)))
+
+    @property
     def is_reached(self) -> bool:
         """Whether all facts have held for long enough."""
         return self.steps_met >= HOLD_STEPS
 
     def is_lost(self, measurements: Measurements) -> bool:
         """Whether an object that is to be somewhere has fallen off all supports."""
-        named = [*self.goal.held, *(fact.object for fact in self.goal.placed)]
-        return any(bool(measurements.is_off[self._world.names.index(name)]) for name in named)
+        return any(bool(measurements.is_off[self._world.names.index(name)]) for name in self.named)
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step."""

@@ -22,7 +22,8 @@ from clutter_env.envs.reward import dense_reward, event_terms
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.model import TRAY_COLOURS
-from planners.goals import Goal, GoalError, On, Region
+from clutter_env.simulation.world import Mark
+from planners.goals import At, Goal, GoalError, On, Region
 from planners.scene import Scene, SceneError
 
 _KINDS = ("in_area", "at_point", "on_object", "held_up")
@@ -39,6 +40,12 @@ GOAL_ROW = EntryLayout(
     }
 )
 """The row of one object in the observation's entry "goals"; see docs/environments/rearrange.md."""
+
+
+_GREY = (0.62, 0.63, 0.65, 1.0)
+"""Colour of objects that the goal does not name."""
+_MARK_ALPHA = 0.45
+"""Opacity of the marks that pictures show where objects are to be put."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +248,7 @@ class RearrangeEnv(BaseEnv):
     # Inside.
 
     def _follow(self, monitor: GoalMonitor) -> None:
-        """Make this the monitor of the episode; objects that belong in a tray get its colour."""
+        """Make this the monitor of the episode, and note what follows from its goal."""
         self._goal_monitor = monitor
         self._rows = np.zeros((self.config.num_objects, GOAL_ROW.size), np.float32)
         for slot, place in monitor.places.items():
@@ -250,11 +257,28 @@ class RearrangeEnv(BaseEnv):
             row[GOAL_ROW["kind"]][_KINDS.index(place.kind)] = 1.0
             row[GOAL_ROW["centre"]], row[GOAL_ROW["half_extents"]] = place.centre, place.half_extents
             row[GOAL_ROW["heading"]] = (0.0, 0.0) if place.yaw is None else (math.sin(place.yaw), math.cos(place.yaw))
+        self._paint(monitor)
+        self._potential = self._measure_potential()
+
+    def _paint(self, monitor: GoalMonitor) -> None:
+        """Colours: of their trays, of others that the goal names their own, which marks have too; grey of the rest."""
+        world = self.world
+        for slot in set(range(len(world.names))) - {world.names.index(name) for name in monitor.named}:
+            world.colour(slot)[:] = _GREY
         for fact in monitor.goal.placed:
             if isinstance(fact, On) and fact.place in TRAY_COLOURS:
-                geom = self.world.index.object_geoms.start + self.world.names.index(fact.object)
-                self.model.geom_rgba[geom] = TRAY_COLOURS[fact.place]
-        self._potential = self._measure_potential()
+                world.colour(world.names.index(fact.object))[:] = TRAY_COLOURS[fact.place]
+        marked = {region.name for region in monitor.regions}
+        marks = []
+        for fact in monitor.goal.placed:
+            slot = world.names.index(fact.object)
+            place, colour = monitor.places[slot], (*world.colour(slot)[:3], _MARK_ALPHA)
+            if isinstance(fact, At):
+                half = world.scene.standing_extents[slot, :2]
+                marks.append(Mark(place.centre, half, place.yaw or 0.0, np.array(colour)))
+            elif (fact.place if isinstance(fact, On) else fact.region) in marked:
+                marks.append(Mark(place.centre, place.half_extents, place.yaw or 0.0, np.array(colour)))
+        world.marks = tuple(marks)
 
     def _measure_potential(self) -> float:
         """The potential of the present state, 0 if it is terminal; 0 with the sparse reward, which has none."""

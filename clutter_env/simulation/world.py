@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -93,6 +94,22 @@ class Measurements:
         return self.grip.held[0]
 
 
+class Mark(NamedTuple):
+    """A coloured rectangle that pictures show: where an object is to be put. Nothing touches it.
+
+    Attributes:
+        centre: (3,) [m] in the world.
+        half_extents: (2,) [m] along its own axes.
+        yaw: [rad]
+        rgba: (4,)
+    """
+
+    centre: NDArray[np.float64]
+    half_extents: NDArray[np.float64]
+    yaw: float
+    rgba: NDArray[np.float64]
+
+
 class World:
     """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it."""
 
@@ -121,6 +138,7 @@ class World:
         self.furniture_force = 0.0
         self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
+        self.marks: tuple[Mark, ...] = ()
         self._last: tuple[bytes, Measurements] | None = None
 
     @cached_property
@@ -130,7 +148,7 @@ class World:
 
     def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses, colours and start poses of `scene`; the data do not change."""
-        self.scene, self._last = scene, None
+        self.scene, self.marks, self._last = scene, (), None
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
         if not scene.num_objects:
@@ -141,6 +159,10 @@ class World:
         if scene.target >= 0:
             model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
         model.qpos0[index.object_qpos] = start_poses(scene).ravel()
+
+    def colour(self, slot: int) -> NDArray[np.float64]:
+        """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
+        return np.asarray(self.model.geom_rgba[self.index.object_geoms.start + slot])
 
     def reset(self, scene: TableScene) -> None:
         """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
