@@ -24,8 +24,7 @@ from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World, start_poses
 from planners.goals import At, Before, Clear, Fact, Goal, GoalError, Holding, Inside, On, Region
-from planners.scene import AsideObject, Body, HeldObject, RobotState, Scene
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene import AsideObject, Body, HeldObject, RobotState, Scene, StaticObstacle
 
 Array = NDArray[np.float64]
 

@@ -44,6 +44,8 @@ GOAL_ROW = EntryLayout(
 
 _GREY = (0.62, 0.63, 0.65, 1.0)
 """Colour of objects that the goal does not name."""
+_MARK_SIZE = 1.3
+"""Size of the mark under a place over that of the object that is to stand there."""
 _MARK_ALPHA = 0.45
 """Opacity of the marks that pictures show where objects are to be put."""
 
@@ -274,7 +276,7 @@ class RearrangeEnv(BaseEnv):
             slot = world.names.index(fact.object)
             place, colour = monitor.places[slot], (*world.colour(slot)[:3], _MARK_ALPHA)
             if isinstance(fact, At):
-                half = world.scene.standing_extents[slot, :2]
+                half = _MARK_SIZE * world.scene.standing_extents[slot, :2]
                 marks.append(Mark(place.centre, half, place.yaw or 0.0, np.array(colour)))
             elif (fact.place if isinstance(fact, On) else fact.region) in marked:
                 marks.append(Mark(place.centre, place.half_extents, place.yaw or 0.0, np.array(colour)))
