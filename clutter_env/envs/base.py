@@ -75,6 +75,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     has_target: ClassVar[bool] = True
     """Whether one of the objects, if there are any, is the target."""
+    task_modules: ClassVar[tuple[str, ...]] = ()
+    """Modules whose code decides what the task is, beside those of the class and its bases."""
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
     """An instance on a machine without a display leaves out "human": checkers try every mode that is listed."""
 

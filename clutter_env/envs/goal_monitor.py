@@ -122,8 +122,8 @@ class GoalMonitor:
                 objects[slot] = body.at(pose[:3], pose[3:])
                 changed.add(body.name)
         if changed:
-            first, *others = [HeldObject(name, _IN_HAND) for name in sorted(held)] or [None]
-            aside = tuple(AsideObject("", one) for one in others if one is not None)
+            in_hands = [HeldObject(name, _IN_HAND) for name in sorted(held)]
+            first, aside = next(iter(in_hands), None), tuple(AsideObject("", one) for one in in_hands[1:])
             self._scene = replace(scene, objects=tuple(objects), held=first, aside=aside)
         return changed
 
@@ -237,10 +237,10 @@ def start_scene(robot: RobotSpec, layout: Layout, scene: TableScene, regions: Se
             zip(scene.is_box, scene.half_extents, start_poses(scene), strict=True)
         )
     ]
-    obstacles = [StaticObstacle(box.name, np.array(box.position), np.array(box.half_extents)) for box in furniture(layout)]
-    found = Scene(
-        robot, state, tuple(bodies), tuple(obstacles), supports=supports_of(layout), regions=tuple(regions)
-    )
+    obstacles = [
+        StaticObstacle(box.name, np.array(box.position), np.array(box.half_extents)) for box in furniture(layout)
+    ]
+    found = Scene(robot, state, tuple(bodies), tuple(obstacles), supports=supports_of(layout), regions=tuple(regions))
     goal.check(found)
     return found
 

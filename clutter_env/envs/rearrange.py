@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
 from clutter_env.envs.base import BaseEnv
@@ -97,7 +96,7 @@ class RearrangeOptions(ResetOptions):
     regions: tuple[Region, ...] = field(default=())
 
     @classmethod
-    def of(cls, options: object) -> RearrangeOptions:
+    def of(cls, options: object) -> Self:
         """Check the dictionary given to `reset`.
 
         Raises:
@@ -142,6 +141,7 @@ class RearrangeEnv(BaseEnv):
 
     config: RearrangeConfig
     has_target = False
+    task_modules = ("clutter_env.envs.goal_monitor", "clutter_env.envs.rearrange_tasks", "planners.goals")
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(RearrangeConfig.from_keywords(keywords))
@@ -264,7 +264,8 @@ class RearrangeEnv(BaseEnv):
 
     def _paint(self, monitor: GoalMonitor) -> None:
         """Colours: of their trays, of others that the goal names their own, which marks have too; grey of the rest."""
-        world = self.world
+        world, scene = self.world, self.world.scene
+        assert scene is not None
         for slot in set(range(len(world.names))) - {world.names.index(name) for name in monitor.named}:
             world.colour(slot)[:] = _GREY
         for fact in monitor.goal.placed:
@@ -276,7 +277,7 @@ class RearrangeEnv(BaseEnv):
             slot = world.names.index(fact.object)
             place, colour = monitor.places[slot], (*world.colour(slot)[:3], _MARK_ALPHA)
             if isinstance(fact, At):
-                half = _MARK_SIZE * world.scene.standing_extents[slot, :2]
+                half = _MARK_SIZE * scene.standing_extents[slot, :2]
                 marks.append(Mark(place.centre, half, place.yaw or 0.0, np.array(colour)))
             elif (fact.place if isinstance(fact, On) else fact.region) in marked:
                 marks.append(Mark(place.centre, place.half_extents, place.yaw or 0.0, np.array(colour)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -142,7 +143,7 @@ def _stacked(rng: Rng, scene: TableScene) -> TableScene:
     """Three of the objects, one on the other, where the lowest one stood."""
     chosen = rng.choice(scene.num_objects, STACK, replace=False)
     positions, levels = scene.positions.copy(), scene.levels.copy()
-    for below, above in zip(chosen, chosen[1:], strict=False):
+    for below, above in pairwise(chosen):
         positions[above] = positions[below]
         levels[above] = levels[below] + 2 * scene.standing_extents[below, 2]
     return replace(scene, positions=positions, levels=levels)
@@ -158,13 +159,24 @@ def _fetch(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:  # noqa: A
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
         "sort": Task(
-            "trays", "standard", "cylinder", 1, _sort, f"supports named {TRAY}red and so on", lambda one: bool(trays(one))
+            "trays",
+            "standard",
+            "cylinder",
+            1,
+            _sort,
+            f"supports named {TRAY}red and so on",
+            lambda one: bool(trays(one)),
         ),
         "set": Task("paper", "standard", "cylinder", 1, _set),
         "swap": Task("paper", "standard", "cylinder", 2, _swap),
         "stack": Task("paper", "blocks", "box", STACK, _stack, arrange=_stacked),
         "fetch": Task(
-            "two_tables", "standard", "cylinder", 2, _fetch, f"a support named {SECOND_TABLE}",
+            "two_tables",
+            "standard",
+            "cylinder",
+            2,
+            _fetch,
+            f"a support named {SECOND_TABLE}",
             lambda one: SECOND_TABLE in supports_of(one),
         ),
     }

@@ -234,7 +234,7 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
 TRAY = "tray_"
 """With which the names of the supports begin into which objects are sorted; what follows is the tray's colour."""
 _TRAY_HALF_X, _TRAY_HALF_Y = 0.21, 0.135
-"""[m] Half of a tray's floor along x and y: seven of the largest random objects stand in it a gripper's finger apart."""
+"""[m] Half of a tray's floor along x and y: for seven of the largest random objects, with fingers between them."""
 _TRAY_FLOOR, _TRAY_RIM, _RIM_WIDTH = 0.005, 0.02, 0.01
 """[m] Thickness of a tray's floor, height of its rim above what the tray stands on, and thickness of the rim. Fingers
 that hold an object by its middle stay above the rim."""
@@ -244,9 +244,9 @@ def tray(colour: str, x: float, y: float) -> tuple[Box, ...]:
     """A tray at (x, y) [m] on a counter: its floor, named "tray_" and its colour, and four low rims."""
     name, half_floor, half_rim = f"{TRAY}{colour}", _TRAY_FLOOR / 2, _TRAY_RIM / 2
     half = half_x, half_y = _TRAY_HALF_X, _TRAY_HALF_Y
-    rims = [
-        (side * (half_x + _RIM_WIDTH / 2), 0.0, _RIM_WIDTH / 2, half_y + _RIM_WIDTH) for side in (-1, 1)
-    ] + [(0.0, side * (half_y + _RIM_WIDTH / 2), half_x, _RIM_WIDTH / 2) for side in (-1, 1)]
+    rims = [(side * (half_x + _RIM_WIDTH / 2), 0.0, _RIM_WIDTH / 2, half_y + _RIM_WIDTH) for side in (-1, 1)] + [
+        (0.0, side * (half_y + _RIM_WIDTH / 2), half_x, _RIM_WIDTH / 2) for side in (-1, 1)
+    ]
     return (
         Box(name, (x, y, TABLE_HEIGHT + half_floor), (*half, half_floor)),
         *(
