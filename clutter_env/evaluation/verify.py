@@ -112,7 +112,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
             traits=traits,
             weights=content["weights"],
             episodes=tuple(replayed),
-            floors=lower_bounds(scenes, traits.grasps) if scenes.suite else (),
+            floors=lower_bounds(scenes, traits.grasps) if scenes.has_floors else (),
             provenance={"environment": content["environment"]},
             judged_in=content["judged_in"],
         )
@@ -160,6 +160,7 @@ def fresh_scenes(path: Path, count: int, first_seed: int) -> SceneSet:
         obstructed=first.keywords.get("obstructed", False),
         layout=str(first.keywords.get("layout", "")),
         objects=first.keywords.get("num_objects", 0),
+        task=first.keywords.get("task", ""),
         count=count,
         first_seed=first_seed,
     )
@@ -212,6 +213,7 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
         obstructed=content["obstructed"],
         layout=content["layout"],
         objects=content["objects"],
+        task=content.get("task", ""),
         count=count,
         first_seed=content["first_seed"],
     )
