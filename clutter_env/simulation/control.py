@@ -209,7 +209,7 @@ class JointController:
         for joint, (start, position, (lower, upper, lead, fastest)) in enumerate(rows):
             target = start + allowed[joint] * CONTROL_STEP
             bounded = min(max(min(max(target, position - lead), position + lead), lower), upper)
-            # A joint that was held back moves only as far as its target did, so that it does not start with a jerk later.
+            # A joint that was held back moves only as far as its target did: it does not start with a jerk later.
             if bounded != target:
                 allowed[joint] = min(max((bounded - start) / CONTROL_STEP, -fastest), fastest)
             targets.append(bounded)

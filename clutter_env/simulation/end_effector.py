@@ -174,7 +174,8 @@ class _MotionLimit:
         self._first, self._last = lower + _LIMIT_MARGIN, upper - _LIMIT_MARGIN
         limits = zip(robot.max_velocity[3:], robot.max_acceleration[3:], strict=True)
         self._joints = [
-            (*ends, *limit) for ends, limit in zip(zip(lower.tolist(), upper.tolist(), strict=True), limits, strict=True)
+            (*ends, *limit)
+            for ends, limit in zip(zip(lower.tolist(), upper.tolist(), strict=True), limits, strict=True)
         ]
         self._rows = np.vstack((np.eye(len(lower)), -np.eye(len(lower))))
         # DAQP's other two arguments: no lower bounds, and every row an inequality.
@@ -187,8 +188,7 @@ class _MotionLimit:
     def inequalities(self, q: list[float], qd: list[float]) -> tuple[NDArray[Any], ...]:
         """Bounds on a step's displacement from `q` with the velocities `qd`, as DAQP takes them.
 
-        Rows (2 (1 + n), 1 + n), their upper and lower bounds and their kinds, each (2 (1 + n),). Joint by joint: NumPy's
-        functions on so few numbers take several times as long.
+        Rows (2 (1 + n), 1 + n), their upper and lower bounds and their kinds, each (2 (1 + n),).
         """
         upwards, downwards = [], []
         for position, velocity, (lower, upper, fastest, acceleration) in zip(q, qd, self._joints, strict=True):

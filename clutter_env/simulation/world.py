@@ -118,6 +118,11 @@ class World:
         self._empty_grip = Grip((-1,) * len(self._grippers), (False,) * len(self._grippers), False)
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
+        self._home = self.model.qpos0.copy()
+        self._home[self.index.drive_qpos[3:]] = ActingJoints.of(robot).home
+        self._home[self.index.finger_qpos[:2]] = robot.max_finger_position
+        self._home[self.index.still_qpos] = robot.still_configuration
+        self._home = self._home[: self.index.object_qpos.start]
         self.furniture_force = 0.0
         self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
@@ -146,9 +151,8 @@ class World:
         self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
-        data.qpos[index.drive_qpos] = (*scene.base, *ActingJoints.of(self.robot).home)
-        data.qpos[index.finger_qpos[:2]] = self.robot.max_finger_position
-        data.qpos[index.still_qpos] = self.robot.still_configuration
+        data.qpos[: index.object_qpos.start] = self._home
+        data.qpos[index.drive_qpos[:3]] = scene.base
         self.controller.reset(data)
         self.furniture_force = 0.0
         self._contacts = []
