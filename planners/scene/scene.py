@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
+from planners.goals import Region
 from planners.scene.bodies import (
     AsideObject,
     Body,
@@ -59,9 +60,11 @@ class Scene:
         parked: where arms that were active before were left; the others are at home.
         supports: names of the static obstacles on whose level top faces objects may be put, the first of them R_plane
             of the paper; "floor" is the floor, and () the floor alone. Objects may stand anywhere: see `support_under`.
+        regions: named rectangles on supports, for goals.
 
     Raises:
-        SceneError: two objects or two static obstacles have the same name, or there are too many objects for a mask.
+        SceneError: two objects, static obstacles or regions have the same name, there are too many objects for a mask,
+            or a region lies on no support.
         UnknownObject: the object in the gripper is not among the objects.
     """
 
@@ -73,22 +76,38 @@ class Scene:
     supports: tuple[str, ...] = (SUPPORT,)
     aside: tuple[AsideObject, ...] = ()
     parked: tuple[ParkedArm, ...] = ()
+    regions: tuple[Region, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "static_obstacles", tuple(self.static_obstacles))
         object.__setattr__(self, "supports", tuple(self.supports))
+        object.__setattr__(self, "regions", tuple(self.regions))
         if len(self.objects) > MAX_OBJECTS:
             raise SceneError(f"{len(self.objects)} objects; at most {MAX_OBJECTS} fit a mask")
         for kind in (self.names, tuple(obstacle.name for obstacle in self.static_obstacles), self.supports):
             if len(set(kind)) != len(kind):
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
+        self._check_regions()
         if self.held is not None:
             self.index(self.held.name)
             # Commanded to close completely, the fingers press on what is between them.
             object.__setattr__(self, "state", replace(self.state, finger_position=0.0))
         for one in self.aside:
             self.index(one.held.name)
+
+    def _check_regions(self) -> None:
+        """Raise `SceneError` if a region has the name of something else, or lies on no support."""
+        taken = {*self.names, *self.supports}
+        for region in self.regions:
+            if region.name in taken:
+                raise SceneError(f"region {region.name!r} has the name of another region, a support or an object")
+            if region.support not in self.supports:
+                known = ", ".join(self.supports) or "none"
+                raise SceneError(
+                    f"region {region.name!r} is on {region.support!r}, which is no support; known: {known}"
+                )
+            taken.add(region.name)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -202,6 +221,7 @@ class Scene:
         support: str = SUPPORT,
         more_supports: Collection[str] | None = None,
         obstacles: IsObstacle | None = None,
+        regions: Iterable[Region] = (),
     ) -> Scene:
         """A snapshot of a simulation; neither `model` nor `data` is written.
 
@@ -221,6 +241,7 @@ class Scene:
                 declares, the geoms of its custom tuple "supports".
             obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
                 a movable body; by default geoms that can touch something are static obstacles.
+            regions: named rectangles on supports, for goals.
 
         Raises:
             SceneError: a movable body that is neither a cylinder nor a box, a static geom that cannot be represented, a
@@ -238,6 +259,7 @@ class Scene:
             bodies.read(model, data),
             tuple(one.obstacle for one in found),
             supports=find_supports(found, (support, *others)),
+            regions=tuple(regions),
         )
         if not held:
             return scene
