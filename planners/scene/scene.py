@@ -131,7 +131,7 @@ class Scene:
         return self.support_named(self.supports[0] if self.supports else FLOOR)
 
     def support_under(self, body: Body) -> StaticObstacle:
-        """What carries an object where it is, other objects aside: the highest level top under its centre, or the floor.
+        """What carries an object, other objects aside: the highest level top under its centre, or the floor.
 
         An object in the air is over the support that it would fall on.
         """

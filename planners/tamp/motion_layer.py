@@ -179,7 +179,11 @@ class MotionLayer:
 
         Where another arm will take the object, the active one moves home first.
         """
-        base = stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object)) if grasp.drives else grasp.base
+        base = (
+            stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object))
+            if grasp.drives
+            else grasp.base
+        )
         return self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
