@@ -77,7 +77,7 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     """
     top, centre, outlines = scene.support.top, scene.support.position[:2], []
     supports = (scene.support, *map(scene.support_named, scene.supports[1:]))
-    places = np.array([one.position[:2] for one in (*supports, *scene.objects)])
+    places = np.array([*(one.position[:2] for one in supports), *(one.position[:2] for one in scene.objects)])
     for obstacle in _beside_base(scene):
         outline = obstacle.outline
         is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
