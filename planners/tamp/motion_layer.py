@@ -184,7 +184,11 @@ class MotionLayer:
         Where another arm will take the object, the active one moves home first. If there is no way, no grasp is offered
         again to which there is none either.
         """
-        base = stand_off(scene.using(grasp.arm), grasp.base, grasp.q) if grasp.drives else grasp.base
+        base = (
+            stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object))
+            if grasp.drives
+            else grasp.base
+        )
         driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
         if driven is NO_WAY:
             for other in self.candidates.for_object(scene, grasp.object):
@@ -195,7 +199,7 @@ class MotionLayer:
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
         is_inside = is_covered(scene, placement.body.foot)
-        base = stand_off(scene, placement.base, placement.q) if is_inside else placement.base
+        base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
