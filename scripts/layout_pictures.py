@@ -1,4 +1,4 @@
-"""Pictures of all layouts, or of the tasks of Rearrange, in one image: the whole scene, and below it the table from above.
+"""Pictures of all layouts, or tasks of Rearrange, in one image: the whole scene, and below it the table from above.
 
 python scripts/layout_pictures.py --out docs/images/layouts.png
 python scripts/layout_pictures.py --tasks --objects 8 --out docs/images/rearrange.png

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -135,8 +134,9 @@ class Window:
                 view.type, view.lookat[:] = framed.type, framed.lookat
                 view.azimuth, view.elevation, view.distance = framed.azimuth, framed.elevation, framed.distance
         self._shown, self._due = data.time, time.monotonic()
+        self._marks: tuple[Mark, ...] = ()
 
-    def show(self, marks: Iterable[Mark] = ()) -> None:
+    def show(self, marks: tuple[Mark, ...] = ()) -> None:
         """Show the present state when its time has come; nothing once the window has been closed."""
         if not self._viewer.is_running():
             return
@@ -145,9 +145,11 @@ class Window:
         self._due = max(self._due, now - _MOST_LAG) + passed if passed >= 0 else now
         self._shown = self._data.time
         time.sleep(max(self._due - now, 0.0))
-        with self._viewer.lock():
-            self._viewer.user_scn.ngeom = 0
-            add_marks(self._viewer.user_scn, marks)
+        if marks is not self._marks:
+            with self._viewer.lock():
+                self._viewer.user_scn.ngeom = 0
+                add_marks(self._viewer.user_scn, marks)
+            self._marks = marks
         self._viewer.sync()
 
     def wait(self) -> None:

@@ -116,7 +116,11 @@ class Layout:
                     f"y from {low[1]:.3g} to {high[1]:.3g} m, where the robot starts"
                 )
         if self.supports is not None:
-            known = [box.name for box in furniture(self) if top_of(box) >= LOWEST_SUPPORT]
+            known = [
+                box.name
+                for box in furniture(self)
+                if top_of(box) >= (LOWEST_SUPPORT if box in self.boxes else TABLE_HEIGHT)
+            ]
             # JSON makes lists of tuples.
             chosen = tuple(self.supports) if isinstance(self.supports, list | tuple) else ()
             chosen = chosen if all(isinstance(name, str) for name in chosen) else ()

@@ -198,7 +198,7 @@ def test_a_floor_belongs_to_a_grasp_set() -> None:
     assert (scene.floor("side"), scene.floor("all")) == (Floor(2, True), Floor(1, False))
     with pytest.raises(SuiteError, match="have them for: side, all"):
         scene.floor("top")
-    with pytest.raises(SuiteError, match="no floors for grasps='all' yet"):
+    with pytest.raises(SuiteError, match="no floors for grasps='all'"):
         replace(scene, floor_all=None).floor("all")
 
 
