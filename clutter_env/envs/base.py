@@ -22,11 +22,11 @@ from assets import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
-from clutter_env.envs.success import SuccessMonitor, checked_memory
+from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
 from clutter_env.errors import ActionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
-from clutter_env.scene.layout import LAYOUTS, Layout
+from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
@@ -197,6 +197,21 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """
         self.check_started("target")
         return self.world.names[self.target_slot] if self.target_slot >= 0 else ""
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects' bodies."""
+        return self.world.names
+
+    @property
+    def support_name(self) -> str:
+        """Name of the geom on whose top face the objects stand."""
+        return TABLE
+
+    @property
+    def lift_height(self) -> float:
+        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        return LIFT_HEIGHT
 
     @property
     def info(self) -> dict[str, Any]:
