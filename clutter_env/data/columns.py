@@ -84,7 +84,8 @@ def _observation(name: str, layout: Mapping[str, EntryLayout], value: Any) -> Co
         rows = (len(value) - sum(layout[entry].size for entry in _OWN)) // layout["objects"].size
         parts = [column._replace(name=f"{entry}.{column.name}") for entry in _OWN for column in layout[entry].columns]
         return _named(
-            "the entries robot, tcp, gripper and objects, one after the other", [*parts, *_rows(layout, "objects", rows)]
+            "the entries robot, tcp, gripper and objects, one after the other",
+            [*parts, *_rows(layout, "objects", rows)],
         )
     if name in ("objects", "goals"):
         rows = len(value) // layout[name].size

@@ -71,7 +71,9 @@ class GoalMonitor:
         self._facts = {fact: fact.holds(start, start) for fact in goal.facts}
         self.steps_met, self.moved = 0, list[str]()
         self._places = self._find_places()
+        self._slots = [world.names.index(name) for name in self.named]
         self._last: Measurements | None = None
+        self._poses = np.array([[*body.position, *body.quaternion] for body in start.objects])
         self.unmet = self._find_unmet()
 
     @property
@@ -93,7 +95,7 @@ class GoalMonitor:
 
     def is_lost(self, measurements: Measurements) -> bool:
         """Whether an object that is to be somewhere has fallen off all supports."""
-        return any(bool(measurements.is_off[self._world.names.index(name)]) for name in self.named)
+        return bool(measurements.is_off[self._slots].any())
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step."""
@@ -117,10 +119,11 @@ class GoalMonitor:
         self._last, scene, names = measurements, self._scene, self._world.names
         held = {names[slot] for slot in measurements.grip.held if slot >= 0}
         objects, changed = list(scene.objects), held ^ set(scene.held_names)
-        for slot, (body, pose) in enumerate(zip(scene.objects, measurements.poses, strict=True)):
-            if not (np.array_equal(body.position, pose[:3]) and np.array_equal(body.quaternion, pose[3:])):
-                objects[slot] = body.at(pose[:3], pose[3:])
-                changed.add(body.name)
+        for slot in np.flatnonzero((measurements.poses != self._poses).any(axis=1)).tolist():
+            pose = measurements.poses[slot]
+            objects[slot] = objects[slot].at(pose[:3], pose[3:])
+            changed.add(names[slot])
+        self._poses = measurements.poses
         if changed:
             in_hands = [HeldObject(name, _IN_HAND) for name in sorted(held)]
             first, aside = next(iter(in_hands), None), tuple(AsideObject("", one) for one in in_hands[1:])
