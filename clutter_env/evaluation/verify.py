@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from clutter_env.policies.runs import run_directories
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text
 from clutter_env.reporting.intervals import Interval, wilson
+from clutter_env.suites import suite
 
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("suite", "split", "env_id", "layout", "policy", "track", "grasps", "feasibility"), str),
@@ -149,20 +150,34 @@ def play_fresh(
     Raises:
         See `evaluate`.
     """
-    return evaluate(policy, fresh_scenes(path, count, first_seed), trust=trust, workers=workers, tick=tick)
+    return evaluate(policy, fresh_scenes(path, count, first_seed, workers), trust=trust, workers=workers, tick=tick)
 
 
-def fresh_scenes(path: Path, count: int, first_seed: int) -> SceneSet:
-    """Scenes of the kind of those of a results file; a suite's lower bounds do not choose among them."""
-    first = scenes_of(read_results(path)).scenes[0]
-    return SceneSet(
+def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> SceneSet:
+    """Scenes of the kind of those of a results file: of a suite, the first whose lower bounds it would admit."""
+    scenes = scenes_of(read_results(path))
+    first, least = scenes.scenes[0], least_bound(scenes.suite)
+    kind = SceneSet(
         env_id=first.env_id,
         obstructed=first.keywords.get("obstructed", False),
         layout=str(first.keywords.get("layout", "")),
         objects=first.keywords.get("num_objects", 0),
         count=count,
         first_seed=first_seed,
+        max_steps=max((scene.max_steps for scene in suite(scenes.suite)), default=0) if scenes.suite else None,
     )
+    seeds: list[int] = []
+    while least and len(seeds) < count:
+        floors = lower_bounds(kind, "side", workers=workers)
+        is_admitted = [floor.is_proved and (floor.count or 0) >= least for floor in floors]
+        seeds += [scene.seed for scene, admitted in zip(kind.scenes, is_admitted, strict=True) if admitted]
+        kind = replace(kind, first_seed=kind.first_seed + len(floors), count=2 * len(floors))
+    return replace(kind, count=count, first_seed=first_seed, seeds=tuple(seeds[:count]))
+
+
+def least_bound(name: str) -> int:
+    """The smallest lower bound for side grasps in a suite; 0 where a scene has none, and outside the suites."""
+    return min((scene.floor_side.count or 0 for scene in suite(name)), default=0) if name else 0
 
 
 def fresh_success(evaluation: Evaluation) -> Interval:
