@@ -64,7 +64,9 @@ def run(arguments: Arguments) -> int:
         _show(f"confirmed: {said}, by replay of the recorded actions")
     _show(f"claimed: policy {found.policy}, of the {found.track} track; its files are {found.weights}")
     if found.fresh is not None:
-        _show(f"{arguments.policy} on {arguments.scenes} fresh scenes of the kind, from seed {seed}: clean success {found.fresh}")
+        _show(
+            f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}"
+        )
     if arguments.json is not None:
         write_json(arguments.json, found)
     return 0 if found.is_confirmed else 1

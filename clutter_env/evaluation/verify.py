@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -103,21 +103,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
         else:
             found.append(f"episode {index}: {result}")
         tick()
-    traits = PolicyTraits(content["track"], {}, False, content["grasps"], "", "")
-    made_again = results(
-        Evaluation(
-            policy=content["policy"],
-            scenes=scenes,
-            seed=content["seed"],
-            feasibility=content["feasibility"],
-            traits=traits,
-            weights=content["weights"],
-            episodes=tuple(replayed),
-            floors=lower_bounds(scenes, traits.grasps) if scenes.suite else (),
-            provenance={"environment": content["environment"]},
-            judged_in=content["judged_in"],
-        )
-    )
+    made_again = results(_evaluation(content, replayed))
     found += _differences("", {name: value for name, value in content.items() if name not in _CLAIMED}, made_again)
     if content["policy"] in BUILT_IN and PolicyTraits.of(load_policy(content["policy"], 0)).track != content["track"]:
         found.append(f"{content['policy']} is no policy of the {content['track']} track")
@@ -215,6 +201,42 @@ def read_results(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise LearningError(f"{path} is no results file that can be verified: {problem!r}") from problem
     return content
+
+
+def claimed(path: Path) -> Evaluation:
+    """What a results file says, for tables; nothing is played again.
+
+    Raises:
+        LearningError: the file is no results file of this version, or it is damaged.
+        SuiteError: there is no such suite, or no lower bounds for the grasps that the file names.
+    """
+    content = read_results(path)
+    names = {field.name for field in fields(Score)} - {"wall_s"}
+    try:
+        scores = [
+            Score(wall_s=values["wall_s"] if values else 0.0, **{name: claim[name] for name in names})
+            for claim, values in zip(content["episodes"], content["recordings"], strict=True)
+        ]
+    except (KeyError, TypeError) as problem:
+        raise LearningError(f"{path} is no results file: an episode lacks {problem}") from None
+    return _evaluation(content, [Played(score, None) for score in scores])
+
+
+def _evaluation(content: Mapping[str, Any], episodes: Sequence[Played]) -> Evaluation:
+    """The evaluation of a results file, with these episodes."""
+    scenes = scenes_of(content)
+    return Evaluation(
+        policy=content["policy"],
+        scenes=scenes,
+        seed=content["seed"],
+        feasibility=content["feasibility"],
+        traits=PolicyTraits(content["track"], {}, False, content["grasps"], "", ""),
+        weights=content["weights"],
+        episodes=tuple(episodes),
+        floors=lower_bounds(scenes, content["grasps"]) if scenes.suite else (),
+        provenance={"environment": content["environment"]},
+        judged_in=content["judged_in"],
+    )
 
 
 def scenes_of(content: Mapping[str, Any]) -> SceneSet:
