@@ -49,7 +49,8 @@ class Verification:
         episodes: number of episodes.
         clean: claimed successes.
         differences: one sentence for everything in the file that is not as a replay gives it; empty if all is.
-        not_comparable: why a replay on this machine says nothing, such as another version of MuJoCo; empty if it does.
+        other_than: in what the environment here is other than that of the file, such as its version of MuJoCo. Replays
+            that agree all the same confirm the scores; of those that do not, nobody can say why.
         fresh: success of the policy itself on fresh scenes, None if it was not run.
         weights: "the same", "different" from those that the file names, or "not here".
     """
@@ -60,14 +61,14 @@ class Verification:
     episodes: int
     clean: int
     differences: tuple[str, ...]
-    not_comparable: tuple[str, ...]
+    other_than: tuple[str, ...]
     fresh: Interval | None = None
     weights: str = "not here"
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether every score of the file is that of its actions."""
-        return not self.differences and not self.not_comparable
+        """Whether every score of the file is that of its actions, by the rules that hold here."""
+        return not self.differences
 
 
 def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: None) -> Verification:
@@ -117,7 +118,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
         episodes=len(claims),
         clean=sum(bool(claim.get("clean")) for claim in claims),
         differences=tuple(found),
-        not_comparable=tuple(_other_machine(content, judge)),
+        other_than=tuple(_other_machine(content, judge)),
         weights="not here" if not weights else "the same" if weights == content["weights"] else "different",
     )
 

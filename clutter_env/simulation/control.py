@@ -197,21 +197,25 @@ class JointController:
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
         present = _turned(state.velocity, cosine, -sine).tolist()
         limits = self._loaded_limits if is_loaded else self._limits
-        allowed = [
-            min(max(min(max(wanted, -limit), limit), now - change), now + change)
-            for wanted, now, limit, change in zip(velocity.tolist(), present, limits, self._changes, strict=True)
-        ]
+        allowed = []
+        for wanted, now, limit, change in zip(velocity.tolist(), present, limits, self._changes, strict=True):
+            speed = limit if wanted > limit else -limit if wanted < -limit else wanted
+            most, least = now + change, now - change
+            allowed.append(most if speed > most else least if speed < least else speed)
         x, y = allowed[:2]
         allowed[:2] = cosine * x - sine * y, sine * x + cosine * y
         targets = []
         actual = data.qpos[self._index.drive_qpos].tolist()
-        rows = zip(state.target.tolist(), actual, self._bounds, strict=True)
-        for joint, (start, position, (lower, upper, lead, fastest)) in enumerate(rows):
-            target = start + allowed[joint] * CONTROL_STEP
-            bounded = min(max(min(max(target, position - lead), position + lead), lower), upper)
+        rows = zip(state.target.tolist(), actual, allowed[:], self._bounds, strict=True)
+        for joint, (start, position, speed, (lower, upper, lead, limit)) in enumerate(rows):
+            target = start + speed * CONTROL_STEP
+            most, least = position + lead, position - lead
+            bounded = most if target > most else least if target < least else target
+            bounded = upper if bounded > upper else lower if bounded < lower else bounded
             # A joint that was held back moves only as far as its target did: it does not start with a jerk later.
             if bounded != target:
-                allowed[joint] = min(max((bounded - start) / CONTROL_STEP, -fastest), fastest)
+                moved = (bounded - start) / CONTROL_STEP
+                allowed[joint] = limit if moved > limit else -limit if moved < -limit else moved
             targets.append(bounded)
         step = self._robot.max_finger_velocity * CONTROL_STEP
         fingers = []
