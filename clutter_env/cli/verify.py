@@ -66,9 +66,7 @@ def run(arguments: Arguments) -> int:
             _show("not comparable: the differences may come from what the file was made with:", *found.other_than)
     _show(f"claimed: policy {found.policy}, of the {found.track} track; its files are {found.weights}")
     if found.fresh is not None:
-        _show(
-            f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}"
-        )
+        _show(f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}")
     if arguments.json is not None:
         write_json(arguments.json, found)
     return 0 if found.is_confirmed else 1
