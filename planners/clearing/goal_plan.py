@@ -27,7 +27,7 @@ from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
 
 _TRIED = 6
-"""Grasps of an object for which is looked whether the gripper can come and leave."""
+"""Grasps of an object for which is looked whether the gripper can come and leave, of one family and of all."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _moved(sim: _Simulation, name: str) -> bool:
     if name in sim.goal.held:
         grasp = None
         if name not in scene.held_names:
-            grasp = _free_grasp(sim, name)
+            grasp = next(_free_grasps(sim, name), None)
             if grasp is None:
                 return False
         elif len(sim.waiting) > 1:
@@ -123,24 +123,22 @@ def _moved(sim: _Simulation, name: str) -> bool:
 
 
 def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
-    """Take an object and put it where the goal wants it, or aside."""
-    scene = sim.scene
-    grasp = None if name in scene.held_names else _free_grasp(sim, name)
-    if grasp is None and name not in scene.held_names:
-        return False
-    in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
-    assert in_hand is not None
-    fact = placed_fact(sim.goal, name) if is_general else None
-    reserved = reserved_regions(scene, sim.goal, name if is_general else "")
-    for keep in _tiers(sim, name):
-        placement = next(
-            placements_of(sim.problem, sim.goal, in_hand, fact, replace(keep, reserved=reserved), sim.waiting), None
-        )
-        if placement is not None:
-            state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
-            after = in_hand.with_held(None).with_body(placement.body).with_state(state)
-            _advance(sim, Move(name, grasp, placement, is_general), after)
-            return True
+    """Take an object and put it where the goal wants it, or aside; through another grasp where one does not fit."""
+    scene, goal = sim.scene, sim.goal
+    fact = placed_fact(goal, name) if is_general else None
+    reserved = reserved_regions(scene, goal, name if is_general else "")
+    is_held = name in scene.held_names
+    for grasp in (None,) if is_held else _free_grasps(sim, name):
+        in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
+        assert in_hand is not None
+        for keep in _tiers(sim, name):
+            keep = replace(keep, reserved=reserved)
+            placement = next(placements_of(sim.problem, goal, in_hand, fact, keep, sim.waiting), None)
+            if placement is not None:
+                state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
+                after = in_hand.with_held(None).with_body(placement.body).with_state(state)
+                _advance(sim, Move(name, grasp, placement, is_general), after)
+                return True
     return False
 
 
@@ -184,24 +182,29 @@ def _tiers(sim: _Simulation, name: str) -> Iterator[KeepClear]:
     yield KeepClear()
 
 
-def _free_grasp(sim: _Simulation, name: str) -> GraspCandidate | None:
-    """A grasp with nothing in its way, to which the gripper can come and from which it can leave; the best first.
+def _free_grasps(sim: _Simulation, name: str) -> Iterator[GraspCandidate]:
+    """Grasps with nothing in their way, to which the gripper can come and from which it can leave, of several pitches.
 
     What is found in the way of others is remembered for the scene.
     """
-    for _ in range(_TRIED):
-        grasp = next((one for one in sim.candidates.for_object(sim.scene, name)[:1] if not one.blockers), None)
-        if grasp is None:
-            return None
-        world = sim.candidates.compiled.world(sim.scene.using(grasp.arm))
-        if can_take(world, grasp.base, grasp.q, name):
-            return grasp
-        blockers = fewest_blockers(world, grasp.base, grasp.q, name)
-        if blockers:
-            sim.candidates.obstruct(sim.scene, grasp, blockers)
-        else:
-            sim.candidates.ban(sim.scene, grasp)
-    return None
+    seen: set[float] = set()
+    candidates, scene = sim.candidates, sim.scene
+    for find in (candidates.for_object, candidates.of_all_families):
+        for _ in range(_TRIED):
+            free = (one for one in find(scene, name) if not one.blockers and one.pitch not in seen)
+            grasp = next(free, None)
+            if grasp is None:
+                break
+            world = candidates.compiled.world(scene.using(grasp.arm))
+            if can_take(world, grasp.base, grasp.q, name):
+                seen.add(grasp.pitch)
+                yield grasp
+                continue
+            blockers = fewest_blockers(world, grasp.base, grasp.q, name)
+            if blockers:
+                candidates.obstruct(scene, grasp, blockers)
+            else:
+                candidates.ban(scene, grasp)
 
 
 def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:

@@ -99,11 +99,12 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
         for name, grasp in commitments.grasps.items():
             symbols = reached_by(symbols, name, gripper_symbol(scene.robot, grasp.arm))
     blockers = {name: set(names) & set(found.until) for name, names in commitments.blockers(scene).items()}
-    moves = []
+    moves: list[Moved] = []
+    rest = [fact.object for fact in search.goal.placed if fact.object not in found.until]
     for index, name in enumerate(found.until):
         later = found.until[index + 1 :]
         blocked = (other for other in later if name in blockers.get(other, ()))
-        obstructs = "" if name in found.general else next(blocked, (*later, "")[0])
+        obstructs = "" if name in found.general else next(blocked, (*later, *rest, "")[0])
         moves.append(Moved(name, tuple(sorted(blockers.get(name, ()))), name in found.placements, obstructs))
     symbols, wanted = with_moves(symbols, moves)
     return PlanState(symbols, scene, found, wanted=wanted)
