@@ -35,8 +35,6 @@ EDGE = 0.002
 """[m] that an object may reach over the edge of its region."""
 TOLERANCE, YAW_TOLERANCE = 0.02, 0.1
 """[m] and [rad] about a pose, if no other tolerance is given."""
-_SUNK = 0.005
-"""[m] below the top of a support that the lowest point of an object on it may be: it leans, or sinks in."""
 _SIDES = 24
 """Points on the rim of a round footprint."""
 
@@ -507,13 +505,13 @@ def occupants(scene: Scene, place: str) -> tuple[str, ...]:
 
 
 def height_below(scene: Scene, body: Body) -> float:
-    """[m] of the highest support under the centre of an object, on which it stands or would fall.
+    """[m] of the highest level face under the centre of an object, on which it stands or would fall.
 
-    Beside the supports it is the height of the first one.
+    What is held beside the supports is compared with the first one.
     """
-    supports = [scene.support, *(scene.support_named(name) for name in scene.supports[1:])]
-    under = [support for support in supports if support.is_under(body.position[:2])]
-    return max((support.top for support in under if support.top <= body.bottom + _SUNK), default=scene.support.top)
+    under = scene.support_under(body)
+    is_beside = under.name not in scene.supports and body.name in scene.held_names
+    return (scene.support if is_beside else under).top
 
 
 def is_at_rest(scene: Scene, body: Body, level: float, start: Scene | None = None) -> bool:

@@ -111,7 +111,7 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
             half = scene.body(fact.object).radius
             name = f"place of {fact.object}"
             found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
-    return tuple(region for name, region in found.items() if name != scene.supports[0])
+    return tuple(region for name, region in found.items() if name != scene.support.name)
 
 
 def _region_or_face(scene: Scene, name: str) -> Region:

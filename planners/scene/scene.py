@@ -35,10 +35,14 @@ from planners.scene.mujoco_reading import (
     robot_state_of,
     static_obstacles_of,
 )
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 SUPPORT = "table_top"
 """Name of the support in the scenes of this package."""
+_FLOOR_SIZE = np.array([1.5, 1.5, 0.5])
+"""[m] Half extents of the box under the floor, about the robot, that the floor is as a support."""
+_SUNK = 0.02
+"""[m] that the lowest point of an object may be below the top of what it stands on: soft contacts, rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +58,8 @@ class Scene:
             position `state` was given with.
         aside: objects that idle arms hold in their home configuration, by arm; they move with the robot.
         parked: where arms that were active before were left; the others are at home.
-        supports: names of the static obstacles on whose level top faces objects may be put; objects stand on the first,
-            R_plane of the paper.
+        supports: names of the static obstacles on whose level top faces objects may be put, the first of them R_plane
+            of the paper; "floor" is the floor, and () the floor alone. Objects may stand anywhere: see `support_under`.
         regions: named rectangles on supports, for goals.
 
     Raises:
@@ -123,10 +127,22 @@ class Scene:
 
     @property
     def support(self) -> StaticObstacle:
-        """The first support, R_plane of the paper; raises `SceneError` if there is none with a level top."""
-        if not self.supports:
-            raise SceneError("the scene has no support")
-        return self.support_named(self.supports[0])
+        """The first support, R_plane of the paper, else the floor; raises `SceneError` if it has no level top."""
+        return self.support_named(self.supports[0] if self.supports else FLOOR)
+
+    def support_under(self, body: Body) -> StaticObstacle:
+        """What carries an object, other objects aside: the highest level top under its centre, or the floor.
+
+        An object in the air is over the support that it would fall on.
+        """
+        level = (one for one in self.static_obstacles if one.has_level_top and one.top <= body.bottom + _SUNK)
+        under = [one for one in level if one.is_under(body.position[:2])]
+        return max(under, key=lambda one: one.top, default=self._floor)
+
+    @cached_property
+    def _floor(self) -> StaticObstacle:
+        """The floor near the robot, as a support."""
+        return StaticObstacle(FLOOR, np.append(self.state.base[:2], -_FLOOR_SIZE[2]), _FLOOR_SIZE)
 
     def support_named(self, name: str) -> StaticObstacle:
         """The static obstacle of that name, on which objects can be put.
@@ -137,6 +153,8 @@ class Scene:
         for obstacle in self.static_obstacles:
             if obstacle.name == name and obstacle.has_level_top:
                 return obstacle
+        if name == FLOOR:
+            return self._floor
         known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
         raise SceneError(f"no support {name!r}; static obstacles with a level top: {known or 'none'}")
 
@@ -217,7 +235,8 @@ class Scene:
             held: name of the object in the gripper, "" for none.
             movable: names of the bodies that may be moved, or a predicate on the names of free bodies; by default
                 names that begin with "object_". Each has one free joint and one cylinder or box that can touch.
-            support: name of the geom on whose level top face objects stand, or of the body that it belongs to.
+            support: name of the geom on whose level top face objects are put, or of the body that it belongs to;
+                "floor" for the floor.
             more_supports: names of other geoms or bodies on which objects may be put; by default those that the model
                 declares, the geoms of its custom tuple "supports".
             obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on

@@ -13,6 +13,7 @@ from planners.clearing.lookahead import ClearancePlan
 from planners.clock import cpu_seconds
 from planners.goals import Goal
 from planners.motion.arm import tcp_pose
+from planners.motion.path import NO_WAY
 from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskPlanner
@@ -117,6 +118,8 @@ class Search:
             cause = Cause.MOTION
         if cause in (Cause.MOTION, Cause.TIME_LIMIT):
             reasons = Counter(record.reason for record in self.history if record.reason)
+            if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
+                cause = Cause.NO_WAY_FOR_BASE
             for reason, count in reasons.most_common(1):
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
         return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy, self.goal)
