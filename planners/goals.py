@@ -86,6 +86,11 @@ class Region:
         """Which world points (..., 2) [m] lie in it: (...)."""
         return np.asarray((np.abs(self.local(points)) <= self.half_extents).all(axis=-1))
 
+    def touches_disc(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
+        """Whether discs of that radius [m] at world points (..., 2) overlap it: (...)."""
+        away = np.maximum(np.abs(self.local(points)) - self.half_extents, 0.0)
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]) < radius)
+
     def contains(self, body: Body, margin: float = EDGE) -> bool:
         """Whether the footprint of an object lies within it, but for `margin` [m]."""
         half = np.array(self.half_extents) + margin

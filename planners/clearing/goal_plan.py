@@ -7,11 +7,13 @@ where the plan ends for the time being, and the rest is chosen anew once that ob
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment, grasped
@@ -21,7 +23,7 @@ from planners.clearing.saving_time import with_blockers
 from planners.goals import At, Goal, Inside, On
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import can_take, fewest_blockers
-from planners.placing.goal_places import in_the_way, locations_in, of_same_area, place_of, placed_fact, reserved_regions
+from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
 from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
@@ -59,6 +61,7 @@ class _Simulation:
     reserve: dict[str, GraspCandidate]
     waiting: list[str] = field(default_factory=list)
     moves: list[Move] = field(default_factory=list)
+    failures: Counter[str] = field(default_factory=Counter)
 
 
 def goal_plan(
@@ -92,14 +95,18 @@ def goal_plan(
 
 
 def _in_turn(sim: _Simulation) -> list[str]:
-    """What may be moved next: what is in the hand, else what need not wait by order, the nearest first."""
+    """What may be moved next: what is in the hand, else what need not wait by order, the nearest first.
+
+    What could not be moved before comes last.
+    """
     if sim.scene.held_names:
         return list(sim.scene.held_names[:1])
     goal, base = sim.goal, sim.scene.state.base[:2]
     free = [name for name in sim.waiting if not any(b == name and a in sim.waiting for a, b in goal.order)]
     if set(sim.waiting) - set(goal.held):
         free = [name for name in free if name not in goal.held]
-    return sorted(free, key=lambda name: float(np.linalg.norm(sim.scene.body(name).position[:2] - base)))
+    away = {name: float(np.linalg.norm(sim.scene.body(name).position[:2] - base)) for name in free}
+    return sorted(free, key=lambda name: (sim.failures[name], away[name]))
 
 
 def _moved(sim: _Simulation, name: str) -> bool:
@@ -131,14 +138,16 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
     for grasp in (None,) if is_held else _free_grasps(sim, name):
         in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
         assert in_hand is not None
+        failed: list[NDArray[np.float64]] = []
         for keep in _tiers(sim, name):
             keep = replace(keep, reserved=reserved)
-            placement = next(placements_of(sim.problem, goal, in_hand, fact, keep, sim.waiting), None)
+            placement = next(placements_of(sim.problem, goal, in_hand, fact, keep, sim.waiting, failed), None)
             if placement is not None:
                 state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
                 after = in_hand.with_held(None).with_body(placement.body).with_state(state)
                 _advance(sim, Move(name, grasp, placement, is_general), after)
                 return True
+    sim.failures[name] += 1
     return False
 
 
@@ -149,6 +158,7 @@ def placements_of(
     fact: On | Inside | At | None,
     keep: KeepClear,
     waiting: Collection[str] = (),
+    failed: list[NDArray[np.float64]] | None = None,
 ) -> Iterator[Placement]:
     """Placements of the held object: where a fact wants it, or aside.
 
@@ -159,13 +169,13 @@ def placements_of(
         fact: of the goal; None to put the object aside.
         keep: what it must not stand in the way of.
         waiting: names of the objects that are still to be moved, for which room is left.
+        failed: locations of the place to pass over, as for `PlacementSearch.find_at`.
     """
     world = problem.candidates.compiled.world(scene)
     if fact is None:
         return problem.placements.find(world, keep, problem.strategy, problem.rng, problem.deadline)
     place, others = place_of(scene, fact), of_same_area(scene, goal, fact.object, waiting)
-    locations = locations_in(scene, scene.body(fact.object), place, waiting, others)
-    return problem.placements.find_at(world, place, locations, keep, problem.deadline)
+    return problem.placements.find_at(world, place, keep, waiting, others, failed, problem.deadline)
 
 
 def _tiers(sim: _Simulation, name: str) -> Iterator[KeepClear]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
 from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.approaches import can_put_down
-from planners.placing.goal_places import Place
+from planners.placing.goal_places import Place, locations_in
 from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
@@ -36,8 +36,9 @@ Array = NDArray[np.float64]
 
 _YAWS, _TORSOS, _ROLLS = 24, 4, 12
 """Directions of the gripper tried at each location; torso heights and upper-arm rolls tried for each."""
-_PER_LOT = 16
-"""Locations of a goal's place tried for each gap between neighbours."""
+_FAILURES, _NEAR_FAILURE = 12, 0.03
+"""Locations in a place at which an object cannot be put before no more are tried, and how near [m] to one of these no
+location is tried either."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
 _FACES_DOWN = math.radians(75)
@@ -133,8 +134,10 @@ class PlacementSearch:
         self,
         world: CollisionWorld,
         place: Place,
-        locations: Iterable[Array],
         keep_clear: KeepClear,
+        leaving: Collection[str] = (),
+        others: Sequence[Body] = (),
+        failed: list[Array] | None = None,
         deadline: Deadline = NO_DEADLINE,
     ) -> Iterator[Placement]:
         """Placements of the held object at a place of a goal; lazily, as `find`.
@@ -142,29 +145,43 @@ class PlacementSearch:
         Args:
             world: the scene, compiled, with an object held.
             place: where.
-            locations: (n, 2) [m] at a time, best first; of each lot `_PER_LOT` are tried, first from where the base
-                stands, then after a base motion.
-            keep_clear: grasps that the object must not stand in the way of.
+            keep_clear: grasps that the object must not stand in the way of, and regions of others.
+            leaving: names of objects that will be gone once the others come.
+            others: that are to come there later, for which room is left.
+            failed: locations (2,) [m] at which none was found, to which more are added; others near them are passed
+                over, and after `_FAILURES` of them the search ends.
             deadline: when to stop.
         """
+        scene, (_, body), radius = world.scene, _in_hand(world.scene), _radius(world.scene)
         surfaces: tuple[Surface, ...] = ()
-        radius = _radius(world.scene)
         if place.below:
             world = with_lowered(world, place.below)
         else:
             surfaces = self.surfaces(world, keep_clear, (place.face,))
-        tried: set[bytes] = set()
-        for lot in locations:
+
+        def allowed(points: Array) -> NDArray[np.bool_]:
+            """Whether an object at points (n, 2) is in nobody's way and in nobody's region: (n,)."""
+            free = np.ones(len(points), dtype=np.bool_)
             for surface in surfaces if keep_clear.grasps else ():
-                lot = lot[is_free(surface.grid, surface.region.mask, lot, radius)]
-            for point in [one for one in lot if one.tobytes() not in tried][:_PER_LOT]:
-                tried.add(point.tobytes())
-                location = np.array([*point, place.face.top])
-                for look in (self._from_here, self._after_a_drive):
-                    if deadline.is_over:
-                        return
-                    for found in look(world, location, place.yaw):
-                        yield replace(found, surfaces=surfaces, below=place.below)
+                free &= is_free(surface.grid, surface.region.mask, points, radius)
+            for region in keep_clear.reserved:
+                if region.support == place.face.name:
+                    free &= ~region.touches_disc(points, radius)
+            return free
+
+        failed = [] if failed is None else failed
+        for point in locations_in(scene, body, place, leaving, others, allowed):
+            if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
+                continue
+            if deadline.is_over or len(failed) >= _FAILURES:
+                return
+            location, has_any = np.array([*point, place.face.top]), False
+            for look in (self._from_here, self._after_a_drive):
+                for found in look(world, location, place.yaw):
+                    has_any = True
+                    yield replace(found, surfaces=surfaces, below=place.below)
+            if not has_any:
+                failed.append(point)
 
     def surfaces(
         self, world: CollisionWorld, keep_clear: KeepClear, supports: Sequence[StaticObstacle] = ()

@@ -117,7 +117,7 @@ class SolveStats:
         }
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Solution(Stored):
     """A feasible plan F of Algorithm 1: every reference is bound to a verified motion.
 
@@ -148,6 +148,12 @@ class Solution(Stored):
     goal: Goal | None = None
     bound: LowerBound | None = None
     end: Scene | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Solution) and is_same(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.target, self.clearances, len(self.actions)))
 
     def __repr__(self) -> str:
         wanted = f"target={reprlib.repr(self.target)}" if self.target else f"goal={reprlib.repr(str(self.goal))}"
