@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
 from typing import TypeAlias
@@ -93,12 +93,19 @@ SIDE = GraspFamily("side", 0.0)
 _TILTED = {degrees: GraspFamily(f"tilted {degrees}°", math.radians(degrees), depth=0.02) for degrees in (20, 40, 60)}
 TOP = GraspFamily("top", math.pi / 2, depth=0.02)
 """The gripper points straight down."""
+_CENTRED = (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20])
+_SHORT_OF = tuple(
+    replace(family, name=f"{family.name}, 10 mm short of the axis", axis_offset=0.01)
+    for family in _CENTRED
+    if family is not TOP
+)
+"""The fingertips of these reach less far past the object, so that they touch fewer of those behind it."""
 GRASP_SETS: Mapping[str, tuple[GraspFamily, ...]] = MappingProxyType(
     {
         "side": (SIDE,),
         "tilted": (_TILTED[60], _TILTED[40], _TILTED[20]),
         "top": (TOP,),
-        "all": (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20]),
+        "all": (*_CENTRED, *_SHORT_OF),
     }
 )
 """By name; the families of a set come in the order in which they are tried."""
