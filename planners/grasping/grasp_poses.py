@@ -95,11 +95,10 @@ TOP = GraspFamily("top", math.pi / 2, depth=0.02)
 """The gripper points straight down."""
 _CENTRED = (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20])
 _SHORT_OF = tuple(
-    replace(family, name=f"{family.name}, 10 mm short of the axis", axis_offset=0.01)
-    for family in _CENTRED
-    if family is not TOP
+    replace(family, name=f"{family.name}, 10 mm short of the axis", axis_offset=0.01) for family in (SIDE, _TILTED[60])
 )
-"""The fingertips of these reach less far past the object, so that they touch fewer of those behind it."""
+"""The fingertips of these reach less far past the object, so that they touch fewer of those behind it. More families
+of this kind lowered the minimum in one of 290 scenes."""
 GRASP_SETS: Mapping[str, tuple[GraspFamily, ...]] = MappingProxyType(
     {
         "side": (SIDE,),
