@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_arrays
+from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
@@ -157,7 +158,9 @@ class MujocoCollisionChecker:
         return self.deepest_penetration(motion, step).penetration <= TOLERANCE
 
     def deepest_penetration(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> PenetrationReport:
-        """The deepest penetration of a motion; of what is held only as far as it is deeper than when it was taken.
+        """The deepest penetration of a motion.
+
+        What touches others when it is taken counts as far as it gets deeper into them.
 
         Args:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
@@ -238,12 +241,12 @@ class MujocoCollisionChecker:
         self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
 
     def _depths(self, geom: int) -> dict[tuple[int, int], float]:
-        """How deep a geom is in others, among the contacts found last [m]."""
+        """How deep a geom is in others, among the contacts found last [m]: no deeper than in a possible scene."""
         contact, depths = self._data.contact, dict[tuple[int, int], float]()
         for distance, (one, other) in zip(contact.dist, contact.geom.tolist(), strict=True):
             if geom in (one, other):
                 depths[one, other] = max(depths.get((one, other), 0.0), -float(distance))
-        return depths
+        return {pair: depth for pair, depth in depths.items() if depth <= OVERLAP}
 
     def _worse(
         self,
