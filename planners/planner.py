@@ -52,8 +52,8 @@ def solve(
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
             else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
             run of a machine does not; see `warmup`.
-        grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple of
-            `GraspFamily`. Refusals hold for this grasp set, and name it.
+        grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple
+            of `GraspFamily`. Refusals hold for this grasp set, and name it.
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
             grasps the first alone, R_plane of the paper, with other grasp sets all.
         hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the

@@ -263,7 +263,10 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
             continue
         if _stands_on(world, body, other):
             world = world.with_body(other.at(other.position - [0.0, 0.0, gap]))
-        elif np.linalg.norm(solids.position[index] - solids.position[row]) < solids.bound[index] + solids.bound[row] + gap:
+        elif (
+            np.linalg.norm(solids.position[index] - solids.position[row])
+            < solids.bound[index] + solids.bound[row] + gap
+        ):
             # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
             sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
             smaller = (solids._replace(half=np.maximum(solids.half - size, 0.0)) for size in sizes)

@@ -1,4 +1,4 @@
-"""Objects that touch, or nearly, before anything moves: one of them can be lifted, but comes no nearer to the others."""
+"""Objects that touch, or nearly, before anything moves: one can be lifted, but comes no nearer to the others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from tests.planners.scenes import HEIGHT, UPRIGHT, table_scene
 def _close(gap: float, kind: str = "box") -> Scene:
     """An object on the table, and another one beside it at that distance [m], which may be negative."""
     half, place = np.array([0.022, 0.022, 0.08]), np.array([-0.2, 0.0, HEIGHT + 0.08])
-    one, other = (Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT) for name, y in (("a", 0.0), ("b", 0.044 + gap)))  # type: ignore[arg-type]  # a shape
+    one, other = (
+        Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT) for name, y in (("a", 0.0), ("b", 0.044 + gap))
+    )  # type: ignore[arg-type]  # a shape
     return table_scene(one, other)
 
 
