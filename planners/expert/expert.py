@@ -80,8 +80,8 @@ class TampExpert:
             strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
                 `Strategy`; a new `Planner` if not given.
-            grasps: the grasp set to choose from: "side", "tilted", "top", "all", or a tuple of `GraspFamily`; that of the
-                planner if not given, which is "all" for a new one.
+            grasps: the grasp set to choose from: "side", "tilted", "top", "all", or a tuple of `GraspFamily`; that of
+                the planner if not given, which is "all" for a new one.
             supports: where objects may be put, as for `solve`; for a `Planner` only.
             canonical: whether to plan canonically: the same grasps and releases in similar scenes, without random
                 numbers, every phase ending at rest, so that plans can be learned; as the planner does if not given.
