@@ -122,7 +122,9 @@ def find_grasp_set(grasps: Grasps) -> tuple[GraspFamily, ...]:
     """
     if isinstance(grasps, str) and grasps in GRASP_SETS:
         return GRASP_SETS[grasps]
-    families = () if isinstance(grasps, str) or not isinstance(grasps, Sequence) else tuple(grasps)
+    families: tuple[GraspFamily, ...] = ()
+    if isinstance(grasps, Sequence) and not isinstance(grasps, str):
+        families = tuple(grasps)
     if not families or not all(isinstance(family, GraspFamily) for family in families):
         raise UnknownGraspSet(
             f"no grasp set {grasps!r}; valid grasp sets: {', '.join(GRASP_SETS)}, or a tuple of GraspFamily"
