@@ -23,7 +23,15 @@ from planners.grasping.arm_configurations import (
 )
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_clearances, gripper_opening
+from planners.grasping.grasp_poses import (
+    SIDE,
+    TOP,
+    GraspFamily,
+    find_grasp_set,
+    generate_grasps,
+    gripper_clearances,
+    gripper_opening,
+)
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
@@ -57,6 +65,7 @@ __all__ = [
     "DIRECTIONS",
     "SIDE",
     "STRATEGIES",
+    "TOP",
     "AStar",
     "ArmsError",
     "Body",
@@ -76,6 +85,7 @@ __all__ = [
     "GeometryError",
     "Goal",
     "GoalError",
+    "GraspFamily",
     "GripperPoses",
     "GroundAction",
     "HeldObject",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_arrays
+from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
@@ -159,6 +160,8 @@ class MujocoCollisionChecker:
     def deepest_penetration(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> PenetrationReport:
         """The deepest penetration of a motion.
 
+        What touches others when it is taken counts as far as it gets deeper into them.
+
         Args:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
             step: [m] that a point of the robot may move between two checked configurations.
@@ -173,9 +176,11 @@ class MujocoCollisionChecker:
                 grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
             for geom in grips:
                 self._let_collide(geom, _OTHER)
+            before: dict[tuple[int, int], float] | None = None
             for state in self._refine(segment, step):
                 self._place(state, segment.held)
-                worst = self._worse(worst, state, grips, ignored)
+                before = self._depths(held_geom) if before is None else before
+                worst = self._worse(worst, state, grips, ignored, before)
             if segment.held is not None:
                 # From now on the object stays where it was placed last.
                 geom, quaternion = self._geoms[segment.held.name], np.empty(4)
@@ -235,22 +240,36 @@ class MujocoCollisionChecker:
         self._model.geom_conaffinity[geom] = bits
         self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
 
+    def _depths(self, geom: int) -> dict[tuple[int, int], float]:
+        """How deep a geom is in others, among the contacts found last [m]: no deeper than in a possible scene."""
+        contact, depths = self._data.contact, dict[tuple[int, int], float]()
+        for distance, (one, other) in zip(contact.dist, contact.geom.tolist(), strict=True):
+            if geom in (one, other):
+                depths[one, other] = max(depths.get((one, other), 0.0), -float(distance))
+        return {pair: depth for pair, depth in depths.items() if depth <= OVERLAP}
+
     def _worse(
-        self, worst: PenetrationReport, state: NDArray[np.float64], grips: dict[int, set[int]], ignored: set[int]
+        self,
+        worst: PenetrationReport,
+        state: NDArray[np.float64],
+        grips: dict[int, set[int]],
+        ignored: set[int],
+        before: dict[tuple[int, int], float],
     ) -> PenetrationReport:
         """The deeper of a report and the contacts found last; a gripper may touch the object that it holds."""
         if self._data.ncon == 0:
             return worst
         contact = self._data.contact
-        for distance, geoms in zip(contact.dist, contact.geom, strict=True):
-            if -distance <= worst.penetration:
+        for depth, geoms in zip(-contact.dist, contact.geom.tolist(), strict=True):
+            depth -= before.get((geoms[0], geoms[1]), 0.0)
+            if depth <= worst.penetration:
                 continue
             pair = {int(geoms[0]), int(geoms[1])}
             is_grip = any(pair & grips[geom] for geom in pair & grips.keys())
             if not is_grip and not pair & ignored:
                 names = (self._model.geom(geom).name for geom in geoms)
                 first, second = (name.removeprefix(OBJECT).removeprefix(_OBSTACLE) for name in names)
-                worst = PenetrationReport(-float(distance), (first, second), state[:-1].copy())
+                worst = PenetrationReport(float(depth), (first, second), state[:-1].copy())
         return worst
 
 
