@@ -146,7 +146,10 @@ class MujocoCollisionChecker:
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._positions = ModelPositions(model, scene, self._data.qpos)
-        self._tcp = model.site(robot.tcp_site).id
+        data, self._tcp = self._data, model.site(robot.tcp_site).id
+        # Views of MuJoCo's memory: to make them takes longer than to use them.
+        self._geom_xpos, self._geom_axes = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
+        self._site_xpos, self._site_axes = data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
         self._gripper = _gripper_geoms(model, robot)
         self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
         self._robot = robot_of(scene)
@@ -193,6 +196,8 @@ class MujocoCollisionChecker:
                 self._let_collide(geom, _OTHER)
             states = self._refine(segment, step)
             bounds, kinds = self._travelled(states, segment.held), self._kinds(segment, grips)
+            # What is not deeper than enough need not be found.
+            slack = 2.0 * enough if np.isfinite(enough) else 0.0
             nearest: dict[int, NDArray[np.float64]] = {}
             open_ended = [(0, len(states) - 1)]
             while open_ended and worst.penetration <= enough:
@@ -202,7 +207,7 @@ class MujocoCollisionChecker:
                         self._place(states[row], segment.held)
                         nearest[row] = self._nearest(kinds)
                         worst = self._worse(worst, states[row], kinds, nearest[row])
-                if last - first > 1 and (bounds[last] - bounds[first] > nearest[first] + nearest[last]).any():
+                if last - first > 1 and (bounds[last] - bounds[first] > nearest[first] + nearest[last] + slack).any():
                     middle = (first + last) // 2
                     open_ended += [(first, middle), (middle, last)]
             if segment.held is not None:
@@ -293,20 +298,19 @@ class MujocoCollisionChecker:
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
         """Place the robot and what its grippers hold, and find contacts."""
-        model, data = self._model, self._data
         self._positions.move(state)
-        mujoco.mj_kinematics(model, data)
+        mujoco.mj_kinematics(self._model, self._data)
         if held is not None:
             self._place_held(held, self._tcp)
         for one in self.scene.aside:
-            self._place_held(one.held, model.site(self.scene.robot.using(one.arm).tcp_site).id)
-        mujoco.mj_collision(model, data)
+            self._place_held(one.held, self._model.site(self.scene.robot.using(one.arm).tcp_site).id)
+        mujoco.mj_collision(self._model, self._data)
 
     def _place_held(self, held: HeldObject, tcp: int) -> None:
         """Place an object in the gripper with this TCP site."""
-        data, geom, R = self._data, self._geoms[held.name], self._data.site_xmat[tcp].reshape(3, 3)
-        data.geom_xpos[geom] = data.site_xpos[tcp] + R @ held.T_tcp_object[:3, 3]
-        data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
+        geom, R = self._geoms[held.name], self._site_axes[tcp]
+        self._geom_xpos[geom] = R @ held.T_tcp_object[:3, 3] + self._site_xpos[tcp]
+        self._geom_axes[geom] = R @ held.T_tcp_object[:3, :3]
 
     def _let_collide(self, geom: int, bits: int) -> None:
         """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
