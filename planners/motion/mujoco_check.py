@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import collision_geoms, robot_of
+from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.motion.travel import count_kinds, link_radii, nearest_of_kinds, pair_kind, travelled
@@ -182,7 +183,7 @@ class MujocoCollisionChecker:
     ) -> PenetrationReport:
         """The deepest penetration of a motion.
 
-        States are left out where the distances found in others prove that nothing is touched.
+        What touches others when it is taken counts as far as it gets deeper into them. States are left out where the distances found in others prove that nothing is touched.
 
         Args:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
@@ -199,14 +200,17 @@ class MujocoCollisionChecker:
             # What is not deeper than enough need not be found.
             slack = 2.0 * enough if np.isfinite(enough) else 0.0
             nearest: dict[int, NDArray[np.float64]] = {}
+            before: dict[tuple[int, int], float] = {}
             open_ended = [(0, len(states) - 1)]
             while open_ended and worst.penetration <= enough:
                 first, last = open_ended.pop()
                 for row in (first, last):
                     if row not in nearest:
                         self._place(states[row], segment.held)
-                        nearest[row] = self._nearest(kinds)
-                        worst = self._worse(worst, states[row], kinds, nearest[row])
+                        before = self._depths(segment.held) if row == 0 else before
+                        distances = self._distances(before)
+                        nearest[row] = self._nearest(kinds, distances)
+                        worst = self._worse(worst, states[row], kinds, distances, nearest[row])
                 if last - first > 1 and (bounds[last] - bounds[first] > nearest[first] + nearest[last] + slack).any():
                     middle = (first + last) // 2
                     open_ended += [(first, middle), (middle, last)]
@@ -262,11 +266,29 @@ class MujocoCollisionChecker:
         half = self.scene.body(held.name).half_extents
         return float(np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(half))
 
-    def _nearest(self, kinds: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _depths(self, held: HeldObject | None) -> dict[tuple[int, int], float]:
+        """How deep a held object is in others, among the contacts found last [m]: no deeper than in a possible scene."""
+        if held is None:
+            return {}
+        contact, geom, depths = self._data.contact, self._geoms[held.name], dict[tuple[int, int], float]()
+        for distance, (one, other) in zip(contact.dist, contact.geom.tolist(), strict=True):
+            if geom in (one, other):
+                depths[one, other] = max(depths.get((one, other), 0.0), -float(distance))
+        return {pair: depth for pair, depth in depths.items() if 0.0 < depth <= OVERLAP}
+
+    def _distances(self, before: dict[tuple[int, int], float]) -> NDArray[np.float64]:
+        """Distance (k,) [m] of every contact found last, negative as far as it is deeper than `before`."""
+        distances = self._data.contact.dist
+        if not before:
+            return distances
+        pairs = map(tuple, self._data.contact.geom.tolist())
+        return distances + np.array([before.get(pair, 0.0) for pair in pairs])
+
+    def _nearest(self, kinds: NDArray[np.int64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
         """The least distance (kinds + 1,) [m] of pairs of each kind in the state placed last, their margin at most."""
         nearest = self._margins.copy()
-        if self._data.ncon:
-            nearest_of_kinds(self._data.contact.dist, self._data.contact.geom, kinds, nearest)
+        if len(distances):
+            nearest_of_kinds(distances, self._data.contact.geom, kinds, nearest)
             nearest[-1] = np.inf
         return nearest
 
@@ -322,17 +344,18 @@ class MujocoCollisionChecker:
         worst: PenetrationReport,
         state: NDArray[np.float64],
         kinds: NDArray[np.int64],
+        distances: NDArray[np.float64],
         nearest: NDArray[np.float64],
     ) -> PenetrationReport:
-        """The deeper of a report and the contacts found last, whose least distances are known."""
+        """The deeper of a report and the contacts found last, whose distances, and the least of each kind, are known."""
         if -nearest.min() <= worst.penetration:
             return worst
-        contact = self._data.contact
-        counted = kinds[contact.geom[:, 0], contact.geom[:, 1]] < len(nearest) - 1
-        deepest = int(np.argmin(np.where(counted, contact.dist, np.inf)))
-        names = (self._model.geom(geom).name for geom in contact.geom[deepest])
+        geoms = self._data.contact.geom
+        counted = kinds[geoms[:, 0], geoms[:, 1]] < len(nearest) - 1
+        deepest = int(np.argmin(np.where(counted, distances, np.inf)))
+        names = (self._model.geom(geom).name for geom in geoms[deepest])
         first, second = (name.removeprefix(OBJECT).removeprefix(_OBSTACLE) for name in names)
-        return PenetrationReport(-float(contact.dist[deepest]), (first, second), state[:-1].copy())
+        return PenetrationReport(-float(distances[deepest]), (first, second), state[:-1].copy())
 
 
 def _kind(first: int, second: int, links: int) -> int:
