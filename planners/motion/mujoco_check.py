@@ -183,7 +183,8 @@ class MujocoCollisionChecker:
     ) -> PenetrationReport:
         """The deepest penetration of a motion.
 
-        What touches others when it is taken counts as far as it gets deeper into them. States are left out where the distances found in others prove that nothing is touched.
+        What touches others when it is taken counts as far as it gets deeper into them. States are left
+        out where the distances found in others prove that nothing is touched.
 
         Args:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
@@ -267,7 +268,7 @@ class MujocoCollisionChecker:
         return float(np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(half))
 
     def _depths(self, held: HeldObject | None) -> dict[tuple[int, int], float]:
-        """How deep a held object is in others, among the contacts found last [m]: no deeper than in a possible scene."""
+        """How deep a held object is in others, in the contacts found last [m]: no deeper than in a possible scene."""
         if held is None:
             return {}
         contact, geom, depths = self._data.contact, self._geoms[held.name], dict[tuple[int, int], float]()
@@ -347,7 +348,7 @@ class MujocoCollisionChecker:
         distances: NDArray[np.float64],
         nearest: NDArray[np.float64],
     ) -> PenetrationReport:
-        """The deeper of a report and the contacts found last, whose distances, and the least of each kind, are known."""
+        """The deeper of a report and the contacts found last; their distances and the least of each kind are known."""
         if -nearest.min() <= worst.penetration:
             return worst
         geoms = self._data.contact.geom
