@@ -90,6 +90,11 @@ class PlanningContext:
             saves_time=robot.acts_with_all_arms if saves_time is None else saves_time,
         )
 
+    @property
+    def shortens(self) -> bool:
+        """Whether motions between contacts become one: not under end-effector control, nor in canonical plans."""
+        return self.follower is None and not self.canonical
+
     def only_near_home(self) -> PlanningContext:
         """The same with arm configurations near home only, from more base poses."""
         arms = {name: replace(arm, per_gripper_pose=_BASES_NEAR_HOME) for name, arm in self.arms.items()}

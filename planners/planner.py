@@ -229,9 +229,16 @@ class Planner:
         is_proved = False
         for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
             draws = np.random.default_rng(attempt) if self.canonical else rng
-            layer = MotionLayer(chosen, draws, compiled, deadline)
-            search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
-            outcomes.append(task_and_motion_plan(search, scene))
+            before = draws.bit_generator.state
+            # Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one.
+            for checks_at_end in (True, False) if chosen.shortens else (False,):
+                draws.bit_generator.state = before
+                layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
+                search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
+                outcome = task_and_motion_plan(search, scene)
+                if not layer.is_refuted:
+                    break
+            outcomes.append(outcome)
             is_proved = is_final(outcomes[-1], chosen.near_home)
             if deadline.is_over or is_proved:
                 break
