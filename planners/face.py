@@ -54,6 +54,7 @@ from planners.symbolic.problem import (
     format_plan,
 )
 from planners.symbolic.transitions import applicable_actions, apply_action
+from planners.tamp.joint_trajectory import JointTrajectory
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
 from planners.tamp.solution import BoundAction, Infeasible, Solution
@@ -90,6 +91,7 @@ __all__ = [
     "GroundAction",
     "HeldObject",
     "Infeasible",
+    "JointTrajectory",
     "LowerBound",
     "MonitorConfig",
     "MotionLayer",

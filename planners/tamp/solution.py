@@ -16,6 +16,7 @@ from planners.motion.trajectory import Trajectory, is_contact
 from planners.placing.surfaces import Surface
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.strategies import Strategy
+from planners.tamp.joint_trajectory import JointTrajectory, joint_trajectory
 from planners.tamp.plan_file import Stored, is_same
 
 _EVIDENCE = 70
@@ -192,6 +193,30 @@ class Solution(Stored):
             **self.stats.rows(),
         }
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
+
+    def to_joint_trajectory(self) -> JointTrajectory:
+        """The plan as one trajectory of joints, base and grippers, for a robot's controllers.
+
+        Raises:
+            ValueError: the plan has no actions.
+        """
+        return joint_trajectory(self.actions)
+
+    def to_mcap(self, path: str | Path) -> None:
+        """Write the plan as ROS 2 messages to an MCAP file, which Foxglove, rerun and rosbag2 open.
+
+        It has the joint trajectory, joint states and transforms at every control step, and markers of robot, objects
+        and static obstacles; see `planners.drawing.mcap_file`. ROS is not needed, the extra "ros" is.
+
+        Raises:
+            ValueError: the plan has no actions.
+            ImportError: the extra "ros" is not installed; the message says how to install it.
+            OSError: the file cannot be written.
+        """
+        # As for `plot`: the file is drawn from the plan.
+        from planners.drawing.mcap_file import write_mcap
+
+        write_mcap(self, Path(path))
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the plan from above: objects, clearances in order, the path of the base.
