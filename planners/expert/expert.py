@@ -122,10 +122,10 @@ class TampExpert:
             GoalError: the goal means nothing in the scene; the same.
         """
         try:
-            own = goal_of(self._env)
+            own_goal = goal_of(self._env)
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
-        wanted = own if goal is None else Goal.of(goal)
+        wanted = own_goal if goal is None else Goal.of(goal)
         env, planner = self._env, self._planner
         if isinstance(planner, Planner):
             planner.warmup()  # compiles kernels before any clock is started
