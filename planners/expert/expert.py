@@ -20,10 +20,10 @@ from planners.collision.scene_arrays import robot_arrays
 from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, Executor
-from planners.expert.interfaces import ScenePlanner, controlled_env, goal_of, num_disturbances, planner_for
+from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
-from planners.goals import Goal, height_below
+from planners.goals import height_below
 from planners.grasping.grasp_poses import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.trajectory import CONTROL_STEP
@@ -48,7 +48,7 @@ _NEAR_HOME = 0.05
 
 
 class TampExpert:
-    """A policy for `clutter_env/Retrieve-…` and `Rearrange-…` that plans with exact knowledge of all object poses.
+    """A policy for `clutter_env/Retrieve-…` that plans with exact knowledge of all object poses (privileged).
 
     Example:
         env = gymnasium.make("clutter_env/Retrieve-o15-v0")
@@ -75,7 +75,7 @@ class TampExpert:
         """Make an expert for an environment; call `reset` to begin an episode.
 
         Args:
-            env: `clutter_env/Retrieve-…` or `Rearrange-…`, wrapped or not, or any environment with the `ControlledEnv` protocol. Its
+            env: `clutter_env/Retrieve-…`, wrapped or not, or any environment with the `ControlledEnv` protocol. Its
                 action space must not be changed by a wrapper.
             strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
@@ -109,35 +109,29 @@ class TampExpert:
         self._has_begun = False
         self._solution: Solution | Infeasible | None = None
 
-    def reset(self, goal: str | Goal | None = None) -> None:
+    def reset(self, target: str | None = None) -> None:
         """Read the scene and plan; the environment may be in any state after its own reset.
 
         Args:
-            goal: name of the object to retrieve, a `Goal`, or its PDDL text; that of the environment, or its target,
-                if not given.
+            target: name of the object to retrieve; the environment's own target if not given.
 
         Raises:
             ExpertError: the environment has not been reset.
             UnknownObject: no object of that name; the episode before goes on.
-            GoalError: the goal means nothing in the scene; the same.
         """
         try:
-            own_goal = goal_of(self._env)
+            own_target = self._env.target
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
-        wanted = own_goal if goal is None else Goal.of(goal)
         env, planner = self._env, self._planner
         if isinstance(planner, Planner):
             planner.warmup()  # compiles kernels before any clock is started
         scene = self._read_scene()
-        for name in wanted.held:
-            scene.body(name)
-        wanted.check(scene)
+        wanted = scene.body(own_target if target is None else target)
         # From here on this is another episode.
-        self._has_begun, self._done, self._solution = False, False, None
-        self._goal, self._target, self._start = wanted, wanted.target, scene
+        self._has_begun, self._done, self._solution, self._target = False, False, None, wanted.name
         self._rng = np.random.default_rng(self._seed)
-        self._recorder = Recorder(env, self._target)
+        self._recorder = Recorder(env, wanted.name)
         self._data = env.data
         self._started = self._now = float(env.data.time)
         self._sensors = {
@@ -148,14 +142,15 @@ class TampExpert:
         # hold the target up or for objects to settle, and what comes next is decided after that.
         self._executor: Executor | None = None
         self._wait = 0
+        self._stood_at = height_below(scene, wanted)
         arm = scene.robot.arm_name
         self._arm_targets = {one.name: np.array(one.home) for one in env.robot.arms}
         self._last = Command(self._sensors[arm].read().drive, env.robot.opening(scene.state.finger_position), arm)
         self._arm_targets[arm] = self._last.drive[4:]
-        if self._config.with_floor and self._target:
+        if self._config.with_floor:
             before = time.process_time()
             own = planner if isinstance(planner, Planner) else Planner(scene.robot)
-            floor = own.clearance_floor(scene, self._target)
+            floor = own.clearance_floor(scene, wanted.name)
             spent = time.process_time() - before
             self._report = EpisodeReport(floor=floor.count if floor.proved else None, planning_s=spent)
         self._plan(scene)
@@ -218,7 +213,7 @@ class TampExpert:
 
     @property
     def target(self) -> str:
-        """Name of the object to retrieve, "" of a goal with places; raises `ExpertError` before `reset`."""
+        """Name of the object to retrieve; raises `ExpertError` before `reset`."""
         self._check_begun("target")
         return self._target
 
@@ -301,8 +296,7 @@ class TampExpert:
         """Solve and begin to execute, or end the episode with the reason for failure."""
         before = time.process_time()
         try:
-            wanted: Any = self._target or self._goal  # a planner of the user's may know names alone
-            solution = self._planner.solve(scene, wanted, self._strategy, self._rng, self._config.planning_s)
+            solution = self._planner.solve(scene, self._target, self._strategy, self._rng, self._config.planning_s)
         except SceneError as error:
             self._end(f"the scene is not valid for planning: {error}")
             return
@@ -345,9 +339,8 @@ class TampExpert:
             return
         if self._report.executed:
             self._report = replace(self._report, executed=False)
-            unmet = "target not held" if self._target else f"goal not reached: {self._goal}"
-            self._note(unmet)
-            if not self._may_replan(f"{unmet} at the end of the plan"):
+            self._note("target not held")
+            if not self._may_replan("the target was not held at the end of the plan"):
                 return
         try:
             scene = self._read_scene()
@@ -410,17 +403,11 @@ class TampExpert:
     def _measure(self, arm: str = "", held: str = "") -> Scene:
         """The scene as it is now, with an arm active and this object in its gripper."""
         env, robot = self._env, self._robots.get(arm, self._env.robot)
-        regions = getattr(env, "regions", ())
-        return Scene.from_mujoco(
-            env.model, env.data, robot, held, movable=env.object_names, support=env.support_name, regions=regions
-        )
+        return Scene.from_mujoco(env.model, env.data, robot, held, movable=env.object_names, support=env.support_name)
 
     def _is_retrieved(self) -> bool:
-        """Whether the goal holds: the target is held, high enough above the support that it stood on for success."""
-        if not self._target:
-            arms = [self._measure(arm, held_object(self._measure(arm))) for arm in self._robots]
-            return self._goal.holds(max(arms, key=lambda one: one.held is not None), self._start)
-        height = self._measure().body(self._target).bottom - height_below(self._start, self._start.body(self._target))
+        """Whether the target is held, high enough above the support that it stood on for success."""
+        height = self._measure().body(self._target).bottom - self._stood_at
         if height <= self._env.lift_height:
             return False
         return any(held_object(self._measure(arm)) == self._target for arm in self._robots)

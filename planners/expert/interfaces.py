@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
-from planners.goals import Goal, holding
 from planners.grasping.grasp_poses import Grasps
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
@@ -37,8 +36,7 @@ class ControlledEnv(Protocol):
             `ee_action`.
         object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
         support_name: of the geom on whose top face the objects stand.
-        target: name of the object to retrieve; raises a ValueError before the environment's first `reset`. An
-            environment with a `Goal` has it as `goal` instead, and the regions that it names as `regions`.
+        target: name of the object to retrieve; raises a ValueError before the environment's first `reset`.
         lift_height: [m] between the support that the target stood on and its lowest point, from which it counts as
             lifted.
     """
@@ -127,12 +125,6 @@ def controlled_env(env: Any) -> ControlledEnv:
             "(RescaleAction, ClipAction, ...): the expert's actions are those of the environment itself"
         )
     return inner
-
-
-def goal_of(env: ControlledEnv) -> Goal:
-    """The environment's own goal: its `goal`, where that is a `Goal`, or that its target is held."""
-    goal = getattr(env, "goal", None)
-    return goal if isinstance(goal, Goal) else holding(env.target)
 
 
 def planner_for(
