@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from planners.cause import Cause
+from planners.clearing.goal_bound import LowerBound
+from planners.goals import Goal
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Trajectory, is_contact
 from planners.placing.surfaces import Surface
@@ -116,7 +118,7 @@ class SolveStats:
         }
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Solution(Stored):
     """A feasible plan F of Algorithm 1: every reference is bound to a verified motion.
 
@@ -132,8 +134,11 @@ class Solution(Stored):
         actions: bound actions in order.
         clearances: names of the objects put aside, in order; an object cleared twice is named twice.
         stats: counts and times.
-        target: name of the object that the plan takes.
+        target: name of the object that the plan takes; "" of a goal with places.
         strategy: the strategy that made the plan.
+        goal: what the plan brings about; None in files of older versions: the target is held.
+        bound: of a goal with places: the fewest picks of any plan.
+        end: the scene at the end, what is held at the pose at which it is held; None in files of older versions.
     """
 
     actions: tuple[BoundAction, ...]
@@ -141,10 +146,20 @@ class Solution(Stored):
     stats: SolveStats
     target: str
     strategy: Strategy
+    goal: Goal | None = None
+    bound: LowerBound | None = None
+    end: Scene | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Solution) and is_same(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.target, self.clearances, len(self.actions)))
 
     def __repr__(self) -> str:
+        wanted = f"target={reprlib.repr(self.target)}" if self.target else f"goal={reprlib.repr(str(self.goal))}"
         return (
-            f"Solution(target={reprlib.repr(self.target)}, strategy={reprlib.repr(self.strategy.name)}, "
+            f"Solution({wanted}, strategy={reprlib.repr(self.strategy.name)}, "
             f"actions={len(self.actions)}, clearances={len(self.clearances)}, duration={self.duration:.1f} s)"
         )
 
@@ -154,17 +169,25 @@ class Solution(Stored):
         return tuple(sorted({name for name in self.clearances if self.clearances.count(name) > 1}))
 
     @property
+    def picks(self) -> int:
+        """How often an object is taken."""
+        return sum(action.name == "PickUp" for action in self.actions)
+
+    @property
     def duration(self) -> float:
         """[s] of simulated time that the motions take."""
         return sum(action.trajectory.duration for action in self.actions)
 
     def summary(self) -> str:
-        """The plan in words, several lines: target, clearances and their locations, length, times."""
+        """The plan in words, several lines: goal, what is put down and where, picks, length, times."""
         puts = [action for action in self.actions if action.is_clearance]
-        lines = [f"Plan that takes {self.target}, made by strategy {self.strategy.name!r}"]
-        lines.append(f"Clearances: {len(puts) or 'none'}")
+        wanted = f"takes {self.target}" if self.target else f"reaches {self.goal}"
+        lines = [f"Plan that {wanted}, made by strategy {self.strategy.name!r}"]
+        lines.append(f"{'Clearances' if self.target else 'Put down'}: {len(puts) or 'none'}")
         lines += [f"  {number}. {_clearance(action)}" for number, action in enumerate(puts, start=1)]
+        picks = {} if self.bound is None else {"Picks": f"{self.picks}; no plan has fewer than {self.bound.least}"}
         rows = {
+            **picks,
             "Actions": str(len(self.actions)),
             "Simulated duration": f"{self.duration:.1f} s",
             **self.stats.rows(),
@@ -251,6 +274,7 @@ class Infeasible(Stored):
         stats: counts and times.
         target: name of the object that was to be taken.
         strategy: the strategy that was tried.
+        goal: what the plan was to bring about; None in files of older versions: the target is held.
     """
 
     cause: Cause
@@ -260,10 +284,13 @@ class Infeasible(Stored):
     stats: SolveStats = field(default_factory=SolveStats)
     target: str = ""
     strategy: Strategy | None = None
+    goal: Goal | None = None
 
     def __repr__(self) -> str:
         detail = textwrap.shorten(self.detail, _EVIDENCE, placeholder=" ...")
-        return f"Infeasible(target={reprlib.repr(self.target)}, cause={str(self.cause)!r}, detail={detail!r})"
+        is_place = self.goal is not None and not self.target
+        wanted = f"goal={reprlib.repr(str(self.goal))}" if is_place else f"target={reprlib.repr(self.target)}"
+        return f"Infeasible({wanted}, cause={str(self.cause)!r}, detail={detail!r})"
 
     def summary(self) -> str:
         """The failure in words, several lines: target, cause, evidence, times."""
@@ -275,7 +302,8 @@ class Infeasible(Stored):
             "Cleared before the failure": ", ".join(self.clearances) or "none",
             **self.stats.rows(),
         }
-        lines = [f"No plan takes {self.target or 'the target'}{by}"]
+        reaches = f"takes {self.target or 'the target'}" if self.goal is None or self.target else f"reaches {self.goal}"
+        lines = [f"No plan {reaches}{by}"]
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
 
 
