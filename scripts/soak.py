@@ -179,7 +179,7 @@ def _run_one(
     base = env.unwrapped
     assert isinstance(base, BaseEnv)
     rng = np.random.default_rng(seed)
-    motions = _blind_grasps if is_grasping and base.world.shapes else _random_actions
+    motions = blind_grasps if is_grasping and base.world.shapes else _random_actions
     has_ended, episode_seed, first_step = True, seed, 0
     actions: Iterator[NDArray[np.float64]] = iter(())
     for step in range(steps):
@@ -229,7 +229,7 @@ def _random_actions(base: BaseEnv, rng: np.random.Generator) -> Iterator[NDArray
         yield from [action] * ACTION_STEPS
 
 
-def _blind_grasps(base: BaseEnv, rng: np.random.Generator) -> Iterator[NDArray[np.float64]]:
+def blind_grasps(base: BaseEnv, rng: np.random.Generator) -> Iterator[NDArray[np.float64]]:
     """Grasp random objects from the front, whatever is in the way: approach, close, lift, drive back, open."""
     follower = base.tcp_follower()
     follower.reset(base.world.controller.state.target[3:])
