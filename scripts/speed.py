@@ -1,17 +1,18 @@
-"""Steps over their physics, and resets over those of Gymnasium-Robotics' FetchPickAndPlace, in turn in one process.
+"""Steps over their physics, and resets over those of Gymnasium-Robotics' FetchPickAndPlace, on a machine of any load.
 
-    python scripts/speed.py --rounds 5
+    python scripts/speed.py
 
-CPU times; every figure is a ratio of times taken one after the other, and the table has the median of the rounds and
-their range. Gymnasium-Robotics must be installed: `pip install gymnasium-robotics`.
+Every episode is played several times, and every step has the least of its times: the simulation is deterministic, and
+other processes make a time longer, never shorter. Of resets to the same seeds alike; the two kinds take turns. The peer
+must be installed: `pip install gymnasium-robotics`.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator
-from itertools import repeat
+from collections.abc import Callable, Iterator, Mapping
+from itertools import product, repeat
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,57 +21,91 @@ import mujoco
 import numpy as np
 import tyro
 
-from clutter_env.cli.benchmark import time_steps
 from clutter_env.config import CONTROL_MODES
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from scripts.soak import blind_grasps
 
-MOTIONS = ("random", "blind grasps", "at rest")
 
-
-def main(rounds: int = 5, steps: int = 600, resets: int = 100, objects: int = 20, seed: int = 0) -> None:
+def main(repeats: int = 10, steps: int = 300, resets: int = 60, objects: int = 20, seed: int = 0) -> None:
     """Measure and print.
 
     Args:
-        rounds: of all measurements.
-        steps: control steps of each motion and control mode in a round.
-        resets: of each environment in a round, in turn.
+        repeats: of every episode and every reset.
+        steps: control steps of an episode.
+        resets: seeds of resets.
         objects: their number in this package's scenes.
-        seed: Random seed of scenes and actions.
+        seed: Random seed of scene and actions.
     """
     envs = {mode: RetrieveEnv(num_objects=objects, control_mode=mode) for mode in CONTROL_MODES}
-    peer = fetch_pick_and_place()
-    ratios: dict[str, list[float]] = {}
-    for turn in progress_bar(range(rounds), desc="measuring", unit="round"):
-        for motion in MOTIONS:
-            for mode, env in envs.items():
-                first = seed + turn * steps
-                env.reset(seed=first)
-                times = time_steps(env, steps, first, actions(env, motion, first))
-                ratios.setdefault(f"step / physics, {motion}, {mode}", []).append(times.step_s / times.physics_s)
-        own_s, peer_s = (np.array(column) for column in zip(*(reset_times(envs["joint"], peer, resets)), strict=True))
-        ratios.setdefault("reset / reset of FetchPickAndPlace", []).append(own_s.sum() / peer_s.sum())
-    rows = [[name, *(f"{value:.2f}" for value in (np.median(r), min(r), max(r)))] for name, r in ratios.items()]
-    print(markdown_table(["ratio of CPU times", "median", "least", "most"], rows), end="")
+    rows = []
+    for mode, motion in progress_bar(list(product(envs, MOTIONS)), desc="measuring", unit="episode"):
+        own_s, physics_s = step_times(envs[mode], motion, steps, repeats, seed)
+        rows.append(
+            [f"step, {mode}, {motion}", f"{own_s * 1e6:.0f}", f"{physics_s * 1e6:.0f}", f"{own_s / physics_s:.2f}"]
+        )
+    own_s, peer_s = reset_times(envs["joint"], fetch_pick_and_place(), resets, repeats)
+    rows.append(["reset", f"{own_s * 1e6:.0f}", f"{peer_s * 1e6:.0f}", f"{own_s / peer_s:.2f}"])
+    print(markdown_table(["", "µs", "physics alone, or the peer's reset: µs", "ratio"], rows), end="")
 
 
-def actions(env: RetrieveEnv, motion: str, seed: int) -> Iterator[Any] | None:
-    """The actions of a motion, None for random ones."""
-    if motion == "random":
-        return None
-    return repeat(np.zeros(env.action_size)) if motion == "at rest" else blind_grasps(env, np.random.default_rng(seed))
+def step_times(env: RetrieveEnv, motion: str, steps: int, repeats: int, seed: int) -> tuple[float, float]:
+    """Least time [s] of a step, and of the physics in it, in the mean of an episode."""
+    mj_step, physics_s = mujoco.mj_step, 0.0
+
+    def timed_mj_step(*values: Any, **keywords: Any) -> None:
+        nonlocal physics_s
+        start = time.perf_counter()
+        mj_step(*values, **keywords)
+        physics_s += time.perf_counter() - start
+
+    rest, physics = np.full((2, steps), np.inf)
+    mujoco.mj_step = timed_mj_step
+    try:
+        for _ in range(repeats):
+            env.reset(seed=seed)
+            moves = MOTIONS[motion](env, np.random.default_rng(seed))
+            for step in range(steps):
+                action, physics_s = next(moves), 0.0
+                start = time.perf_counter()
+                env.step(action)
+                rest[step] = min(rest[step], time.perf_counter() - start - physics_s)
+                physics[step] = min(physics[step], physics_s)
+    finally:
+        mujoco.mj_step = mj_step
+    return float((rest + physics).mean()), float(physics.mean())
 
 
-def reset_times(env: gym.Env, peer: gym.Env, resets: int) -> Iterator[tuple[float, float]]:
-    """CPU times [s] of one reset each, in turn."""
-    for seed in range(resets):
-        start = time.process_time()
+def reset_times(env: gym.Env, peer: gym.Env, resets: int, repeats: int) -> tuple[float, float]:
+    """Least time [s] of a reset of each environment, in the mean of the seeds."""
+    least = np.full((2, resets), np.inf)
+    for _, seed in product(range(repeats), range(resets)):
+        start = time.perf_counter()
         env.reset(seed=seed)
-        between = time.process_time()
+        between = time.perf_counter()
         peer.reset(seed=seed)
-        yield between - start, time.process_time() - between
+        least[:, seed] = np.minimum(least[:, seed], (between - start, time.perf_counter() - between))
+    own_s, peer_s = least.mean(axis=1).tolist()
+    return own_s, peer_s
+
+
+def random_actions(env: RetrieveEnv, rng: np.random.Generator) -> Iterator[Any]:
+    """Another random action in every step, as `clutter-env benchmark` does."""
+    while True:
+        yield rng.uniform(-1, 1, env.action_size).astype(np.float32)
+
+
+def no_motion(env: RetrieveEnv, _: np.random.Generator) -> Iterator[Any]:
+    """The robot at rest, away from the table."""
+    return repeat(np.zeros(env.action_size))
+
+
+MOTIONS: Mapping[str, Callable[[RetrieveEnv, np.random.Generator], Iterator[Any]]] = {
+    "random": random_actions,
+    "blind grasps": blind_grasps,
+    "at rest": no_motion,
+}
 
 
 def fetch_pick_and_place() -> gym.Env:

@@ -8,18 +8,14 @@ CPU times of one process. Every number of objects is measured in a process of it
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from clutter_env.config import PHYSICS_STEPS
 from clutter_env.reporting.files import check_picture
-from clutter_env.simulation.control import SEGMENTS
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from clutter_env.envs.retrieve import RetrieveEnv
 
 EPISODE_STEPS = 300
@@ -52,13 +48,6 @@ class Arguments:
         if not self.objects:
             raise ValueError("--objects needs at least one value")
         check_picture(self.out)
-
-
-class StepTimes(NamedTuple):
-    """CPU time [s] of steps, and of the physics steps in them."""
-
-    step_s: float
-    physics_s: float
 
 
 Measurement = dict[str, float | None]
@@ -96,6 +85,7 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
     import resource
     from statistics import median
 
+    from clutter_env.config import PHYSICS_STEPS
     from clutter_env.envs.retrieve import RetrieveEnv
 
     env = RetrieveEnv(num_objects=objects, layout=arguments.layout, control_mode=arguments.control_mode)
@@ -117,15 +107,8 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
     }
 
 
-def time_steps(env: RetrieveEnv, steps: int, seed: int, actions: Iterator[NDArray[Any]] | None = None) -> StepTimes:
-    """CPU times of `steps` steps, without resets and without the clock's own time.
-
-    Args:
-        env: the environment.
-        steps: control steps, in episodes of `EPISODE_STEPS`.
-        seed: of scenes and actions.
-        actions: what to do in place of random actions; taken one at a time, between two steps.
-    """
+def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
+    """CPU time [s] of `steps` random steps, without resets, and of the physics steps among it."""
     import mujoco
     import numpy as np
 
@@ -137,24 +120,18 @@ def time_steps(env: RetrieveEnv, steps: int, seed: int, actions: Iterator[NDArra
         mj_step(*values, **keywords)
         physics_s += time.process_time() - start
 
-    rng = np.random.default_rng(seed)
+    actions = np.random.default_rng(seed).uniform(-1, 1, (steps, env.action_size)).astype(np.float32)
     mujoco.mj_step = timed_mj_step
     try:
-        for index in range(steps):
+        for index, action in enumerate(actions):
             if index % EPISODE_STEPS == 0:
                 env.reset(seed=seed + index)
-            action = next(actions) if actions else rng.uniform(-1, 1, env.action_size).astype(np.float32)
             start = time.process_time()
             env.step(action)
             total_s += time.process_time() - start
     finally:
-        mujoco.mj_step, mj_step = mj_step, lambda *_, **__: None
-    # The same clock around physics steps that do nothing.
-    with_clock_s, physics_s, calls = physics_s, 0.0, steps * SEGMENTS
-    start = time.process_time()
-    for _ in range(calls):
-        timed_mj_step(env.model, env.data, nstep=PHYSICS_STEPS // SEGMENTS)
-    return StepTimes(total_s - (time.process_time() - start), with_clock_s - physics_s)
+        mujoco.mj_step = mj_step
+    return total_s, physics_s
 
 
 def frames_per_second(objects: int, arguments: Arguments) -> float | None:
