@@ -22,7 +22,15 @@ from planners.grasping.arm_configurations import (
 )
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_clearances, gripper_opening
+from planners.grasping.grasp_poses import (
+    SIDE,
+    TOP,
+    GraspFamily,
+    find_grasp_set,
+    generate_grasps,
+    gripper_clearances,
+    gripper_opening,
+)
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
@@ -56,6 +64,7 @@ __all__ = [
     "DIRECTIONS",
     "SIDE",
     "STRATEGIES",
+    "TOP",
     "AStar",
     "ArmsError",
     "Body",
@@ -75,6 +84,7 @@ __all__ = [
     "GeometryError",
     "Goal",
     "GoalError",
+    "GraspFamily",
     "GripperPoses",
     "GroundAction",
     "HeldObject",

@@ -15,7 +15,7 @@ from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
-from planners.grasping.grasp_poses import find_grasp_set
+from planners.grasping.grasp_poses import Grasps, find_grasp_set
 from planners.motion.base import BaseRoadmap
 from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
@@ -38,7 +38,7 @@ def solve(
     rng: np.random.Generator | None = None,
     time_limit: float | None = None,
     *,
-    grasps: str = "all",
+    grasps: Grasps = "all",
     supports: Supports = None,
     hold_aside: bool = False,
 ) -> Solution | Infeasible:
@@ -52,7 +52,8 @@ def solve(
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
             else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
             run of a machine does not; see `warmup`.
-        grasps: name of the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top" or "all".
+        grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple
+            of `GraspFamily`. Refusals hold for this grasp set, and name it.
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
             grasps the first alone, R_plane of the paper, with other grasp sets all.
         hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the
@@ -65,7 +66,7 @@ def solve(
         UnknownObject: no object of that name.
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
-        UnknownGraspSet: no grasp set of that name.
+        UnknownGraspSet: neither the name of a grasp set nor families.
         SceneError: not a `Scene`; objects overlap, or the robot is inside a static obstacle.
         UnknownSupport: the scene declares no support of a name.
         ArmsError: `hold_aside` with a robot that acts with one arm.
@@ -75,7 +76,7 @@ def solve(
 
 
 def clearance_floor(
-    scene: Scene, target: str, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all"
+    scene: Scene, target: str, expansions: int = MAX_EXPANSIONS, *, grasps: Grasps = "all"
 ) -> ClearanceFloor:
     """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
 
@@ -91,7 +92,7 @@ def clearance_floor(
 
     Raises:
         UnknownObject: no object of that name.
-        UnknownGraspSet: no grasp set of that name.
+        UnknownGraspSet: neither the name of a grasp set nor families.
     """
     return Planner(_robot_of(scene), grasps=grasps).clearance_floor(scene, target, expansions)
 
@@ -115,8 +116,8 @@ class Planner:
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
             protocol; None for the default.
         follower: model of how the joints follow, for an end-effector-controlled robot; None for joint control.
-        grasps: name of the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the
-            paper's), "tilted", "top" or "all" (default).
+        grasps: the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the paper's),
+            "tilted", "top" or "all" (default), or a tuple of `GraspFamily`.
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.candidates` and `planners.placing.placements`.
@@ -126,7 +127,7 @@ class Planner:
 
     Raises:
         UnknownRobot: no robot of that name; the message lists the valid ones.
-        UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
+        UnknownGraspSet: neither the name of a grasp set nor families; the message lists the valid names.
         UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
         MissingEngineError: the task planner is not installed.
         ArmsError: `hold_aside`, or several arms that act, together with what they cannot be combined with.
@@ -135,7 +136,7 @@ class Planner:
     robot: RobotSpec
     engine: str | TaskPlanner | None = None
     follower: TcpFollower | None = None
-    grasps: str = "all"
+    grasps: Grasps = "all"
     supports: Supports = None
     canonical: bool = False
     hold_aside: bool = False
@@ -144,7 +145,9 @@ class Planner:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "robot", find_robot(self.robot))
-        find_grasp_set(self.grasps)
+        families = find_grasp_set(self.grasps)
+        if not isinstance(self.grasps, str):
+            object.__setattr__(self, "grasps", families)
         check_arms(self.robot, self.hold_aside, self.follower is not None, self.canonical)
         object.__setattr__(self, "_task_planner", task_planner(self.engine))
 
@@ -171,12 +174,15 @@ class Planner:
         _robot_of(scene)
         scene.index(target)
         self.warmup()
-        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
+        context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
-            return ClearanceFloor(0, (), True, 0)
-        return smallest_set(
+            return ClearanceFloor(0, (), True, 0, grasps=context.catalogue)
+        grasps = context.grasps()
+        found = smallest_set(
             lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, expansions
         )
+        is_too_wide = found.cause == Cause.UNREACHABLE and context.too_wide(scene, target)
+        return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=context.catalogue)
 
     def warmup(self) -> None:
         """Load or compile everything that a solve uses; see the function `warmup`."""
@@ -223,9 +229,16 @@ class Planner:
         is_proved = False
         for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
             draws = np.random.default_rng(attempt) if self.canonical else rng
-            layer = MotionLayer(chosen, draws, compiled, deadline)
-            search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
-            outcomes.append(task_and_motion_plan(search, scene))
+            before = draws.bit_generator.state
+            # Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one.
+            for checks_at_end in (True, False) if chosen.shortens else (False,):
+                draws.bit_generator.state = before
+                layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
+                search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
+                outcome = task_and_motion_plan(search, scene)
+                if not layer.is_refuted:
+                    break
+            outcomes.append(outcome)
             is_proved = is_final(outcomes[-1], chosen.near_home)
             if deadline.is_over or is_proved:
                 break

@@ -24,6 +24,7 @@ from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturb
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.goals import height_below
+from planners.grasping.grasp_poses import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports
@@ -65,7 +66,7 @@ class TampExpert:
         strategy: str | Strategy = "lookahead",
         *,
         planner: ScenePlanner | None = None,
-        grasps: str | None = None,
+        grasps: Grasps | None = None,
         supports: Supports = None,
         canonical: bool | None = None,
         seed: int = 0,
@@ -79,8 +80,8 @@ class TampExpert:
             strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
                 `Strategy`; a new `Planner` if not given.
-            grasps: name of the grasp set to choose from: "side", "tilted", "top" or "all"; that of the planner if not
-                given, which is "all" for a new one.
+            grasps: the grasp set to choose from: "side", "tilted", "top", "all", or a tuple of `GraspFamily`; that of
+                the planner if not given, which is "all" for a new one.
             supports: where objects may be put, as for `solve`; for a `Planner` only.
             canonical: whether to plan canonically: the same grasps and releases in similar scenes, without random
                 numbers, every phase ending at rest, so that plans can be learned; as the planner does if not given.
@@ -91,7 +92,7 @@ class TampExpert:
         Raises:
             ExpertError: an environment, planner or config that cannot be used; the message says why.
             UnknownStrategy: neither the name of a strategy nor a `Strategy`.
-            UnknownGraspSet: no grasp set of that name.
+            UnknownGraspSet: neither the name of a grasp set nor families.
             ArmsError: `config.hold_aside` with a robot that acts with one arm.
         """
         if not isinstance(config, ExpertConfig | None):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
+from planners.grasping.grasp_poses import Grasps
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.planner import Planner
@@ -127,7 +128,7 @@ def controlled_env(env: Any) -> ControlledEnv:
 
 
 def planner_for(
-    env: ControlledEnv, planner: Any, grasps: str | None, supports: Supports, **choices: bool | None
+    env: ControlledEnv, planner: Any, grasps: Grasps | None, supports: Supports, **choices: bool | None
 ) -> Any:
     """The planner to use in an environment; arguments and errors are those of `TampExpert`.
 

@@ -160,8 +160,7 @@ def update_initial_state_from_error(
 
 def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
     """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
-    context = search.motion_layer.context
-    if context.follower is not None or context.canonical:
+    if not search.motion_layer.context.shortens:
         return tuple(search.plan)
     before = cpu_seconds()
     actions = search.motion_layer.shortened(search.plan)

@@ -51,7 +51,10 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     if search.has_given_up:
         return search.out_of_time()
     if isinstance(found, NoCommitment):
-        names = ", ".join(found.objects)
+        names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
+        too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
+        if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
+            return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
         detail = {
             Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
             Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
@@ -59,8 +62,11 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
             Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
             Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
             Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
-        }[found.cause]
-        return search.infeasible(found.cause, detail, found.objects)
+        }[cause]
+        detail += f", {context.catalogue}"
+        if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
+            detail += f"; cannot be taken: {'; '.join(too_wide)}"
+        return search.infeasible(cause, detail, found.objects)
     symbols = _with_obstructions(search, symbols, scene, found.commitments)
     return PlanState(replace(symbols, holds_aside=bool(found.aside)), scene, found)
 

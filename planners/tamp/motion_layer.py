@@ -67,7 +67,8 @@ class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
     `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
-    `has_refuted` says whether motion planning refuted a grasp.
+    `has_refuted` says whether motion planning refuted a grasp. With `checks_at_end` MuJoCo checks motions once, when
+    they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
     """
 
     context: PlanningContext
@@ -76,7 +77,9 @@ class MotionLayer:
     deadline: Deadline = NO_DEADLINE
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
+    checks_at_end: bool = False
     has_refuted: bool = False
+    is_refuted: bool = False
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
@@ -243,7 +246,7 @@ class MotionLayer:
             motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
-            if self.is_accepted(scene, motion.paths):
+            if self.checks_at_end or self.is_accepted(scene, motion.paths):
                 trajectory = pick_trajectory(scene.robot, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
@@ -258,7 +261,10 @@ class MotionLayer:
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             released = scene.with_held(None).with_body(motion.body)
-            if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:]):
+            are_accepted = self.checks_at_end or (
+                self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:])
+            )
+            if are_accepted:
                 trajectory = place_trajectory(scene.robot, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
@@ -302,7 +308,10 @@ class MotionLayer:
                 before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
                 scene = actions[run[-1][0]].scene
                 found = merge_phases(self.compiled.world(scene), phases, before, after)
-                phases = found if found is not None and self.is_accepted(scene, [join(found)]) else phases
+                if found is not None and self.is_accepted(scene, [join(found)]):
+                    phases = found
+                elif self.checks_at_end and not self.is_accepted(scene, [join(phases)]):
+                    self.is_refuted = True
             for (index, _), phase in zip(run, phases, strict=True):
                 shorter[index].append(phase)
         return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))

@@ -24,6 +24,7 @@ from clutter_env.scene.layout import Layout
 
 IDS = [
     *(f"clutter_env/Retrieve-o{n}-v0" for n in clutter_env.OBJECT_COUNTS),
+    *(f"clutter_env/Rearrange-o{n}-v0" for n in clutter_env.REARRANGE_COUNTS),
     "clutter_env/Reach-v0",
     "clutter_env/Pick-v0",
 ]
@@ -41,7 +42,7 @@ INFO_TYPES = {
 }
 
 
-FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", *IDS[-2:]]
+FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", "clutter_env/Rearrange-o4-v0", *IDS[-2:]]
 
 
 @pytest.mark.parametrize("env_id", FEW)
