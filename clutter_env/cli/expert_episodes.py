@@ -196,13 +196,15 @@ def _write_files(arguments: Arguments, expert: TampExpert, played: Played, film:
 
 
 def write_plan(plan: Solution, out: Path) -> list[Path]:
-    """Write the pictures of a plan's clearances, its overview and the plan itself; the files written."""
-    files = [out / "plan.png", out / "overview.png", out / "plan.npz"]
-    plan.plot_clearances(files[0])
+    """Write the pictures of a plan's clearances, if it has any, its overview and the plan itself; the files written."""
+    files = [out / "overview.png", out / "plan.npz"]
+    if plan.target or any(action.surfaces for action in plan.actions):
+        plan.plot_clearances(out / "plan.png")
+        files.insert(0, out / "plan.png")
     figure = Figure(figsize=(6.4, 7.2), layout="constrained")
     plan.plot(figure.subplots())
-    figure.savefig(files[1], dpi=130)
-    plan.save(files[2])
+    figure.savefig(out / "overview.png", dpi=130)
+    plan.save(out / "plan.npz")
     return files
 
 
