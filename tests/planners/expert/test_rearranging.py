@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -26,7 +27,7 @@ def start(task: str, objects: int, seed: int, **options: Any) -> tuple[Any, Tamp
 @pytest.mark.parametrize(
     ("task", "objects"), [("sort", 4), ("set", 8), ("swap", 4), ("stack", 8), ("fetch", 4), ("sort", 20)]
 )
-def test_every_task_is_done_cleanly(task: str, objects: int) -> None:
+def test_every_task_is_done_cleanly(task: str, objects: int, tmp_path: Path) -> None:
     env, expert = start(task, objects, seed=1)
     expert.reset()  # with the environment's own goal
     plan = expert.solution
@@ -36,6 +37,8 @@ def test_every_task_is_done_cleanly(task: str, objects: int) -> None:
     assert expert.report.scored
     assert expert.report.clean
     assert info["num_cleared"] <= plan.picks
+    expert.to_html(tmp_path / "page.html")
+    plan.plot()
 
 
 @pytest.mark.slow
