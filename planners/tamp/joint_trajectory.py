@@ -60,7 +60,9 @@ def joint_trajectory(actions: Sequence[BoundAction]) -> JointTrajectory:
     for parked in actions[0].scene.parked:
         if parked.arm in states:
             states[parked.arm][:-1] = parked.q
-    times, drives, rows, start = [np.zeros(0)], [], {arm: [] for arm in robots}, 0.0  # type: ignore[var-annotated]  # lists
+    times, start = [np.zeros(0)], 0.0
+    drives: list[Array] = []
+    rows: dict[str, list[Array]] = {arm: [] for arm in robots}
     for action in actions:
         trajectory, active = action.trajectory, action.scene.robot.arm_name
         new = slice(1 if drives else 0, None)  # each begins where the one before ends
