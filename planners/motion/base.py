@@ -94,8 +94,8 @@ def plan_base(
 ) -> WholeBodyPath | NoPath:
     """A collision-free motion of the base: straight if possible, else backing away first, else on a lattice.
 
-    Motions at a distance of `CLEARANCE` from everything come first. Where objects touch the robot at the start, it first
-    moves away from them.
+    Motions at a distance of `CLEARANCE` from everything come first. A robot that objects touch at the start moves away
+    from them first.
 
     Args:
         world: the scene, compiled.
