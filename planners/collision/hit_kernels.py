@@ -439,7 +439,8 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
             count += 1
         stride //= 2
     # The blocks in ever finer subdivisions: what is hit is found early.
-    for block in order:
+    for place in range(blocks):
+        block = int(order[place])
         first, last = block * _BLOCK, min(block * _BLOCK + _BLOCK, total) - 1
         middle, far = (first + last) // 2, 0.0
         if last > first:
