@@ -65,7 +65,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                 state = rebind_grasps(search, state.symbols, state.scene)
     if isinstance(state, Infeasible):
         return state
-    actions, end = shorten_plan(search), as_seen(state.scene)
+    actions, end = shorten_plan(search, state.scene), as_seen(state.scene)
     clearances = tuple(search.clearances)
     return Solution(actions, clearances, search.stats(), search.target, search.strategy, search.goal, search.bound, end)
 
@@ -180,12 +180,12 @@ def update_initial_state_from_error(
     return rebind_grasps(search, obstructed, state.scene)
 
 
-def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
+def shorten_plan(search: Search, end: Scene) -> tuple[BoundAction, ...]:
     """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
     if not search.motion_layer.context.shortens:
         return tuple(search.plan)
     before = cpu_seconds()
-    actions = search.motion_layer.shortened(search.plan)
+    actions = search.motion_layer.shortened(search.plan, end)
     search.motion_planning_s += cpu_seconds() - before
     return actions
 

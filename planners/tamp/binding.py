@@ -98,8 +98,9 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
             Cause.TIME_LIMIT: f"the time was up before moves of {names} were found",
         }.get(found.cause, f"neither their places nor locations aside were found for {names}")
         return search.infeasible(found.cause, detail, found.objects)
-    if not found.until:
-        unmet = " ".join(Goal((fact,)).to_pddl() for fact in search.goal.unmet(as_seen(scene), search.start))
+    lacking = () if found.until else search.goal.unmet(as_seen(scene), search.start)
+    if lacking:
+        unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
         return search.infeasible(Cause.MOTION, f"the plan ends without {unmet}", ())
     commitments = found.commitments
     if scene.robot.acts_with_all_arms:

@@ -322,12 +322,13 @@ class MotionLayer:
         state = RobotState(bound.scene.state.base, followed.end, bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 
-    def shortened(self, actions: Sequence[BoundAction]) -> tuple[BoundAction, ...]:
+    def shortened(self, actions: Sequence[BoundAction], end: Scene) -> tuple[BoundAction, ...]:
         """The same plan in less time: what its actions do between two contacts becomes one motion, where one is free.
 
         Actions keep their names, their order and their phases; where one ends and the next begins, the robot no longer
-        rests.
+        rests. `end` is the scene after them.
         """
+        scenes = [*(action.scene for action in actions[1:]), end]
         parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
 
         def kind(part: tuple[int, Trajectory]) -> tuple[str, bool]:
@@ -341,7 +342,11 @@ class MotionLayer:
             phases = [phase for _, phase in run]
             if not in_contact[k]:
                 before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
-                scene = actions[run[-1][0]].scene
+                last, after_last = actions[run[-1][0]], scenes[run[-1][0]]
+                scene = last.scene
+                if last.is_clearance and before and run[0][0] == run[-1][0]:
+                    # Nothing follows the release with this arm: what it has put down stands there.
+                    scene = scene.with_held(None).with_body(after_last.body(last.target))
                 found = merge_phases(self.compiled.world(scene), phases, before, after)
                 if found is not None and self.is_accepted(scene, [join(found)]):
                     phases = found
