@@ -52,11 +52,16 @@ for _count in OBJECT_COUNTS:
         max_episode_steps=time_limit(_count),
     )
 
-for _name in ("Reach", "Pick"):
+for _name, _module, _steps in (
+    ("Reach", "goal", 100),
+    ("Pick", "goal", 100),
+    ("ArmReach", "arm", 50),
+    ("ArmPick", "arm", 50),
+):
     register(
         id=f"clutter_env/{_name}-v0",
-        entry_point=f"clutter_env.envs.goal:{_name}Env",
-        max_episode_steps=100,
+        entry_point=f"clutter_env.envs.{_module}:{_name}Env",
+        max_episode_steps=_steps,
         additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 
