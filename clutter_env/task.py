@@ -10,11 +10,22 @@ from typing import Any
 import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
-from clutter_env.errors import ConfigError, UnknownTask
+from clutter_env.errors import ConfigError, LearningError, UnknownTask
 from clutter_env.provenance import provenance
 
 HELD_OUT = 1_000_000
 """Seeds from this one on are for evaluation: nothing is collected or trained on them."""
+
+
+def check_training_seed(first: int, count: int = 1) -> None:
+    """Make sure that scenes of the seeds from `first` on, `count` of them, are not for evaluation.
+
+    Raises:
+        LearningError: some of them are held out.
+    """
+    if not 0 <= first <= HELD_OUT - count:
+        last = f" to {first + count - 1}" if count > 1 else ""
+        raise LearningError(f"seed {first}{last}: scenes to learn from have seeds 0 to {HELD_OUT - 1}; choose others")
 
 
 @dataclass(frozen=True)

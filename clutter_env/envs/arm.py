@@ -196,9 +196,9 @@ class ArmEnv(GoalEnv):
         return [self._tcp(), self._velocity[3:], np.array([width, commanded])]
 
     def _make_observation_space(self) -> spaces.Dict:
-        bounds = self._shown.bounds
+        bounds = self._shown.bounds.astype(np.float32)
         parts = dict(super()._make_observation_space().spaces)
-        return spaces.Dict({**parts, "observation": spaces.Box(-bounds, bounds, dtype=np.float32)})
+        return spaces.Dict({**parts, "observation": spaces.Box(-bounds, bounds)})
 
 
 class ArmReachEnv(ArmEnv):
